@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Build of soliton_linkage as an ament_python package."""
+
+from setuptools import setup
+
+setup(
+    name='soliton_linkage',
+    version='0.1.0',
+    description='Physics and analysis of a topological rotor linkage',
+    maintainer='soliton_linkage maintainers',
+    maintainer_email='maintainers@soliton-linkage.dev',
+    license='Apache-2.0',
+    packages=['soliton_linkage'],
+    package_data={'soliton_linkage': ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
+        ('share/soliton_linkage', ['package.xml']),
+    ],
+    install_requires=['matplotlib', 'numpy', 'scipy'],
+    zip_safe=False,
+)

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solitons in one frame of angles: where they are, how fast, how wide, and of which charge.
+
+A wall is found by topology and then placed by a fit. Each bond has a polarisation, the side on
+which the chain's zero mode grows across it; a wall is where the polarisation changes sign. The
+order field m, +1 where the chain leans right and -1 where it leans left, is then fitted by
+m = -Q tanh((n - X) / w) around it, least squares over X at the width of a slow wall. The fit
+has a bias of up to 0.05 rotor spacings that varies with the place between two rotors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.bands import couplings
+from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.rigidity import rigidity_bands
+
+_DOMAIN = 0.5
+_FIT_ITERATIONS = 12
+_FIT_REACH = 4.0
+_WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
+
+
+@dataclass(frozen=True)
+class Soliton:
+    """One domain wall; a quantity that cannot be told from the frame is NaN."""
+
+    rotor: float
+    """Centre in rotor spacings from rotor 0."""
+    position: float
+    """Centre [m] from the pivot of rotor 0."""
+    velocity: float
+    """Of the centre [m/s], positive towards the last rotor."""
+    width: float
+    """Width w of tanh(x / w) [m]."""
+    charge: int
+    """+1: right-leaning before and left-leaning behind, free of energy at rest; -1: opposite."""
+    cycle_phase: float
+    """Place on the periodic orbit [rad], 0 to 2 pi."""
+    position_deviation: float
+    """Standard deviation of the position [m]."""
+    velocity_deviation: float
+    """Standard deviation of the velocity [m/s]."""
+    width_deviation: float
+    """Standard deviation of the width [m]."""
+
+
+def polarisation(chain: Chain, angles: Array) -> Array:
+    """Side on which the zero mode grows across each bond, shape (..., N-1).
+
+    (A^2 - B^2) / (A^2 + B^2) in units of its value in the uniform right-leaning state: +1 there,
+    -1 in the left-leaning state, whatever the turns that the rotors have made.
+    """
+    first, second = rigidity_bands(chain, angles)
+    plus, minus = couplings(chain)
+    uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
+    strength = first**2 + second**2
+    return (first**2 - second**2) / (np.where(strength > 0, strength, 1.0) * uniform)
+
+
+def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
+    """Return the order field m [1] and its slope dm/dphi [1/rad], each of shape (N,).
+
+    m = sin(theta) / sin(theta_bar) for flippers. The rotors of a spinner turn through pi, from
+    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi: m = +-cos(theta -+
+    theta_bar), of these two the smoother along the chain.
+    """
+    theta = staggered(angles)
+    turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
+    if chain.motion is not Motion.SPINNER:
+        scale = math.sin(chain.rest_angle)
+        return np.sin(theta) / scale, turn * np.cos(theta) / scale
+    lean = _spinner_lean(chain, theta)
+    shifted = theta - lean * chain.rest_angle
+    return lean * np.cos(shifted), -lean * turn * np.sin(shifted)
+
+
+def find_solitons(
+    chain: Chain, angles: Array, rates: Array | None = None
+) -> tuple[Soliton, ...]:
+    """Return the walls in a frame, in the order of their place; none is an empty tuple.
+
+    Angles [rad] and, where they are known, rates [rad/s], each of shape (N,).
+    """
+    checked = chain.check_angles(angles)
+    moving = None if rates is None else chain.check_angles(rates)
+    field, slope = order_field(chain, checked)
+    crossings = _polarisation_crossings(polarisation(chain, checked))
+    phase_known = len(crossings) == 1 and crossings[0][1] == 1
+    found = []
+    for crossing, charge in crossings:
+        wall = _Wall(chain, field, slope, crossing, charge)
+        velocity, velocity_deviation = wall.velocity(moving)
+        width, width_deviation = wall.width()
+        spacing = chain.spacing
+        found.append(
+            Soliton(
+                rotor=wall.centre,
+                position=wall.centre * spacing,
+                velocity=velocity * spacing,
+                width=width * spacing,
+                charge=charge,
+                cycle_phase=_cycle_phase(chain, checked, wall) if phase_known else math.nan,
+                position_deviation=wall.deviation * spacing,
+                velocity_deviation=velocity_deviation * spacing,
+                width_deviation=width_deviation * spacing,
+            )
+        )
+    return tuple(found)
+
+
+class _Wall:
+    """Least-squares fit of m = -Q tanh((n - X) / w) to the order field around a crossing."""
+
+    def __init__(
+        self, chain: Chain, field: Array, slope: Array, crossing: float, charge: int
+    ) -> None:
+        self._chain = chain
+        self._charge = charge
+        self._width = chain.wall_width / chain.spacing
+        reach = _FIT_REACH * self._width + 1
+        first, last = 0, chain.number_of_rotors - 1
+        if chain.motion is not Motion.SPINNER:
+            # A flipper's edge rotors rest at one of two angles, of which one has |m| != 1.
+            first, last = first + 1, last - 1
+        first = max(first, math.ceil(crossing - reach))
+        last = min(last, math.floor(crossing + reach))
+        self._rotors = np.arange(first, last + 1, dtype=np.float64)
+        self._field = field[first : last + 1]
+        self._slope = slope[first : last + 1]
+        self.centre = self._fit_centre(crossing)
+        self.deviation = self._centre_deviation()
+
+    def velocity(self, rates: Array | None) -> tuple[float, float]:
+        """Rate of the fitted centre and its deviation [rotor spacings / s].
+
+        The fit holds sum_n (m_n - f_n) df_n/dX = 0; its time derivative gives dX/dt.
+        """
+        if rates is None or len(self._rotors) < 2:
+            return math.nan, math.nan
+        first = int(self._rotors[0])
+        change = self._slope * rates[first : first + len(self._rotors)]
+        gradient, curvature = self._gradient_and_curvature(self.centre)
+        stiffness = float(gradient @ gradient - (self._field - self._model()) @ curvature)
+        if stiffness <= 0:
+            return math.nan, math.nan
+        velocity = float(gradient @ change) / stiffness
+        residual = change - velocity * gradient
+        return velocity, _deviation(residual, 1, float(gradient @ gradient))
+
+    def width(self) -> tuple[float, float]:
+        """Width of the wall and its deviation [rotor spacings], from a fit of X and w."""
+        chain = self._chain
+        edge = min(self.centre, chain.number_of_rotors - 1 - self.centre)
+        wobbling = chain.motion is not Motion.SPINNER
+        undefined = wobbling and chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
+        if undefined or edge < 2 * self._width or len(self._rotors) < 4:
+            return math.nan, math.nan
+        centre, width = self.centre, self._width
+        for _ in range(_FIT_ITERATIONS):
+            argument = (self._rotors - centre) / width
+            by_centre = self._charge / (width * np.cosh(argument) ** 2)
+            jacobian = np.stack([by_centre, by_centre * argument], axis=1)
+            residual = self._field + self._charge * np.tanh(argument)
+            normal = jacobian.T @ jacobian
+            if np.linalg.det(normal) <= 0:
+                return math.nan, math.nan
+            step = np.linalg.solve(normal, jacobian.T @ residual)
+            centre += float(np.clip(step[0], -0.5, 0.5))
+            width *= math.exp(float(np.clip(step[1] / width, -0.5, 0.5)))
+            if not 0.1 * self._width < width < 4 * self._width:
+                return math.nan, math.nan
+        inverse = float(np.linalg.inv(normal)[1, 1])
+        return width, _deviation(residual, 2, 1 / inverse)
+
+    def _fit_centre(self, crossing: float) -> float:
+        centre = crossing
+        for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
+            gradient, _ = self._gradient_and_curvature(centre)
+            strength = float(gradient @ gradient)
+            if strength < 1e-12:
+                break
+            step = float(gradient @ (self._field - self._model(centre))) / strength
+            centre = min(max(centre + step, crossing - 1), crossing + 1)
+            if abs(step) < 1e-13 * self._chain.number_of_rotors:
+                break
+        return centre
+
+    def _centre_deviation(self) -> float:
+        gradient, _ = self._gradient_and_curvature(self.centre)
+        return _deviation(self._field - self._model(), 1, float(gradient @ gradient))
+
+    def _model(self, centre: float | None = None) -> Array:
+        place = self.centre if centre is None else centre
+        return -self._charge * np.tanh((self._rotors - place) / self._width)
+
+    def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
+        """First and second derivative of the model by the centre."""
+        argument = (self._rotors - centre) / self._width
+        gradient = self._charge / (self._width * np.cosh(argument) ** 2)
+        return gradient, 2 * gradient * np.tanh(argument) / self._width
+
+
+def _deviation(residual: Array, parameters: int, information: float) -> float:
+    """Standard deviation of a fitted parameter from the residual and J^T J."""
+    freedom = len(residual) - parameters
+    if freedom < 1 or information <= 0:
+        return math.nan
+    return math.sqrt(float(residual @ residual) / freedom / information)
+
+
+def _spinner_lean(chain: Chain, theta: Array) -> int:
+    """Which of the two families of a spinner's states: +1 around theta_bar, -1 around its minus."""
+    roughness = [
+        float(np.sum(np.diff(np.cos(theta - lean * chain.rest_angle)) ** 2)) for lean in (1, -1)
+    ]
+    return 1 if roughness[0] < roughness[1] else -1
+
+
+def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
+    """Return where domains of opposite polarisation meet [rotor spacings], with the charge."""
+    bonds = np.flatnonzero(np.abs(polarised) > _DOMAIN)
+    signs = np.sign(polarised[bonds])
+    crossings = []
+    for change in np.flatnonzero(signs[1:] != signs[:-1]):
+        left, right = bonds[change], bonds[change + 1]
+        share = polarised[left] / (polarised[left] - polarised[right])
+        crossings.append((float(left + 0.5 + share * (right - left)), int(signs[change])))
+    return crossings
+
+
+def _cycle_phase(chain: Chain, angles: Array, wall: _Wall) -> float:
+    """Place of a chain with one wall on its periodic orbit [rad].
+
+    The orbit has four legs for flippers, told apart by which edge rotors have toggled, and two
+    for spinners, told apart by the side on which the rotors in the wall turn over.
+    """
+    progress = min(max(wall.centre / (chain.number_of_rotors - 1), 0.0), 1.0)
+    if chain.motion is Motion.SPINNER:
+        leg, legs = _spinner_leg(chain, angles, wall.centre), 2
+    else:
+        leg, legs = _flipper_leg(chain, angles), 4
+    travelled = 1 - progress if leg % 2 else progress
+    return 2 * math.pi * (leg + travelled) / legs % (2 * math.pi)
+
+
+def _flipper_leg(chain: Chain, angles: Array) -> int:
+    """Legs 0 to 3: no edge rotor toggled, the last one, both, the first one.
+
+    Toggled is meant against the uniform left-leaning state. An edge rotor toggles by passing
+    the line from its pivot to its neighbour's mass, where its coupling to the bond between
+    them changes sign.
+    """
+    first, second = rigidity_bands(chain, np.stack([angles, chain.uniform_state(-1)]))
+    toggled = bool(np.prod(first[:, 0]) < 0), bool(np.prod(second[:, -1]) < 0)
+    return {(False, False): 0, (False, True): 1, (True, True): 2, (True, False): 3}[toggled]
+
+
+def _spinner_leg(chain: Chain, angles: Array, centre: float) -> int:
+    theta = staggered(angles)
+    lean = _spinner_lean(chain, theta)
+    rotors = np.arange(len(theta))
+    weight = 1 / np.cosh((rotors - centre) * chain.spacing / chain.wall_width) ** 2
+    turned = np.sin(theta - lean * chain.rest_angle) * np.where(rotors % 2, -1.0, 1.0)
+    return int(float(weight @ turned) * lean > 0)

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Build of soliton_linkage_nodes as an ament_python package."""
+
+from pathlib import Path
+
+from setuptools import setup
+
+NODES = ['simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player']
+LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
+
+setup(
+    name='soliton_linkage_nodes',
+    version='0.1.0',
+    description='ROS 2 nodes of the topological rotor linkage',
+    maintainer='soliton_linkage maintainers',
+    maintainer_email='maintainers@soliton-linkage.dev',
+    license='Apache-2.0',
+    packages=['soliton_linkage_nodes'],
+    package_data={'soliton_linkage_nodes': ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/soliton_linkage_nodes']),
+        ('share/soliton_linkage_nodes', ['package.xml']),
+        ('share/soliton_linkage_nodes/launch', LAUNCH_FILES),
+    ],
+    install_requires=['rosbags', 'soliton_linkage'],
+    entry_points={
+        'console_scripts': [
+            *(f'{node} = soliton_linkage_nodes.{node}:main' for node in NODES),
+            'experiment = soliton_linkage_nodes.experiment:main',
+        ],
+    },
+    zip_safe=False,
+)
