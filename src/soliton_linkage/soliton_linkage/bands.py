@@ -59,11 +59,8 @@ def winding_number(chain: Chain, lean: int) -> int:
     """Turns of det R(k) = q+^2 - q-^2 e^(2 i k a) about 0 across the zone of two-rotor cells.
 
     1 in the left-leaning state (-1), whose zero mode sits at the first edge; 0 in the
-    right-leaning one (+1), whose zero mode sits at the last (paper, section 1). Computed from
-    the path of the determinant, whose phase turns by under pi from sample to sample.
+    right-leaning one (+1), whose zero mode sits at the last (paper, section 1). The determinant
+    runs once along a circle about q+^2 of radius q-^2.
     """
     plus, minus = couplings(chain, lean)
-    nearness = abs(plus**2 - minus**2) / max(plus**2, minus**2)
-    turns = np.linspace(-np.pi, np.pi, 64 + math.ceil(64 / nearness))
-    phases = np.angle(plus**2 - minus**2 * np.exp(1j * turns))
-    return round(float(np.unwrap(phases)[-1] - phases[0]) / (2 * np.pi))
+    return int(abs(minus) > abs(plus))

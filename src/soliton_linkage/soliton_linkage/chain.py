@@ -6,8 +6,8 @@ Neighbouring masses are joined by springs whose squared length differs from that
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar),
 
-with h = r sin(phi), v = r cos(phi). Lengths and energies are computed from e_n, in which
-nothing of the size of l^2 cancels: a relaxed spring has its length at rest to rounding.
+with h = r sin(phi), v = r cos(phi). Extensions are computed as e_n / (l_n + lbar), in which no
+length cancels: a relaxed spring has its length at rest to rounding.
 """
 
 from __future__ import annotations
@@ -98,30 +98,52 @@ class Chain:
             raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
-    def check_angles(self, angles: ArrayLike) -> Array:
-        """Return angles as an array; raise ValueError unless they are finite and one a rotor."""
+    def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
+        """Return one number a rotor as an array of shape (N,); raise ValueError if it is not.
+
+        They are angles, unless said to be something else for the sake of the message.
+        """
         checked = np.asarray(angles, dtype=np.float64)
-        if checked.shape[-1:] != (self.number_of_rotors,):
+        if checked.shape != (self.number_of_rotors,):
             raise ValueError(
-                f'angles of shape {checked.shape} do not fit a chain of '
-                f'{self.number_of_rotors} rotors; give one angle a rotor on the last axis'
+                f'{what}s of shape {checked.shape} do not fit a chain of '
+                f'{self.number_of_rotors} rotors; give one {what} a rotor'
             )
         if not np.isfinite(checked).all():
-            place = int(np.flatnonzero(~np.isfinite(checked).reshape(-1))[0])
-            rotor = place % self.number_of_rotors
-            raise ValueError(
-                f'angle of rotor {rotor} = {checked.reshape(-1)[place]} must be a finite number'
-            )
+            rotor = int(np.flatnonzero(~np.isfinite(checked))[0])
+            raise ValueError(f'{what} of rotor {rotor} = {checked[rotor]} must be a finite number')
         return checked
 
     def positions(self, angles: Array) -> tuple[Array, Array]:
         """Horizontal and vertical positions of the masses from their pivots [m], (..., N)."""
         return self.rotor_length * np.sin(angles), self.rotor_length * np.cos(angles)
 
+    def springs(self, angles: Array) -> tuple[Array, Array, Array]:
+        """Return extensions [m] and levers A and B [m/rad] of the springs, each (..., N-1).
+
+        A_n = dl_n/dphi_n = (h_n dv_n - v_n dh_n) / l_n and
+        B_n = dl_n/dphi_{n+1} = (v_{n+1} dh_n - h_{n+1} dv_n) / l_n, where
+        (dh_n, dv_n) = (a + h_{n+1} - h_n, v_{n+1} - v_n) leads from mass n to mass n+1. Both are
+        0 where the masses meet, so that the spring has no direction.
+        """
+        horizontal, vertical = self.positions(angles)
+        h_left, h_right = horizontal[..., :-1], horizontal[..., 1:]
+        v_left, v_right = vertical[..., :-1], vertical[..., 1:]
+        offset = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
+        products = h_left * h_right + v_left * v_right
+        excess = offset + 2 * self.spacing * (h_right - h_left) - 2 * products
+        across, up = self.spacing + h_right - h_left, v_right - v_left
+        lengths = np.hypot(across, up)
+        divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
+        return (
+            excess / (lengths + self.rest_length),
+            (h_left * up - v_left * across) / divisors,
+            (v_right * across - h_right * up) / divisors,
+        )
+
     def spring_extensions(self, angles: Array) -> Array:
         """Length of each spring beyond that at rest [m], shape (..., N-1)."""
-        excess = self._squared_excess(*self.positions(angles))
-        return excess / (np.sqrt(self.rest_length**2 + excess) + self.rest_length)
+        return self.springs(angles)[0]
 
     def elastic_energy(self, angles: Array) -> Array:
         """Energy in the springs [J], V = (k_e / 2) sum_n (l_n - lbar)^2, shape (...)."""
@@ -135,26 +157,14 @@ class Chain:
     def spring_torques(self, angles: Array) -> Array:
         """Torque of the springs on each rotor [N m], -dV/dphi, shape (..., N).
 
-        With f_n = k_e (l_n - lbar) / l_n, the spring n pulls rotor n by f_n g_n and rotor n+1
-        by -f_n g'_n, g_n = v_n (a + h_{n+1}) - h_n v_{n+1}, g'_n = v_{n+1} (a - h_n) + v_n h_{n+1}.
+        Spring n turns rotor n by -k_e (l_n - lbar) A_n and rotor n+1 by -k_e (l_n - lbar) B_n.
         """
-        horizontal, vertical = self.positions(angles)
-        excess = self._squared_excess(horizontal, vertical)
-        length = np.sqrt(self.rest_length**2 + excess)
-        pull = self.stiffness * excess / (length * (length + self.rest_length))
-        cross = vertical[..., :-1] * horizontal[..., 1:] - horizontal[..., :-1] * vertical[..., 1:]
-        torques = np.zeros(horizontal.shape)
-        torques[..., :-1] = pull * (self.spacing * vertical[..., :-1] + cross)
-        torques[..., 1:] -= pull * (self.spacing * vertical[..., 1:] + cross)
+        extensions, first, second = self.springs(angles)
+        pull = self.stiffness * extensions
+        torques = np.zeros(np.shape(angles))
+        torques[..., :-1] = -pull * first
+        torques[..., 1:] -= pull * second
         return torques
-
-    def _squared_excess(self, horizontal: Array, vertical: Array) -> Array:
-        """Return e_n = l_n^2 - lbar^2 [m^2] of each spring, shape (..., N-1)."""
-        offset = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
-        products = (
-            horizontal[..., :-1] * horizontal[..., 1:] + vertical[..., :-1] * vertical[..., 1:]
-        )
-        return offset + 2 * self.spacing * (horizontal[..., 1:] - horizontal[..., :-1]) - 2 * products
 
 
 def staggered(angles: ArrayLike) -> Array:

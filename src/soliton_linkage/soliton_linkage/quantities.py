@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -23,13 +24,13 @@ class Quantity:
         """Say what is wrong with a value and what to do about it, or None if it is allowed."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
-        if isinstance(value, float) and not math.isfinite(value):
-            return f'must be a finite number{self._range()}'
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
+        if isinstance(value, numbers.Real) and not isinstance(value, bool):
+            if not math.isfinite(value):
+                return f'must be a finite number{self._range()}'
             below = self.minimum is not None and value < self.minimum
             above = self.maximum is not None and value > self.maximum
             if below or above:
-                return f'must lie in the range{self._range()}'
+                return f'must lie{self._range()}'
         return None
 
     def _range(self) -> str:
@@ -37,7 +38,7 @@ class Quantity:
             return ''
         low = '-inf' if self.minimum is None else f'{self.minimum:g}'
         high = 'inf' if self.maximum is None else f'{self.maximum:g}'
-        return f' {low} to {high}{" " + self.unit if self.unit else ""}'
+        return f' in the range {low} to {high}{" " + self.unit if self.unit else ""}'
 
 
 def quantity(
@@ -56,13 +57,28 @@ def quantity(
 
 def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
     """Return the quantity of each described field of a dataclass, by name."""
-    return {f.name: f.metadata['quantity'] for f in fields(dataclass_type) if f.metadata}
+    described = [f for f in fields(dataclass_type) if 'quantity' in f.metadata]
+    return {f.name: f.metadata['quantity'] for f in described}
 
 
 def check_quantities(instance: Any) -> None:
-    """Raise ValueError for the first field whose value its quantity does not allow."""
+    """Raise ValueError for the first field whose value its quantity does not allow.
+
+    Where the default is a number the value must be one, and whole where the default is.
+    """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)
-        complaint = described.complaint(value)
+        default = type(instance).__dataclass_fields__[name].default
+        complaint = _complaint_of_kind(value, default) or described.complaint(value)
         if complaint:
             raise ValueError(f'{type(instance).__name__}.{name} = {value!r} {complaint}')
+
+
+def _complaint_of_kind(value: object, default: object) -> str | None:
+    if isinstance(default, bool) or not isinstance(default, (int, float)):
+        return None
+    kind, words = (numbers.Real, 'a number')
+    if isinstance(default, int):
+        kind, words = (numbers.Integral, 'a whole number')
+    right = isinstance(value, kind) and not isinstance(value, bool)
+    return None if right else f'must be {words}'

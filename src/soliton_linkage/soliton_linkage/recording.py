@@ -23,16 +23,21 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit each other and times that do not increase."""
-        frames, rotors = len(self.times), self.angles.shape[-1]
-        if self.angles.shape != (frames, rotors):
+        frames = len(self.times)
+        if self.angles.ndim != 2 or len(self.angles) != frames:
             raise ValueError(
                 f'angles of shape {self.angles.shape} do not fit {frames} times; '
                 'give one row a frame'
             )
-        if self.rates.shape not in ((frames, rotors), (0, rotors)):
+        if self.rates.shape not in (self.angles.shape, (0, self.angles.shape[1])):
             raise ValueError(
                 f'rates of shape {self.rates.shape} do not fit angles of shape '
                 f'{self.angles.shape}; give as many, or none'
+            )
+        if not np.isfinite(self.times).all():
+            frame = int(np.flatnonzero(~np.isfinite(self.times))[0])
+            raise ValueError(
+                f'time of frame {frame} = {self.times[frame]} s must be a finite number'
             )
         late = np.flatnonzero(np.diff(self.times) <= 0)
         if late.size:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -15,15 +13,8 @@ _VANISHING = 1e-280
 
 
 def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad], each of shape (..., N-1).
-
-    A_n = (h_n v_{n+1} - v_n (a + h_{n+1})) / l_n, B_n = (v_{n+1} (a - h_n) + v_n h_{n+1}) / l_n.
-    """
-    horizontal, vertical = chain.positions(angles)
-    lengths = chain.rest_length + chain.spring_extensions(angles)
-    cross = vertical[..., :-1] * horizontal[..., 1:] - horizontal[..., :-1] * vertical[..., 1:]
-    first = -(chain.spacing * vertical[..., :-1] + cross) / lengths
-    second = (chain.spacing * vertical[..., 1:] + cross) / lengths
+    """Return A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad], each of shape (..., N-1)."""
+    _, first, second = chain.springs(angles)
     return first, second
 
 
@@ -65,31 +56,19 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """The zero mode with the sign that moves the wall towards the last rotor [1], shape (N,).
 
     A wall at an edge goes on into the chain either way, after the edge rotor has swung past the
-    line from its pivot to its neighbour's mass; there its coupling changes sign, and with it
-    the wall's direction along the zero mode. A spinner's edge rotor passes no such line: its
-    wall moves towards the last rotor while sum_n u_n grows.
+    line from its pivot to its neighbour's mass; there its coupling, A_0 or B_{N-2}, changes
+    sign, and with it the wall's direction along the zero mode. The sign to start from is that of
+    the left-leaning state with d < 1, where all A_n and B_n have the sign (-1)^(n+1) and the
+    wall moves towards the last rotor while all theta_n grow. A spinner's edge rotor passes no
+    such line: its wall moves towards the last rotor while sum_n h_n grows.
     """
     mode = zero_mode(chain, angles)
     if chain.motion is Motion.SPINNER:
         return mode if float(np.cos(angles) @ mode) >= 0 else -mode
-    sense = _edge_sense(chain, angles) * _sense_in_left_leaning_state(chain)
-    return mode if sense >= 0 else -mode
-
-
-def _edge_sense(chain: Chain, angles: Array) -> float:
-    """Sign that changes where an edge rotor points at, or away from, its neighbour's mass."""
     first, second = rigidity_bands(chain, angles)
-    return float(np.sign(first[0]) * np.sign(second[-1]))
-
-
-@lru_cache(maxsize=16)
-def _sense_in_left_leaning_state(chain: Chain) -> float:
-    """+1 where sense and mode together point into the chain in the uniform left-leaning state."""
-    state = chain.uniform_state(-1)
-    small = 1e-4 * zero_mode(chain, state)
-    ahead = mode_centre(zero_mode(chain, state + small))
-    behind = mode_centre(zero_mode(chain, state - small))
-    return float(np.sign(ahead - behind)) * _edge_sense(chain, state)
+    rotors = chain.number_of_rotors
+    towards_last = (-1) ** (rotors * (rotors + 1) // 2) * np.sign(first[0]) * np.sign(second[-1])
+    return mode if towards_last >= 0 else -mode
 
 
 def _without_zeros(band: Array) -> Array:

@@ -5,7 +5,8 @@ A wall is found by topology and then placed by a fit. Each bond has a polarisati
 which the chain's zero mode grows across it; a wall is where the polarisation changes sign. The
 order field m, +1 where the chain leans right and -1 where it leans left, is then fitted by
 m = -Q tanh((n - X) / w) around it, least squares over X at the width of a slow wall. The fit
-has a bias of up to 0.05 rotor spacings that varies with the place between two rotors.
+has a bias that varies with the place between two rotors: under 0.001 rotor spacings for
+d < 0.9 and d > 5, 0.035 for d = 2, and up to 0.5 as d nears d_c, where no tanh fits a wall.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Soliton:
     width: float
     """Width w of tanh(x / w) [m]."""
     charge: int
-    """+1: right-leaning before and left-leaning behind, free of energy at rest; -1: opposite."""
+    """+1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite."""
     cycle_phase: float
     """Place on the periodic orbit [rad], 0 to 2 pi."""
     position_deviation: float
@@ -174,8 +175,8 @@ class _Wall:
             width *= math.exp(float(np.clip(step[1] / width, -0.5, 0.5)))
             if not 0.1 * self._width < width < 4 * self._width:
                 return math.nan, math.nan
-        inverse = float(np.linalg.inv(normal)[1, 1])
-        return width, _deviation(residual, 2, 1 / inverse)
+        deviation = _deviation(residual, 2, 1 / float(np.linalg.inv(normal)[1, 1]))
+        return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
     def _fit_centre(self, crossing: float) -> float:
         centre = crossing
@@ -253,11 +254,12 @@ def _flipper_leg(chain: Chain, angles: Array) -> int:
 
     Toggled is meant against the uniform left-leaning state. An edge rotor toggles by passing
     the line from its pivot to its neighbour's mass, where its coupling to the bond between
-    them changes sign.
+    them changes sign; in the left-leaning state A_0 has the sign of d - 1 and B_n of (-1)^(n+1).
     """
-    first, second = rigidity_bands(chain, np.stack([angles, chain.uniform_state(-1)]))
-    toggled = bool(np.prod(first[:, 0]) < 0), bool(np.prod(second[:, -1]) < 0)
-    return {(False, False): 0, (False, True): 1, (True, True): 2, (True, False): 3}[toggled]
+    first, second = rigidity_bands(chain, angles)
+    first_toggled = first[0] * (1 if chain.lean_ratio > 1 else -1) < 0
+    last_toggled = second[-1] * (-1) ** (chain.number_of_rotors - 1) < 0
+    return [[0, 1], [3, 2]][int(first_toggled)][int(last_toggled)]
 
 
 def _spinner_leg(chain: Chain, angles: Array, centre: float) -> int:

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bag recorder: every message of the suite, as it came, into a bag."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rosbags.interfaces import Connection
+
+from soliton_linkage.quantities import quantity
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.bags import STORAGES, BagWriter, type_name
+from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.sequence_gaps import SequenceGaps
+
+_POLL_INTERVAL = 0.005
+
+
+@dataclass(frozen=True)
+class BagRecorderParameters:
+    """Parameters of the recorder."""
+
+    output: str = quantity(
+        '', 'path of the bag, to which _0, _1, ... is added; empty for the date and time'
+    )
+    storage: str = quantity('mcap', 'storage of the bag', choices=tuple(STORAGES))
+    topics: tuple[str, ...] = quantity(
+        (), 'topics of the suite to record; empty for all of them'
+    )
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """A topic that is being recorded."""
+
+    name: str
+    subscription: Subscription
+    connection: Connection
+    gaps: SequenceGaps
+
+    def drain(self) -> list[tuple[int, Connection, bytes]]:
+        """Take all messages that are waiting: when they were received [ns], and what."""
+        taken = []
+        publishers = self.subscription.get_publisher_count()
+        handle = self.subscription.handle
+        with handle:
+            while (message := handle.take_message(self.subscription.msg_type, True)) is not None:
+                serialized, info = message
+                self.gaps.take(info['publication_sequence_number'], publishers)
+                taken.append((info['received_timestamp'], self.connection, serialized))
+        return taken
+
+
+class BagRecorder(Node):
+    """Records the topics of the suite, raw, with the time at which each message was received.
+
+    Subscribes to the topics recorded. Publishes `/diagnostics`.
+    Parameters: those of `BagRecorderParameters`.
+
+    One thread takes the messages, another writes them. The subscriptions belong to a hidden
+    node that no executor spins: executors give a callback either the raw message or its
+    sequence number, and cost ten times as much as taking a few messages at a time.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Create the bag and begin."""
+        super().__init__('bag_recorder', **kwargs)
+        settings = declare(self, BagRecorderParameters)
+        topics = _chosen_topics(settings.topics)
+        now = time.strftime('%Y_%m_%d-%H_%M_%S')
+        self._writer = BagWriter(Path(settings.output or f'recording_{now}'), settings.storage)
+        self._inbox = rclpy.create_node(
+            '_bag_recorder_inbox',
+            namespace=self.get_namespace(),
+            context=self.context,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._inlets = [self._open_inlet(topic) for topic in topics]
+        self.failure: str | None = None
+        self._batches: queue.SimpleQueue[list[tuple[int, Connection, bytes]] | None]
+        self._batches = queue.SimpleQueue()
+        self._stopping = threading.Event()
+        self._threads = [threading.Thread(target=work) for work in (self._take, self._write)]
+        for thread in self._threads:
+            thread.start()
+        self._diagnostics = Diagnostics(self, 'recording', self._report)
+        self.get_logger().info(f'recording to {self._writer.path}')
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published and did not arrive."""
+        return sum(inlet.gaps.lost for inlet in self._inlets)
+
+    def destroy_node(self) -> None:
+        """Take what has come, write it and finish the bag."""
+        self._stopping.set()
+        for thread in self._threads:
+            thread.join()
+        lost = {inlet.name: inlet.gaps.lost for inlet in self._inlets}
+        try:
+            self._writer.close({'lost_messages': json.dumps(lost)})
+            self.get_logger().info(
+                f'closed {self._writer.path}: {self._writer.messages} messages, {self.lost} lost'
+            )
+        except OSError as error:
+            self.get_logger().fatal(f'bag {str(self._writer.path)!r} was not closed: {error}')
+        self._inbox.destroy_node()
+        super().destroy_node()
+
+    def _open_inlet(self, topic: interfaces.Topic) -> Inlet:
+        subscription = self._inbox.create_subscription(
+            topic.type, topic.name, lambda message: None, topic.qos, raw=True
+        )
+        name = subscription.topic_name
+        connection = self._writer.add_topic(name, type_name(topic.type), topic.qos)
+        return Inlet(name, subscription, connection, SequenceGaps())
+
+    def _take(self) -> None:
+        """Take messages from the middleware until told to stop, and then what is left."""
+        last_round = False
+        while not last_round:
+            last_round = self._stopping.wait(_POLL_INTERVAL)
+            batch = [message for inlet in self._inlets for message in inlet.drain()]
+            if batch:
+                self._batches.put(sorted(batch, key=lambda message: message[0]))
+        self._batches.put(None)
+
+    def _write(self) -> None:
+        while (batch := self._batches.get()) is not None:
+            if self.failure is not None:
+                continue
+            try:
+                for stamp, connection, serialized in batch:
+                    self._writer.write(connection, stamp, serialized)
+            except OSError as error:
+                self.failure = f'bag {str(self._writer.path)!r} cannot be written: {error}'
+
+    def _report(self) -> Report:
+        if self.failure is not None:
+            raise OSError(self.failure)
+        heard = [
+            inlet.name for inlet in self._inlets if inlet.subscription.get_publisher_count()
+        ]
+        return Report(
+            f'recording, {self.lost} messages lost' if self.lost else 'recording',
+            {
+                'bag': self._writer.path,
+                'messages': self._writer.messages,
+                'lost messages': self.lost,
+                'topics heard': ' '.join(heard),
+            },
+            warning=bool(self.lost),
+        )
+
+
+def _chosen_topics(names: tuple[str, ...]) -> list[interfaces.Topic]:
+    known = {topic.name.lstrip('/'): topic for topic in interfaces.SUITE}
+    for name in names:
+        if name.lstrip('/') not in known:
+            raise ValueError(
+                f'parameter topics of bag_recorder names {name!r}, which is none of '
+                f'{", ".join(known)}'
+            )
+    chosen = {name.lstrip('/') for name in names} or set(known)
+    return [topic for name, topic in known.items() if name in chosen]
+
+
+def main() -> None:
+    """Run the recorder until it is told to stop."""
+    run(BagRecorder)

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a node learns the chain from: the topic of a simulator, or its own parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rclpy.node import Node
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.quantities import quantity
+from soliton_linkage_msgs import msg
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.conversions import NamedChain, chain_from_msg, default_joint_names
+from soliton_linkage_nodes.diagnostics import Diagnostics
+from soliton_linkage_nodes.parameters import declare
+
+
+@dataclass(frozen=True)
+class ChainSourceParameters:
+    """Which of the two it is."""
+
+    chain_from: str = quantity(
+        'topic',
+        'whether the chain is learnt from the topic chain or from the parameters chain.*',
+        choices=('topic', 'parameters'),
+    )
+
+
+class ChainSource:
+    """The chain that a node works on; None until it is known."""
+
+    def __init__(
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        learnt: Callable[[NamedChain], None] = lambda named: None,
+    ) -> None:
+        """Read the parameters or listen to the topic; `learnt` is called with each chain."""
+        self.named: NamedChain | None = None
+        self._diagnostics = diagnostics
+        self._learnt = learnt
+        source = declare(node, ChainSourceParameters).chain_from
+        chain = declare(node, Chain, 'chain.')
+        if source == 'parameters':
+            self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
+        else:
+            topic = interfaces.CHAIN
+            node.create_subscription(topic.type, topic.name, self._on_chain, topic.qos)
+
+    def _on_chain(self, message: msg.Chain) -> None:
+        try:
+            named = chain_from_msg(message)
+        except ValueError as error:
+            self._diagnostics.refuse('chain', error)
+            return
+        self._learn(named)
+
+    def _learn(self, named: NamedChain) -> None:
+        self.named = named
+        self._learnt(named)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes of their own, none of which outlives the one that started them."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
+
+_PACKAGE = 'soliton_linkage_nodes'
+_PARENT_DEATH_SIGNAL = 1
+_TIME_TO_STOP = 1.5
+_LOG_TAIL = 5
+_C_LIBRARY = ctypes.CDLL(None)
+
+
+class ChildProcesses:
+    """Processes of the suite's nodes, each with a log file of what it says."""
+
+    def __init__(self, log_folder: Path) -> None:
+        """Keep the logs in a folder."""
+        self._log_folder = log_folder
+        self._log_folder.mkdir(parents=True, exist_ok=True)
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, node: str, arguments: list[str], environment: dict[str, str]) -> None:
+        """Start a node with its ROS arguments."""
+        executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
+        with self._log(node).open('wb') as log:
+            self._running[node] = subprocess.Popen(
+                [str(executable), '--ros-args', *arguments],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
+
+    def check(self) -> None:
+        """Raise RuntimeError, with what it said last, where a process has ended."""
+        for node, process in self._running.items():
+            if process.poll() is not None:
+                raise RuntimeError(self._obituary(node, process.returncode))
+
+    def wait(self, node: str, seconds: float) -> bool:
+        """Wait for a process to end by itself; False where it has not, RuntimeError if it failed."""
+        try:
+            code = self._running[node].wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        del self._running[node]
+        if code:
+            raise RuntimeError(self._obituary(node, code))
+        return True
+
+    def stop(self) -> dict[str, int]:
+        """Interrupt all processes, kill what is left after 1.5 s, and return their exit codes."""
+        codes = {}
+        for process in self._running.values():
+            process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + _TIME_TO_STOP
+        for node, process in self._running.items():
+            try:
+                codes[node] = process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                codes[node] = process.wait()
+        self._running.clear()
+        return codes
+
+    def _log(self, node: str) -> Path:
+        return self._log_folder / f'{node}.log'
+
+    def _obituary(self, node: str, code: int) -> str:
+        said = self._log(node).read_text(encoding='utf-8', errors='replace').splitlines()
+        tail = '\n  '.join(said[-_LOG_TAIL:])
+        return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
+
+
+def _die_with_parent() -> None:
+    _C_LIBRARY.prctl(_PARENT_DEATH_SIGNAL, signal.SIGINT)

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to physics types and back. Nothing else maps message fields to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from soliton_linkage.chain import Chain, Motion
+from soliton_linkage.soliton import Soliton
+from soliton_linkage_msgs import msg
+
+Array = NDArray[np.float64]
+
+FRAME = 'linkage'
+_NANOSECONDS = 10**9
+_CHAIN_FIELDS = tuple(f.name for f in fields(Chain) if f.name != 'number_of_rotors')
+_MOTIONS = {
+    Motion.FLIPPER: msg.SolitonState.FLIPPER,
+    Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,
+    Motion.SPINNER: msg.SolitonState.SPINNER,
+}
+
+
+@dataclass(frozen=True)
+class NamedChain:
+    """A chain and the names of its joints, rotor 0 first."""
+
+    chain: Chain
+    joint_names: tuple[str, ...]
+
+    @property
+    def rotors(self) -> int:
+        """Number of rotors."""
+        return self.chain.number_of_rotors
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of joint states in the order of the rotors; rates are None where unknown."""
+
+    angles: Array
+    rates: Array | None
+
+
+def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
+    """Return the names that joints have unless a chain message says otherwise."""
+    return tuple(f'rotor_{rotor}' for rotor in range(number_of_rotors))
+
+
+def time_to_msg(nanoseconds: int) -> Time:
+    """Time since the epoch [ns] as a message."""
+    seconds, rest = divmod(nanoseconds, _NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def time_from_msg(stamp: Time) -> int:
+    """Time since the epoch [ns]."""
+    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
+    """Chain and joint names as a message."""
+    parameters = {name: getattr(named.chain, name) for name in _CHAIN_FIELDS}
+    return msg.Chain(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        joint_names=list(named.joint_names),
+        **parameters,
+    )
+
+
+def chain_from_msg(message: msg.Chain) -> NamedChain:
+    """Chain and joint names; raises ValueError where the message describes none."""
+    names = tuple(message.joint_names)
+    check_names('chain.joint_names', names)
+    parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
+    return NamedChain(Chain(number_of_rotors=len(names), **parameters), names)
+
+
+def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
+    """Angles, rates and torques of a frame as joint states."""
+    return JointState(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        name=list(named.joint_names),
+        position=frame.angles.tolist(),
+        velocity=[] if frame.rates is None else frame.rates.tolist(),
+        effort=efforts.tolist(),
+    )
+
+
+def frame_from_msg(named: NamedChain, message: JointState) -> Frame:
+    """Angles and rates in the order of the rotors, whatever the order of the joints.
+
+    Joints that are no rotors are passed over. Raises ValueError where a rotor is missing or
+    named twice, an array has the wrong length or a value is not finite.
+    """
+    order = _order(named.joint_names, message.name)
+    angles = np.asarray(message.position, dtype=np.float64)
+    rates = np.asarray(message.velocity, dtype=np.float64)
+    _check_array('joint_states.position', message.name, angles)
+    if not len(rates):
+        return Frame(angles[order], None)
+    _check_array('joint_states.velocity', message.name, rates)
+    return Frame(angles[order], rates[order])
+
+
+def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
+    """Angular impulses of all rotors [N m s] as a message."""
+    return msg.RotorImpulses(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        name=list(named.joint_names),
+        impulse=impulses.tolist(),
+    )
+
+
+def impulses_from_msg(
+    rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
+) -> Array:
+    """Angular impulse of each rotor [N m s]; raises ValueError unless all are acceptable."""
+    return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
+
+
+def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
+    """Torques of all rotors [N m] as joint states that hold efforts only."""
+    return JointState(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        name=list(named.joint_names),
+        effort=torques.tolist(),
+    )
+
+
+def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
+    """Torque of each rotor [N m]; raises ValueError unless all are acceptable."""
+    return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
+
+
+def solitons_to_msg(
+    chain: Chain, solitons: Sequence[Soliton], header: Header
+) -> msg.SolitonState:
+    """Solitons found in the frame with the given header, as a message."""
+    return msg.SolitonState(
+        header=header,
+        motion=_MOTIONS[chain.motion],
+        motion_name=chain.motion.value,
+        solitons=[
+            msg.Soliton(**{f.name: getattr(soliton, f.name) for f in fields(Soliton)})
+            for soliton in solitons
+        ],
+    )
+
+
+def solitons_from_msg(message: msg.SolitonState) -> tuple[Soliton, ...]:
+    """Return the solitons of a message."""
+    return tuple(
+        Soliton(**{f.name: getattr(soliton, f.name) for f in fields(Soliton)})
+        for soliton in message.solitons
+    )
+
+
+def check_names(source: str, names: Sequence[str]) -> None:
+    """Raise ValueError for a name that stands twice."""
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if list(names).count(name) > 1)
+        raise ValueError(f'{source} has {twice!r} twice; name each joint once')
+
+
+def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    place = {name: index for index, name in enumerate(names)}
+    if len(place) != len(names):
+        check_names('joint_states.name', names)
+    missing = [name for name in joint_names if name not in place]
+    if missing:
+        raise ValueError(
+            f'joint_states.name lacks {len(missing)} of {len(joint_names)} rotors, '
+            f'first {missing[0]!r}; publish every rotor of the chain in each message'
+        )
+    return np.array([place[name] for name in joint_names], dtype=np.intp)
+
+
+def _by_rotor(
+    rotors: Mapping[str, int],
+    source: str,
+    names: Sequence[str],
+    values: Sequence[float],
+    largest: float,
+) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    check_names(source, names)
+    for name in names:
+        if name not in rotors:
+            known = f'{next(iter(rotors))!r} to {list(rotors)[-1]!r}'
+            raise ValueError(f'{source} names joint {name!r}, which is none of {known}')
+    _check_array(source, names, array)
+    for name, value in zip(names, array):
+        if abs(value) > largest:
+            raise ValueError(
+                f'{source} of {name} = {value:g} must lie in the range {-largest:g} to '
+                f'{largest:g}; send less or raise the limit parameter'
+            )
+    by_rotor = np.zeros(len(rotors))
+    by_rotor[[rotors[name] for name in names]] = array
+    return by_rotor
+
+
+def _check_array(source: str, names: Sequence[str], values: Array) -> None:
+    if len(values) != len(names):
+        raise ValueError(
+            f'{source} has {len(values)} values for {len(names)} names; give one a name'
+        )
+    if not math.isfinite(float(values.sum())):
+        for name, value in zip(names, values):
+            if not math.isfinite(value):
+                raise ValueError(f'{source} of {name} = {value} must be a finite number')

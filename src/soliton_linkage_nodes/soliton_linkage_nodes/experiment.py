@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import domain_coordinator
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64
+
+from soliton_linkage.quantities import quantity
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.bag_report import (
+    RecordedRun,
+    draw,
+    largest_difference,
+    places,
+    read_run,
+    summarise,
+)
+from soliton_linkage_nodes.child_processes import ChildProcesses
+from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
+from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.progress import ProgressLine
+
+_NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
+_RECORDED_TOPICS = {
+    f'/{topic.name}'
+    for topic in interfaces.SUITE
+    if topic not in (interfaces.EDGE_COMMAND, interfaces.DIAGNOSTICS)
+}
+_LONGEST_START = 30.0
+_SPIN = 0.02
+_NEAR_EDGE = 2.0
+_AFTERWARDS = 1.2
+_INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class ExperimentParameters:
+    """Parameters of the experiment."""
+
+    scenario: str = quantity('flipper', 'name of the experiment and of its bag')
+    nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
+    time_limit: float = quantity(
+        60.0, 'time within which the soliton must be back', 's', 1.0, 3600.0
+    )
+    replay_rate: float = quantity(2.0, 'how much faster the bag is replayed', '', 0.01, 100.0)
+
+
+class Observer(Node):
+    """Sees the solitons and hears how the nodes are; can nudge the chain."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Connect the topics."""
+        super().__init__('experiment', **kwargs)
+        self.settings = declare(self, ExperimentParameters)
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self.states: dict[int, tuple[float, ...]] = {}
+        self.rotors = 0
+        self.rotor = math.nan
+        self.velocity = 0.0
+        self._spacing = 1.0
+        topic = interfaces.NUDGE
+        self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        self.state_subscription = self._subscribe(interfaces.SOLITON_STATE, self._on_state)
+        self._subscribe(interfaces.CHAIN, self._on_chain)
+        self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
+
+    def forget(self) -> None:
+        """Begin anew, with what nodes say from now on."""
+        self.reports.clear()
+        self.states.clear()
+
+    def figures(self, node: str) -> dict[str, str]:
+        """Return the figures of a node's latest report."""
+        report = self.reports.get(node)
+        return {} if report is None else {pair.key: pair.value for pair in report.values}
+
+    def well(self, node: str) -> bool:
+        """Whether a node has reported, without a warning."""
+        return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
+
+    def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
+        return self.create_subscription(topic.type, topic.name, callback, topic.qos)
+
+    def _on_chain(self, message: Any) -> None:
+        named = chain_from_msg(message)
+        self.rotors, self._spacing = named.rotors, named.chain.spacing
+
+    def _on_state(self, message: SolitonState) -> None:
+        self.states[time_from_msg(message.header.stamp)] = places(message)
+        self.rotor = message.solitons[0].rotor if message.solitons else math.nan
+        if message.solitons:
+            self.velocity = message.solitons[0].velocity / self._spacing
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name.partition(':')[0]] = status
+
+
+class Experiment:
+    """Runs the steps one after the other, each with what a person wants to see meanwhile."""
+
+    def __init__(self, configuration: Path, output: Path, observer: Observer) -> None:
+        """Prepare the folder that takes the results."""
+        self.bag = output / f'{observer.settings.scenario}_0'
+        self._configuration = configuration
+        self._output = output
+        self._observer = observer
+        self._settings = observer.settings
+        self._executor = EventsExecutor()
+        self._executor.add_node(observer)
+        self._processes = ChildProcesses(output / 'log')
+        # A recording that is there already is the last run of this experiment.
+        if (self.bag / 'metadata.yaml').exists() or self.bag.exists():
+            shutil.rmtree(self.bag)
+
+    def run(self) -> dict[str, Any]:
+        """Do it all and return the summary."""
+        try:
+            self._start_nodes()
+            self._nudge()
+            self._watch()
+            pacing = self._finish()
+            replayed = self._replay()
+        finally:
+            # Ctrl-C again, while the bag is being closed, must not leave it open.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            self._processes.stop()
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        run = read_run(self.bag)
+        return self._report(run, replayed, pacing)
+
+    def _start_nodes(self) -> None:
+        _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
+        for node in _NODES:
+            self._start(node, ['-p', f'output:={self.bag.parent / self.bag.name[:-2]}'])
+        self._wait_until(self._ready, _LONGEST_START, self._unready)
+
+    def _start(self, node: str, arguments: list[str]) -> None:
+        common = ['--params-file', str(self._configuration)]
+        self._processes.start(node, [*common, *arguments], dict(os.environ))
+
+    def _ready(self) -> bool:
+        heard = set(self._observer.figures('bag_recorder').get('topics heard', '').split())
+        return (
+            all(self._observer.well(node) for node in _NODES)
+            and heard >= _RECORDED_TOPICS
+            and self._observer.nudge_publisher.get_subscription_count() == 2
+            and bool(self._observer.states)
+        )
+
+    def _unready(self) -> str:
+        said = [
+            f'{node}: {self._observer.reports[node].message}'
+            if node in self._observer.reports
+            else f'{node}: nothing'
+            for node in _NODES
+        ]
+        return 'the nodes were not ready; they said ' + '; '.join(said)
+
+    def _nudge(self) -> None:
+        speed = self._settings.nudge
+        _say(f'Nudging the edge with {speed:g} rad/s along its zero mode.')
+        self._observer.nudge_publisher.publish(Float64(data=speed))
+
+    def _watch(self) -> None:
+        """Show the soliton until it has crossed the chain, been reflected and come back."""
+        last = self._observer.rotors - 1
+        line = ProgressLine('rotor', last, bar_of_place=True)
+        away = False
+
+        def back() -> bool:
+            nonlocal away
+            rotor = self._observer.rotor
+            away = away or rotor >= last - _NEAR_EDGE
+            if math.isfinite(rotor):
+                leg = 'coming back' if away else 'going out'
+                line.show(rotor, f'{rotor:5.1f}  {self._observer.velocity:+6.1f} rotors/s  {leg}')
+            return away and rotor <= _NEAR_EDGE
+
+        limit = self._settings.time_limit
+        self._wait_until(
+            back,
+            limit,
+            lambda: (
+                f'no soliton crossed the chain and came back within {limit:g} s; it was last seen '
+                f'at rotor {self._observer.rotor:.1f}. Nudge harder or raise time_limit'
+            ),
+        )
+        line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
+
+    def _finish(self) -> dict[str, str]:
+        """Hear the last figures of the simulator, then stop the nodes."""
+        self._observer.reports.pop('simulator', None)
+        self._wait_until(
+            lambda: 'simulator' in self._observer.reports,
+            _AFTERWARDS + 5,
+            lambda: 'the simulator stopped reporting',
+        )
+        pacing = self._observer.figures('simulator')
+        wrong = {node: code for node, code in self._processes.stop().items() if code}
+        if wrong:
+            raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
+        return pacing
+
+    def _replay(self) -> dict[int, tuple[float, ...]]:
+        """Play the bag into a fresh analyser and return what that one finds."""
+        _say(f'Replaying {self.bag} into a fresh analyser.')
+        self._observer.forget()
+        self._start('soliton_analyser', [])
+        self._wait_until(
+            lambda: self._observer.figures('soliton_analyser').get('subscribers') == '1',
+            _LONGEST_START,
+            lambda: 'the analyser did not start',
+        )
+        topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
+        self._start(
+            'bag_player',
+            [
+                *('-p', f'bag:={self.bag}'),
+                *('-p', f'topics:=[{",".join(topics)}]'),
+                *('-p', f'rate:={self._settings.replay_rate}'),
+            ],
+        )
+        line = ProgressLine('replaying', 0)
+        while not self._processes.wait('bag_player', 0):
+            self._executor.spin_once(timeout_sec=_SPIN)
+            line.total = float(self._observer.figures('bag_player').get('messages', 0))
+            line.show(len(self._observer.states))
+        self._settle()
+        self._processes.stop()
+        line.end(f'Replayed {len(self._observer.states)} frames.')
+        return dict(self._observer.states)
+
+    def _settle(self) -> None:
+        """Take what is still on its way, until nothing has come for half a second."""
+        quiet_since, seen = time.monotonic(), -1
+        while time.monotonic() - quiet_since < 0.5:
+            self._executor.spin_once(timeout_sec=_SPIN)
+            if len(self._observer.states) != seen:
+                quiet_since, seen = time.monotonic(), len(self._observer.states)
+
+    def _report(
+        self, run: RecordedRun, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
+    ) -> dict[str, Any]:
+        _say('Drawing kymograph.png and track.png.')
+        draw(run, self._output)
+        summary = {
+            'scenario': self._settings.scenario,
+            **summarise(run),
+            'replayed_messages': len(replayed),
+            'frames_missing_in_replay': len(run.states.keys() - replayed.keys()),
+            'largest_replay_difference_rotors': largest_difference(run.states, replayed),
+            'missed_deadlines': int(pacing['missed deadlines']),
+            'energy_drift': float(pacing['energy drift']),
+        }
+        text = json.dumps(summary, indent=2) + '\n'
+        (self._output / 'summary.json').write_text(text, encoding='utf-8')
+        return summary
+
+    def _wait_until(
+        self, condition: Callable[[], bool], seconds: float, complaint: Callable[[], str]
+    ) -> None:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            self._processes.check()
+            if time.monotonic() > deadline:
+                raise RuntimeError(complaint())
+            self._executor.spin_once(timeout_sec=_SPIN)
+
+
+def main() -> None:
+    """Run the experiment of a configuration file."""
+    arguments = _arguments()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    bag = None
+    try:
+        with domain_coordinator.domain_id() as domain:
+            _isolate(domain)
+            rclpy.init(
+                args=['--ros-args', '--params-file', str(arguments.configuration)],
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            arguments.output.mkdir(parents=True, exist_ok=True)
+            experiment = Experiment(arguments.configuration, arguments.output, Observer())
+            bag = experiment.bag
+            summary = experiment.run()
+        _conclude(summary, arguments.output, bag)
+        code = 0
+    except KeyboardInterrupt:
+        _say('Stopped.' + (f' The recording so far is in {bag}.' if bag and bag.exists() else ''))
+        code = _INTERRUPTED
+    except (RuntimeError, ValueError, OSError) as error:
+        print(f'\nThe experiment failed: {error}', file=sys.stderr)
+        code = 1
+    finally:
+        rclpy.try_shutdown()
+    sys.exit(code)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog='experiment', description=__doc__)
+    parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/demo'), help='folder for the results (%(default)s)'
+    )
+    arguments = parser.parse_args()
+    if not arguments.configuration.is_file():
+        parser.error(
+            f'configuration {str(arguments.configuration)!r} is not a file; '
+            'give a parameter file such as config/flipper.yaml'
+        )
+    return arguments
+
+
+def _isolate(domain: int) -> None:
+    """Keep this process and its children to a domain of their own on this machine."""
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    # Shared memory left behind by a killed process can keep new ones from talking.
+    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
+        os.environ.pop(name, None)
+
+
+def _conclude(summary: dict[str, Any], output: Path, bag: Path) -> None:
+    speed = summary['speed_rotors_per_s']
+    _say(f"""
+A soliton crossed the chain of {summary['rotors']} rotors ({summary['motion']}) \
+{summary['crossings']} times at {speed:.2f} rotors/s.
+{summary['recorded_messages']} messages were recorded and {summary['lost_messages']} lost; \
+of {summary['replayed_messages']} replayed frames none differs from the live analysis
+by more than {summary['largest_replay_difference_rotors']:g} rotor spacings.
+
+  {output / 'kymograph.png'}   the rotors' lean over space and time, and the soliton's track
+  {output / 'track.png'}       the soliton's place and velocity
+  {output / 'summary.json'}    these figures
+  {bag}/        the bag; play it again with bag_player
+
+Try next: make demo SCENARIO=wobbler, or SCENARIO=spinner; make shell, and drive it yourself.""")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The topics of the suite: name, type and quality of service."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from soliton_linkage_msgs.msg import Chain, EdgeCommand, RotorImpulses, SolitonState
+
+_DEEPEST_QUEUE = 1000
+_QUEUE_BYTES = 64 * 2**20
+
+
+def stream_qos(message_size: int = 0) -> QoSProfile:
+    """Reliable and as deep as 64 MiB of messages allow, 10 to 1000: a stall loses nothing."""
+    affordable = _QUEUE_BYTES // max(message_size, 1)
+    depth = int(min(_DEEPEST_QUEUE, max(10, affordable)))
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def command_qos() -> QoSProfile:
+    """Reliable and volatile: a late joiner must not replay a kick."""
+    return QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def latched_qos() -> QoSProfile:
+    """Reliable and transient local: a late joiner gets the last message."""
+    return QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of the suite; its name is relative unless it begins with a slash."""
+
+    name: str
+    type: Any
+    qos: QoSProfile
+
+    @property
+    def latched(self) -> bool:
+        """Whether a late joiner gets the last message."""
+        return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+JOINT_STATES = Topic('joint_states', JointState, stream_qos())
+NUDGE = Topic('nudge', Float64, command_qos())
+EDGE_COMMAND = Topic('edge_command', EdgeCommand, command_qos())
+ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
+ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
+SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
+CHAIN = Topic('chain', Chain, latched_qos())
+DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
+CLOCK = Topic('/clock', Clock, stream_qos())
+
+SUITE = (
+    CHAIN,
+    JOINT_STATES,
+    NUDGE,
+    EDGE_COMMAND,
+    ROTOR_IMPULSES,
+    ROTOR_TORQUES,
+    SOLITON_STATE,
+    DIAGNOSTICS,
+)

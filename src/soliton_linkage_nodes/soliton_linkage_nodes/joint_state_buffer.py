@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A serialized JointState whose stamp and arrays are overwritten in place."""
+
+from __future__ import annotations
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+
+from soliton_linkage_nodes.conversions import Array, Frame, NamedChain, frame_to_msg
+
+_ENCAPSULATION_BYTES = 4
+_NANOSECONDS = 10**9
+
+
+class JointStateBuffer:
+    """Joint states of a chain as CDR bytes, of which only what changes is written anew.
+
+    The names are most of the cost of serializing a JointState and never change. CDR puts the
+    three arrays at the end, each a count, padded to 8 bytes from the end of the encapsulation
+    header, and N doubles.
+    """
+
+    def __init__(self, named: NamedChain) -> None:
+        """Lay out the message once."""
+        rotors = named.chain.number_of_rotors
+        zeros = np.zeros(rotors)
+        template = serialize_message(frame_to_msg(named, Frame(zeros, zeros), zeros, Time()))
+        self._bytes = bytearray(template)
+        body = np.frombuffer(self._bytes, dtype=np.uint8)[_ENCAPSULATION_BYTES:]
+        array_bytes = 8 * rotors
+        count_bytes = 8
+        # Serializers may pad a message at its end; the counts tell where the arrays are.
+        end = len(body) - (len(body) - 3 * array_bytes - 2 * count_bytes) % 8
+        starts = [end - array_bytes - n * (array_bytes + count_bytes) for n in (2, 1, 0)]
+        self._position, self._velocity, self._effort = (
+            body[start : start + array_bytes].view('<f8') for start in starts
+        )
+        self._stamp = body[:8].view('<u4')
+
+    def __len__(self) -> int:
+        """Size of the message in bytes."""
+        return len(self._bytes)
+
+    def write(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytes:
+        """Return the message for a frame: stamp [ns], angles [rad], rates [rad/s], [N m]."""
+        self._stamp[0], self._stamp[1] = divmod(stamp, _NANOSECONDS)
+        self._position[:] = angles
+        self._velocity[:] = rates
+        self._effort[:] = torques
+        return bytes(self._bytes)

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters from dataclasses: declared with description, unit, range and read-only flag."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from soliton_linkage.quantities import Quantity, described_fields
+
+Parameters = TypeVar('Parameters')
+
+_TYPES = {
+    bool: ParameterType.PARAMETER_BOOL,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+    str: ParameterType.PARAMETER_STRING,
+    tuple: ParameterType.PARAMETER_STRING_ARRAY,
+}
+_EXAMPLES = {
+    bool: 'true or false',
+    int: 'a whole number such as 20',
+    float: 'a number with a decimal point such as 1.0',
+    str: 'a text',
+    tuple: 'a list of texts',
+}
+_LARGEST_INTEGER = 2**63 - 1
+
+
+def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
+    """Declare the described fields of a dataclass as parameters and return their values in it.
+
+    Raises ValueError, naming parameter, value, limit and remedy, where a value given for one is
+    not allowed.
+    """
+    values = {}
+    for field in dataclasses.fields(parameters):  # type: ignore[arg-type]
+        described = field.metadata['quantity']
+        values[field.name] = _declare_one(node, prefix + field.name, field.default, described)
+    return parameters(**values)
+
+
+def refuse_unknown(node: Node, known: frozenset[str]) -> None:
+    """Raise ValueError for a parameter that was set for the node and that nothing here has."""
+    declared = set(node._parameters)
+    for name in sorted(set(node._parameter_overrides) - declared - known):
+        if name.startswith('qos_overrides.'):
+            continue
+        near = difflib.get_close_matches(name, declared | known, n=1)
+        meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
+        raise ValueError(f'parameter {name!r} of {node.get_name()} is unknown; {meant}')
+
+
+def parameter_names(parameters: Any, prefix: str = '') -> frozenset[str]:
+    """Return the names under which `declare` declares the fields of a dataclass."""
+    return frozenset(prefix + name for name in described_fields(parameters))
+
+
+def _declare_one(node: Node, name: str, default: Any, described: Quantity) -> Any:
+    kind = type(default)
+    # rclpy takes an empty list for one of bytes; a type alone leaves the parameter unset.
+    value = Parameter.Type.STRING_ARRAY if kind is tuple else default
+    given = node._parameter_overrides.get(name)
+    try:
+        declared = node.declare_parameter(name, value, _descriptor(kind, described)).value
+    except ParameterException as error:
+        raise ValueError(_complaint(node, name, kind, given, described)) from error
+    complaint = described.complaint(declared)
+    if complaint:
+        raise ValueError(f'parameter {name} of {node.get_name()} = {declared!r} {complaint}')
+    return tuple(declared or ()) if kind is tuple else declared
+
+
+def _descriptor(kind: type, described: Quantity) -> ParameterDescriptor:
+    unit = f' [{described.unit}]' if described.unit else ''
+    descriptor = ParameterDescriptor(
+        type=_TYPES[kind],
+        description=described.description + unit,
+        read_only=not described.adjustable,
+        additional_constraints=', '.join(described.choices),
+    )
+    low, high = described.minimum, described.maximum
+    if low is None and high is None:
+        return descriptor
+    if kind is int:
+        low = -_LARGEST_INTEGER if low is None else int(low)
+        high = _LARGEST_INTEGER if high is None else int(high)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    else:
+        low = float('-inf') if low is None else float(low)
+        high = float('inf') if high is None else float(high)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    return descriptor
+
+
+def _complaint(
+    node: Node, name: str, kind: type, given: Parameter | None, described: Quantity
+) -> str:
+    value = None if given is None else given.value
+    right_type = isinstance(value, list) if kind is tuple else type(value) is kind
+    complaint = described.complaint(value) if right_type else f'must be {_EXAMPLES[kind]}'
+    return f'parameter {name} of {node.get_name()} = {value!r} {complaint}'

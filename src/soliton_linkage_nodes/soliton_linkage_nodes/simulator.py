@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulator: a chain of rotors in place of a real one."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.quantities import quantity
+from soliton_linkage.simulation import Simulation
+from soliton_linkage_msgs.msg import RotorImpulses
+from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.conversions import (
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    impulses_from_msg,
+    time_to_msg,
+    torques_from_msg,
+)
+from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.pacing import PacedLoop
+from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.process import run
+
+_LEANS = {'left_leaning': -1, 'right_leaning': 1}
+_NANOSECONDS = 10**9
+_MOST_STEPS = 100_000
+_SWITCH_INTERVAL = 1e-4
+
+
+@dataclass(frozen=True)
+class SimulatorParameters:
+    """Parameters of the simulator besides those of its chain."""
+
+    publish_rate: float = quantity(500.0, 'rate of joint_states', 'Hz', 1.0, 2000.0)
+    tolerance: float = quantity(
+        1e-9, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
+    )
+    initial_state: str = quantity(
+        'left_leaning', 'uniform state to start from', choices=tuple(_LEANS)
+    )
+    command_timeout: float = quantity(
+        0.5, 'time after which torques are dropped without a new message, 0 for never', 's', 0.0
+    )
+    impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0)
+    torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0)
+    publish_clock: bool = quantity(False, 'whether to publish the simulated time on /clock')
+
+
+class Simulator(Node):
+    """Publishes the angles of a simulated chain at a fixed rate.
+
+    Publishes `joint_states`, `chain` (latched), `/diagnostics` and, if asked to, `/clock`.
+    Subscribes to `rotor_impulses` and `rotor_torques`. Serves `~/pause`, `~/step`, `~/reset`.
+    Parameters: those of `SimulatorParameters`, and `chain.*` of `Chain`.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Read the parameters, announce the chain and start the clockwork."""
+        super().__init__('simulator', **kwargs)
+        self.settings = declare(self, SimulatorParameters)
+        chain = declare(self, Chain, 'chain.')
+        self._named = NamedChain(chain, default_joint_names(chain.number_of_rotors))
+        self._rotors = {name: rotor for rotor, name in enumerate(self._named.joint_names)}
+        self._lock = threading.Lock()
+        self._commands: list[Callable[[], None]] = []
+        self._paused = False
+        self._failure: str | None = None
+        self._torques_expire: int | None = None
+        self._frame = 0
+        self._simulation = self._at_rest(self.settings.initial_state)
+        self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        self._diagnostics = Diagnostics(self, 'simulation', self._report)
+        self._reported = (time.monotonic(), 0, 0)
+        self._buffer = JointStateBuffer(self._named)
+        self._connect()
+        self._loop = PacedLoop(self.settings.publish_rate, self._tick)
+        self._loop.start()
+
+    def destroy_node(self) -> None:
+        """Stop publishing, then go."""
+        self._loop.stop()
+        super().destroy_node()
+
+    def _connect(self) -> None:
+        self._joint_states = self.create_publisher(
+            JointState, interfaces.JOINT_STATES.name, interfaces.stream_qos(len(self._buffer))
+        )
+        self._clock_publisher = None
+        if self.settings.publish_clock:
+            self._clock_publisher = self.create_publisher(
+                interfaces.CLOCK.type, interfaces.CLOCK.name, interfaces.CLOCK.qos
+            )
+        self._chain_publisher = self.create_publisher(
+            interfaces.CHAIN.type, interfaces.CHAIN.name, interfaces.CHAIN.qos
+        )
+        self._chain_publisher.publish(chain_to_msg(self._named, time_to_msg(self._epoch)))
+        for topic, callback in (
+            (interfaces.ROTOR_IMPULSES, self._on_impulses),
+            (interfaces.ROTOR_TORQUES, self._on_torques),
+        ):
+            self.create_subscription(topic.type, topic.name, callback, topic.qos)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Step, '~/step', self._on_step)
+        self.create_service(Reset, '~/reset', self._on_reset)
+
+    def _tick(self) -> None:
+        """Publish the frame that is due, then obey the commands and go on to the next frame."""
+        with self._lock:
+            if self._paused:
+                return
+            try:
+                self._publish_and_advance()
+            except ArithmeticError as error:
+                self._paused = True
+                self._failure = str(error)
+                self.get_logger().error(f'paused, {error}; call ~/reset to go on')
+
+    def _publish_and_advance(self) -> None:
+        simulation = self._simulation
+        stamp = self._epoch + round(self._frame * _NANOSECONDS / self.settings.publish_rate)
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
+        torques = simulation.chain.spring_torques(simulation.angles)
+        self._joint_states.publish(
+            self._buffer.write(stamp, simulation.angles, simulation.rates, torques)
+        )
+        commands, self._commands = self._commands, []
+        for command in commands:
+            command()
+        if self._torques_expire is not None and self._frame >= self._torques_expire:
+            self._hold(0 * simulation.torques)
+            self._torques_expire = None
+        self._simulation.advance()
+        self._frame += 1
+
+    def _hold(self, torques: Any) -> None:
+        self._simulation.hold(torques)
+        timeout = self.settings.command_timeout
+        lasting = round(timeout * self.settings.publish_rate)
+        self._torques_expire = self._frame + max(lasting, 1) if timeout else None
+
+    def _at_rest(self, state: str) -> Simulation:
+        chain = self._named.chain
+        return Simulation(
+            chain,
+            chain.uniform_state(_LEANS[state]),
+            period=1 / self.settings.publish_rate,
+            tolerance=self.settings.tolerance,
+        )
+
+    def _on_impulses(self, message: RotorImpulses) -> None:
+        try:
+            impulses = impulses_from_msg(self._rotors, message, self.settings.impulse_limit)
+        except ValueError as error:
+            self._diagnostics.refuse('rotor_impulses', error)
+            return
+        self._command(lambda: self._simulation.kick(impulses))
+
+    def _on_torques(self, message: JointState) -> None:
+        try:
+            torques = torques_from_msg(self._rotors, message, self.settings.torque_limit)
+        except ValueError as error:
+            self._diagnostics.refuse('rotor_torques', error)
+            return
+        self._command(lambda: self._hold(torques))
+
+    def _command(self, command: Callable[[], None]) -> None:
+        with self._lock:
+            self._commands.append(command)
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        with self._lock:
+            self._paused = bool(request.data)
+        response.success = True
+        response.message = 'paused' if request.data else 'running'
+        return response
+
+    def _on_step(self, request: Any, response: Any) -> Any:
+        with self._lock:
+            response.success = self._paused and 1 <= request.periods <= _MOST_STEPS
+            if not self._paused:
+                response.message = 'the simulation is running; pause it before stepping'
+            elif not response.success:
+                response.message = (
+                    f'periods = {request.periods} must lie in the range 1 to {_MOST_STEPS}'
+                )
+            for _ in range(request.periods if response.success else 0):
+                self._publish_and_advance()
+            if response.success:
+                response.message = f'reached t = {self._frame / self.settings.publish_rate:g} s'
+        return response
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        states = {
+            Reset.Request.INITIAL: self.settings.initial_state,
+            Reset.Request.LEFT_LEANING: 'left_leaning',
+            Reset.Request.RIGHT_LEANING: 'right_leaning',
+        }
+        response.success = request.state in states
+        if not response.success:
+            response.message = f'state = {request.state} must be one of 0, 1, 2'
+            return response
+        with self._lock:
+            self._commands.clear()
+            self._torques_expire = None
+            if self._failure is not None:
+                self._failure, self._paused = None, False
+            self._simulation = self._at_rest(states[request.state])
+        response.message = f'at rest, {states[request.state].replace("_", "-")}'
+        return response
+
+    def _report(self) -> Report:
+        if self._loop.failure is not None:
+            raise self._loop.failure
+        with self._lock:
+            frames, drift, energy = (
+                self._frame,
+                self._simulation.energy_drift,
+                self._simulation.energy,
+            )
+        punctuality = self._loop.punctuality
+        now = time.monotonic()
+        before, frames_before, missed_before = self._reported
+        self._reported = (now, frames, punctuality.missed)
+        rate = (frames - frames_before) / (now - before)
+        late = punctuality.missed - missed_before
+        message = (
+            f'paused, {self._failure}'
+            if self._failure
+            else 'paused'
+            if self._paused
+            else f'{late} deadlines missed in the last second'
+            if late
+            else 'on time'
+        )
+        return Report(
+            message,
+            {
+                'publish rate [Hz]': rate,
+                'real-time factor': rate / self.settings.publish_rate,
+                'frames': frames,
+                'missed deadlines': punctuality.missed,
+                'largest lateness [s]': punctuality.largest_lateness,
+                'lag [s]': punctuality.lag,
+                'energy [J]': energy,
+                'energy drift': drift,
+                'motion': self._named.chain.motion.value,
+            },
+            warning=bool(self._failure or (late and not self._paused)),
+        )
+
+
+def main() -> None:
+    """Run the simulator until it is told to stop."""
+    # The pacing thread must not wait 5 ms for the interpreter, nor for the garbage of imports.
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    gc.collect()
+    gc.freeze()
+    run(Simulator)
+
+
