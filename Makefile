@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+SHELL := /bin/bash
+SCENARIO ?= flipper
+scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))))
+enter := . setup/environment.sh && exec
+
+.NOTPARALLEL:
+.PHONY: help demo test check shell benchmark format build clean scenario
+
+help:  ## list the targets
+	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
+	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' Makefile | expand -t 30
+
+demo: scenario build
+	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo
+
+test: build  ## run the tests; ARGS='-k nudge' goes to pytest
+	@$(enter) python3 -m pytest $(ARGS)
+
+check: build  ## formatting, lint and strict typing
+	@. setup/environment.sh && ruff format --check . && ruff check . && mypy
+
+shell: build  ## a shell where the nodes start by their name
+	@setup/shell.sh
+
+benchmark: build  ## measure what publishing costs
+	@$(enter) python3 benchmark/publishing.py $(ARGS)
+
+format: build  ## put the code in its form
+	@. setup/environment.sh && ruff format . && ruff check --fix .
+
+build:  ## install and build, as every target above does first
+	@setup/install.sh && setup/build.sh
+
+clean:  ## remove what was installed and built; recordings in out/ stay
+	rm -rf .python .venv build install log
+
+scenario:
+	@test -f config/$(SCENARIO).yaml || { \
+	    echo "SCENARIO=$(SCENARIO): no config/$(SCENARIO).yaml; there are: $(scenarios)" >&2; exit 1; }

