@@ -6,6 +6,7 @@ from pathlib import Path
 from setuptools import setup
 
 NODES = ['simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player']
+TOOLS = ['experiment', 'nudge', 'watch_soliton']
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 
 setup(
@@ -25,8 +26,7 @@ setup(
     install_requires=['rosbags', 'soliton_linkage'],
     entry_points={
         'console_scripts': [
-            *(f'{node} = soliton_linkage_nodes.{node}:main' for node in NODES),
-            'experiment = soliton_linkage_nodes.experiment:main',
+            f'{name} = soliton_linkage_nodes.{name}:main' for name in NODES + TOOLS
         ],
     },
     zip_safe=False,

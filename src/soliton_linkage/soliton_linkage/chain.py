@@ -67,7 +67,7 @@ class Chain:
 
     @cached_property
     def lean_ratio(self) -> float:
-        """How far a rotor leans, d = 2 r sin(theta_bar) / a; 1 separates flippers from wobblers."""
+        """How far a rotor leans, d = 2 r sin(theta_bar) / a; flippers with d > 1 wobble."""
         return 2 * self.rotor_length * math.sin(self.rest_angle) / self.spacing
 
     @cached_property
@@ -172,3 +172,12 @@ def staggered(angles: ArrayLike) -> Array:
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
+
+
+def uprightness(angles: ArrayLike) -> int:
+    """+1 if the even rotors between the edges point up on the whole, -1 if they hang down.
+
+    A flipper keeps to one side for ever: its inner rotors lean from right to left through the
+    top, or through the bottom where it was assembled upside down.
+    """
+    return -1 if np.cos(staggered(angles))[1:-1].sum() < 0 else 1

@@ -51,9 +51,7 @@ def draw_kymograph(chain: Chain, recording: Recording, track: Track, path: Path)
     figure.savefig(path, dpi=_RESOLUTION)
 
 
-def draw_track(
-    chain: Chain, track: Track, crossings: tuple[Crossing, ...], path: Path
-) -> None:
+def draw_track(chain: Chain, track: Track, crossings: tuple[Crossing, ...], path: Path) -> None:
     """Draw the soliton's place and velocity over time, and the speed of each crossing."""
     figure, (place, velocity) = _new_figure(2)
     place.plot(track.times, track.rotors, color=_TRACK_COLOUR, linewidth=1.2)

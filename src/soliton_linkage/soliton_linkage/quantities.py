@@ -25,10 +25,11 @@ class Quantity:
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
-            if not math.isfinite(value):
+            number = float(value)
+            if not math.isfinite(number):
                 return f'must be a finite number{self._range()}'
-            below = self.minimum is not None and value < self.minimum
-            above = self.maximum is not None and value > self.maximum
+            below = self.minimum is not None and number < self.minimum
+            above = self.maximum is not None and number > self.maximum
             if below or above:
                 return f'must lie{self._range()}'
         return None

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.chain import Array, Chain, Motion, uprightness
 
 # Stands in for a coupling that vanishes, far below rounding beside any that does not.
 _VANISHING = 1e-280
@@ -59,16 +59,17 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     line from its pivot to its neighbour's mass; there its coupling, A_0 or B_{N-2}, changes
     sign, and with it the wall's direction along the zero mode. The sign to start from is that of
     the left-leaning state with d < 1, where all A_n and B_n have the sign (-1)^(n+1) and the
-    wall moves towards the last rotor while all theta_n grow. A spinner's edge rotor passes no
-    such line: its wall moves towards the last rotor while sum_n h_n grows.
+    wall moves towards the last rotor while all theta_n grow; upside down all three signs are
+    reversed. A spinner's edge rotor passes no such line: its wall moves towards the last rotor
+    while sum_n h_n grows.
     """
     mode = zero_mode(chain, angles)
     if chain.motion is Motion.SPINNER:
         return mode if float(np.cos(angles) @ mode) >= 0 else -mode
     first, second = rigidity_bands(chain, angles)
     rotors = chain.number_of_rotors
-    towards_last = (-1) ** (rotors * (rotors + 1) // 2) * np.sign(first[0]) * np.sign(second[-1])
-    return mode if towards_last >= 0 else -mode
+    start = (-1) ** (rotors * (rotors + 1) // 2) * uprightness(angles) ** rotors
+    return mode if start * np.sign(first[0]) * np.sign(second[-1]) >= 0 else -mode
 
 
 def _without_zeros(band: Array) -> Array:

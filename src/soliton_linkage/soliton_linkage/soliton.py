@@ -5,19 +5,22 @@ A wall is found by topology and then placed by a fit. Each bond has a polarisati
 which the chain's zero mode grows across it; a wall is where the polarisation changes sign. The
 order field m, +1 where the chain leans right and -1 where it leans left, is then fitted by
 m = -Q tanh((n - X) / w) around it, least squares over X at the width of a slow wall. The fit
-has a bias that varies with the place between two rotors: under 0.001 rotor spacings for
-d < 0.9 and d > 5, 0.035 for d = 2, and up to 0.5 as d nears d_c, where no tanh fits a wall.
+has a bias that varies with the place between two rotors: under 0.002 rotor spacings for
+d < 0.9 and d > 2.5 d_c, under 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between,
+where no tanh fits a wall.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from soliton_linkage.bands import couplings
-from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.chain import Array, Chain, Motion, staggered, uprightness
 from soliton_linkage.rigidity import rigidity_bands
 
 _DOMAIN = 0.5
@@ -67,34 +70,36 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its slope dm/dphi [1/rad], each of shape (N,).
 
     m = sin(theta) / sin(theta_bar) for flippers. The rotors of a spinner turn through pi, from
-    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi: m = +-cos(theta -+
-    theta_bar), of these two the smoother along the chain.
+    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi, as the chain was
+    assembled: m = +-cos(theta -+ theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
     if chain.motion is not Motion.SPINNER:
         scale = math.sin(chain.rest_angle)
         return np.sin(theta) / scale, turn * np.cos(theta) / scale
-    lean = _spinner_lean(chain, theta)
+    lean = _spinner_lean(chain, angles)
     shifted = theta - lean * chain.rest_angle
     return lean * np.cos(shifted), -lean * turn * np.sin(shifted)
 
 
-def find_solitons(
-    chain: Chain, angles: Array, rates: Array | None = None
-) -> tuple[Soliton, ...]:
+def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
     """Return the walls in a frame, in the order of their place; none is an empty tuple.
 
     Angles [rad] and, where they are known, rates [rad/s], each of shape (N,).
     """
     checked = chain.check_angles(angles)
-    moving = None if rates is None else chain.check_angles(rates)
+    moving = None if rates is None else chain.check_angles(rates, 'rate')
     field, slope = order_field(chain, checked)
     crossings = _polarisation_crossings(polarisation(chain, checked))
     phase_known = len(crossings) == 1 and crossings[0][1] == 1
+    places = [crossing for crossing, _ in crossings]
+    between = [(place + following) / 2 for place, following in pairwise(places)]
     found = []
-    for crossing, charge in crossings:
-        wall = _Wall(chain, field, slope, crossing, charge)
+    borders = pairwise([-math.inf, *between, math.inf])
+    for (crossing, charge), (low, high) in zip(crossings, borders, strict=False):
+        bounds = (max(low, crossing - 1), min(high, crossing + 1))
+        wall = _Wall(chain, field, slope, crossing, charge, bounds)
         velocity, velocity_deviation = wall.velocity(moving)
         width, width_deviation = wall.width()
         spacing = chain.spacing
@@ -118,7 +123,13 @@ class _Wall:
     """Least-squares fit of m = -Q tanh((n - X) / w) to the order field around a crossing."""
 
     def __init__(
-        self, chain: Chain, field: Array, slope: Array, crossing: float, charge: int
+        self,
+        chain: Chain,
+        field: Array,
+        slope: Array,
+        crossing: float,
+        charge: int,
+        bounds: tuple[float, float],
     ) -> None:
         self._chain = chain
         self._charge = charge
@@ -133,7 +144,7 @@ class _Wall:
         self._rotors = np.arange(first, last + 1, dtype=np.float64)
         self._field = field[first : last + 1]
         self._slope = slope[first : last + 1]
-        self.centre = self._fit_centre(crossing)
+        self.centre = self._fit_centre(crossing, bounds)
         self.deviation = self._centre_deviation()
 
     def velocity(self, rates: Array | None) -> tuple[float, float]:
@@ -164,7 +175,7 @@ class _Wall:
         centre, width = self.centre, self._width
         for _ in range(_FIT_ITERATIONS):
             argument = (self._rotors - centre) / width
-            by_centre = self._charge / (width * np.cosh(argument) ** 2)
+            by_centre = self._charge / width * _sech_squared(argument)
             jacobian = np.stack([by_centre, by_centre * argument], axis=1)
             residual = self._field + self._charge * np.tanh(argument)
             normal = jacobian.T @ jacobian
@@ -178,15 +189,18 @@ class _Wall:
         deviation = _deviation(residual, 2, 1 / float(np.linalg.inv(normal)[1, 1]))
         return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
-    def _fit_centre(self, crossing: float) -> float:
+    def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
+        """Newton's method, with Gauss and Newton's strength where the curvature spoils it."""
         centre = crossing
         for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
-            gradient, _ = self._gradient_and_curvature(centre)
+            gradient, curvature = self._gradient_and_curvature(centre)
+            residual = self._field - self._model(centre)
             strength = float(gradient @ gradient)
             if strength < 1e-12:
                 break
-            step = float(gradient @ (self._field - self._model(centre))) / strength
-            centre = min(max(centre + step, crossing - 1), crossing + 1)
+            strength = max(strength - float(residual @ curvature), strength / 4)
+            step = float(gradient @ residual) / strength
+            centre = min(max(centre + step, bounds[0]), bounds[1])
             if abs(step) < 1e-13 * self._chain.number_of_rotors:
                 break
         return centre
@@ -202,8 +216,12 @@ class _Wall:
     def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
         """First and second derivative of the model by the centre."""
         argument = (self._rotors - centre) / self._width
-        gradient = self._charge / (self._width * np.cosh(argument) ** 2)
+        gradient = self._charge / self._width * _sech_squared(argument)
         return gradient, 2 * gradient * np.tanh(argument) / self._width
+
+
+def _sech_squared(argument: ArrayLike) -> Array:
+    return np.asarray(1 - np.tanh(argument) ** 2)
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
@@ -214,12 +232,15 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
     return math.sqrt(float(residual @ residual) / freedom / information)
 
 
-def _spinner_lean(chain: Chain, theta: Array) -> int:
-    """Which of the two families of a spinner's states: +1 around theta_bar, -1 around its minus."""
-    roughness = [
-        float(np.sum(np.diff(np.cos(theta - lean * chain.rest_angle)) ** 2)) for lean in (1, -1)
-    ]
-    return 1 if roughness[0] < roughness[1] else -1
+def _spinner_lean(chain: Chain, angles: Array) -> int:
+    """Which of a spinner's two families of states: +1 around theta_bar, -1 around its minus.
+
+    They are the two ways to assemble it. (-1)^n A_n and (-1)^n B_n never vanish as the wall
+    moves: they have the signs of -1 and +1 in the first family and the opposite in the second.
+    """
+    first, second = rigidity_bands(chain, angles)
+    levers = second - first
+    return 1 if levers[::2].sum() > levers[1::2].sum() else -1
 
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
@@ -254,18 +275,20 @@ def _flipper_leg(chain: Chain, angles: Array) -> int:
 
     Toggled is meant against the uniform left-leaning state. An edge rotor toggles by passing
     the line from its pivot to its neighbour's mass, where its coupling to the bond between
-    them changes sign; in the left-leaning state A_0 has the sign of d - 1 and B_n of (-1)^(n+1).
+    them changes sign; in the left-leaning state A_0 has the sign of d - 1 and B_n of
+    (-1)^(n+1), upside down the opposite.
     """
     first, second = rigidity_bands(chain, angles)
-    first_toggled = first[0] * (1 if chain.lean_ratio > 1 else -1) < 0
-    last_toggled = second[-1] * (-1) ** (chain.number_of_rotors - 1) < 0
+    upright = uprightness(angles)
+    first_toggled = first[0] * upright * (1 if chain.lean_ratio > 1 else -1) < 0
+    last_toggled = second[-1] * upright * (-1) ** (chain.number_of_rotors - 1) < 0
     return [[0, 1], [3, 2]][int(first_toggled)][int(last_toggled)]
 
 
 def _spinner_leg(chain: Chain, angles: Array, centre: float) -> int:
     theta = staggered(angles)
-    lean = _spinner_lean(chain, theta)
+    lean = _spinner_lean(chain, angles)
     rotors = np.arange(len(theta))
-    weight = 1 / np.cosh((rotors - centre) * chain.spacing / chain.wall_width) ** 2
+    weight = _sech_squared((rotors - centre) * chain.spacing / chain.wall_width)
     turned = np.sin(theta - lean * chain.rest_angle) * np.where(rotors % 2, -1.0, 1.0)
     return int(float(weight @ turned) * lean > 0)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def follow(chain: Chain, recording: Recording) -> Track:
     rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
     points = [
         track_point(chain, find_solitons(chain, angles, rate))
-        for angles, rate in zip(recording.angles, rates)
+        for angles, rate in zip(recording.angles, rates, strict=True)
     ]
     places = np.array(points, dtype=np.float64).reshape(-1, 2)
     return Track(recording.times, places[:, 0], places[:, 1])
@@ -66,7 +67,7 @@ def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
     side[track.rotors >= (1 - _EDGE_SHARE) * last] = 1
     outer = np.flatnonzero(side)
     crossings = []
-    for left, entered in zip(outer, outer[1:]):
+    for left, entered in pairwise(outer):
         if side[left] == side[entered]:
             continue
         passage = slice(left, entered + 1)

@@ -20,7 +20,8 @@ from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bags import find_topic, latched, message_class, open_bag
 from soliton_linkage_nodes.conversions import time_to_msg
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.matching import wait_for_subscriber
+from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 from soliton_linkage_nodes.progress import ProgressLine
 
@@ -53,6 +54,7 @@ class BagPlayer(Node):
         """Look into the bag and begin to play."""
         super().__init__('bag_player', **kwargs)
         self.settings = declare(self, BagPlayerParameters)
+        refuse_unknown(self)
         if not self.settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._path = Path(self.settings.bag)
@@ -123,16 +125,12 @@ class BagPlayer(Node):
     def _wait_for_subscriber(self, topic: str) -> None:
         if topic not in self._outlets:
             return
-        deadline = time.monotonic() + self.settings.subscriber_timeout
-        while not self._outlets[topic].get_subscription_count():
-            if time.monotonic() > deadline:
-                self.get_logger().warning(
-                    f'nothing subscribes to {topic} after '
-                    f'{self.settings.subscriber_timeout:g} s; playing to nobody'
-                )
-                return
-            if self._stopping.wait(_POLL_INTERVAL):
-                return
+        limit = self.settings.subscriber_timeout
+        heard = wait_for_subscriber(self._outlets[topic], limit, self._stopping)
+        if not heard and not self._stopping.is_set():
+            self.get_logger().warning(
+                f'nothing subscribes to {topic} after {limit:g} s; playing to nobody'
+            )
 
     def _wait_for_delivery(self) -> None:
         """Stay until every subscriber has what was published."""

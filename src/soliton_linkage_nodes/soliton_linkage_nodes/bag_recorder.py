@@ -20,7 +20,7 @@ from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bags import STORAGES, BagWriter, type_name
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 from soliton_linkage_nodes.sequence_gaps import SequenceGaps
 
@@ -77,6 +77,7 @@ class BagRecorder(Node):
         """Create the bag and begin."""
         super().__init__('bag_recorder', **kwargs)
         settings = declare(self, BagRecorderParameters)
+        refuse_unknown(self)
         topics = _chosen_topics(settings.topics)
         now = time.strftime('%Y_%m_%d-%H_%M_%S')
         self._writer = BagWriter(Path(settings.output or f'recording_{now}'), settings.storage)

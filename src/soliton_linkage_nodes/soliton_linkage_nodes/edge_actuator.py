@@ -27,7 +27,7 @@ from soliton_linkage_nodes.conversions import (
     torques_to_msg,
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 
 _EDGES = {
@@ -87,6 +87,7 @@ class EdgeActuator(Node):
         self._carried_out = 0
         self._diagnostics = Diagnostics(self, 'actuation', self._report)
         self._source = ChainSource(self, self._diagnostics)
+        refuse_unknown(self)
         self._impulses, self._torques = (
             self.create_publisher(topic.type, topic.name, topic.qos)
             for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES)

@@ -37,7 +37,7 @@ from soliton_linkage_nodes.bag_report import (
 )
 from soliton_linkage_nodes.child_processes import ChildProcesses
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
-from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.progress import ProgressLine
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
@@ -72,6 +72,7 @@ class Observer(Node):
         """Connect the topics."""
         super().__init__('experiment', **kwargs)
         self.settings = declare(self, ExperimentParameters)
+        refuse_unknown(self)
         self.reports: dict[str, DiagnosticStatus] = {}
         self.states: dict[int, tuple[float, ...]] = {}
         self.rotors = 0

@@ -17,6 +17,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from soliton_linkage.chain import Chain
 from soliton_linkage.quantities import Quantity, described_fields
 
 Parameters = TypeVar('Parameters')
@@ -51,27 +52,30 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     return parameters(**values)
 
 
-def refuse_unknown(node: Node, known: frozenset[str]) -> None:
-    """Raise ValueError for a parameter that was set for the node and that nothing here has."""
-    declared = set(node._parameters)
-    for name in sorted(set(node._parameter_overrides) - declared - known):
-        if name.startswith('qos_overrides.'):
-            continue
-        near = difflib.get_close_matches(name, declared | known, n=1)
+def refuse_unknown(node: Node) -> None:
+    """Raise ValueError for a parameter that was given to a node and that it has not declared.
+
+    The parameters of the chain may be given to every node, whether it needs them or not.
+    """
+    declared = set(node.get_parameters_by_prefix(''))
+    of_chain = {f'chain.{name}' for name in described_fields(Chain)}
+    for name in sorted(_given(node).keys() - declared - of_chain):
+        near = difflib.get_close_matches(name, declared | of_chain, n=1)
         meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
         raise ValueError(f'parameter {name!r} of {node.get_name()} is unknown; {meant}')
 
 
-def parameter_names(parameters: Any, prefix: str = '') -> frozenset[str]:
-    """Return the names under which `declare` declares the fields of a dataclass."""
-    return frozenset(prefix + name for name in described_fields(parameters))
+def _given(node: Node) -> dict[str, Parameter]:
+    """Parameters that a node was given from outside; rclpy has no public name for them."""
+    given: dict[str, Parameter] = node._parameter_overrides
+    return given
 
 
 def _declare_one(node: Node, name: str, default: Any, described: Quantity) -> Any:
     kind = type(default)
     # rclpy takes an empty list for one of bytes; a type alone leaves the parameter unset.
     value = Parameter.Type.STRING_ARRAY if kind is tuple else default
-    given = node._parameter_overrides.get(name)
+    given = _given(node).get(name)
     try:
         declared = node.declare_parameter(name, value, _descriptor(kind, described)).value
     except ParameterException as error:

@@ -39,7 +39,10 @@ def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None 
     The exit code is 0, or 1 after one line where the node could not start or go on.
     """
     stopping = stop_on_signals()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        sys.exit(f'the ROS arguments are wrong: {str(error).splitlines()[0]}')
     node = None
     code = 0
     try:

@@ -33,12 +33,11 @@ from soliton_linkage_nodes.conversions import (
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
 from soliton_linkage_nodes.pacing import PacedLoop
-from soliton_linkage_nodes.parameters import declare
+from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
 _NANOSECONDS = 10**9
-_MOST_STEPS = 100_000
 _SWITCH_INTERVAL = 1e-4
 
 
@@ -48,7 +47,7 @@ class SimulatorParameters:
 
     publish_rate: float = quantity(500.0, 'rate of joint_states', 'Hz', 1.0, 2000.0)
     tolerance: float = quantity(
-        1e-9, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
+        1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
     )
     initial_state: str = quantity(
         'left_leaning', 'uniform state to start from', choices=tuple(_LEANS)
@@ -74,6 +73,7 @@ class Simulator(Node):
         super().__init__('simulator', **kwargs)
         self.settings = declare(self, SimulatorParameters)
         chain = declare(self, Chain, 'chain.')
+        refuse_unknown(self)
         self._named = NamedChain(chain, default_joint_names(chain.number_of_rotors))
         self._rotors = {name: rotor for rotor, name in enumerate(self._named.joint_names)}
         self._lock = threading.Lock()
@@ -123,14 +123,10 @@ class Simulator(Node):
         with self._lock:
             if self._paused:
                 return
-            try:
-                self._publish_and_advance()
-            except ArithmeticError as error:
-                self._paused = True
-                self._failure = str(error)
-                self.get_logger().error(f'paused, {error}; call ~/reset to go on')
+            self._publish_and_advance()
 
     def _publish_and_advance(self) -> None:
+        """Do so for one frame; pause where the state after it cannot be computed."""
         simulation = self._simulation
         stamp = self._epoch + round(self._frame * _NANOSECONDS / self.settings.publish_rate)
         if self._clock_publisher is not None:
@@ -139,14 +135,22 @@ class Simulator(Node):
         self._joint_states.publish(
             self._buffer.write(stamp, simulation.angles, simulation.rates, torques)
         )
+        try:
+            self._obey()
+            simulation.advance()
+        except (ArithmeticError, ValueError) as error:
+            self._paused = True
+            self._failure = f'{error}; call ~/reset to go on'
+            self.get_logger().error(f'paused, {self._failure}')
+        self._frame += 1
+
+    def _obey(self) -> None:
         commands, self._commands = self._commands, []
         for command in commands:
             command()
         if self._torques_expire is not None and self._frame >= self._torques_expire:
-            self._hold(0 * simulation.torques)
+            self._simulation.hold(0 * self._simulation.torques)
             self._torques_expire = None
-        self._simulation.advance()
-        self._frame += 1
 
     def _hold(self, torques: Any) -> None:
         self._simulation.hold(torques)
@@ -169,7 +173,8 @@ class Simulator(Node):
         except ValueError as error:
             self._diagnostics.refuse('rotor_impulses', error)
             return
-        self._command(lambda: self._simulation.kick(impulses))
+        if impulses.any():
+            self._command(lambda: self._simulation.kick(impulses))
 
     def _on_torques(self, message: JointState) -> None:
         try:
@@ -185,25 +190,35 @@ class Simulator(Node):
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         with self._lock:
-            self._paused = bool(request.data)
-        response.success = True
-        response.message = 'paused' if request.data else 'running'
+            complaint = None if request.data else self._failure
+            if complaint is None:
+                self._paused = bool(request.data)
+        response.success = complaint is None
+        response.message = complaint or ('paused' if request.data else 'running')
         return response
 
     def _on_step(self, request: Any, response: Any) -> Any:
         with self._lock:
-            response.success = self._paused and 1 <= request.periods <= _MOST_STEPS
-            if not self._paused:
-                response.message = 'the simulation is running; pause it before stepping'
-            elif not response.success:
-                response.message = (
-                    f'periods = {request.periods} must lie in the range 1 to {_MOST_STEPS}'
-                )
-            for _ in range(request.periods if response.success else 0):
+            complaint = self._failure or self._complaint_about_step(request.periods)
+            for _ in range(0 if complaint else request.periods):
                 self._publish_and_advance()
-            if response.success:
-                response.message = f'reached t = {self._frame / self.settings.publish_rate:g} s'
+                if self._failure is not None:
+                    break
+            response.success = not (complaint or self._failure)
+            reached = f'reached t = {self._frame / self.settings.publish_rate:g} s'
+            response.message = complaint or self._failure or reached
         return response
+
+    def _complaint_about_step(self, periods: int) -> str | None:
+        most = self._joint_states.qos_profile.depth
+        if not self._paused:
+            return 'the simulation is running; pause it before stepping'
+        if not 1 <= periods <= most:
+            return (
+                f'periods = {periods} must lie in the range 1 to {most}, '
+                'the frames that a subscriber can hold'
+            )
+        return None
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         states = {

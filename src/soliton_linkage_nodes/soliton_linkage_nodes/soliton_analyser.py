@@ -16,6 +16,7 @@ from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.chain_source import ChainSource
 from soliton_linkage_nodes.conversions import NamedChain, frame_from_msg, solitons_to_msg
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.parameters import refuse_unknown
 from soliton_linkage_nodes.process import run
 
 _LONGEST_WAIT_FOR_CHAIN = 1000
@@ -40,6 +41,7 @@ class SolitonAnalyser(Node):
         topic = interfaces.SOLITON_STATE
         self._publisher = self.create_publisher(topic.type, topic.name, topic.qos)
         self._source = ChainSource(self, self._diagnostics, self._on_chain)
+        refuse_unknown(self)
         topic = interfaces.JOINT_STATES
         self.create_subscription(
             topic.type, topic.name, self._on_joint_states, topic.qos, raw=True

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walls at rest and the motion of the chain with rigid bars, the truth that tests compare with.
+
+A wall at rest is built bar by bar: each rotor hangs on its neighbour by a bar of length lbar,
+on one of two sides, and away from the wall errors die out. The bars of a moving linkage keep
+their length because its motion follows the zero mode, phi' = t(phi) with |t| = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.rigidity import mode_towards_last, zero_mode
+
+TOLERANCE = 1e-10
+
+
+def wall_between(chain: Chain, rotor: int, turned: bool = False, crossed: bool = False) -> Array:
+    """Angles of a wall at rest half way between a rotor and the next [rad], shape (N,).
+
+    There the chain is its own image: n -> 2 rotor + 1 - n with phi -> phi + pi for flippers,
+    so that h = r^2 sin(theta_bar)^2 / a, and with phi -> -phi for spinners, whose masses have
+    crossed, h = (a + lbar) / 2, or not, h = (a - lbar) / 2. Turned is its image phi -> pi - phi.
+    """
+    spinner = chain.motion is Motion.SPINNER
+    if spinner:
+        h = (chain.spacing + (chain.rest_length if crossed else -chain.rest_length)) / 2
+    else:
+        h = (chain.rotor_length * math.sin(chain.rest_angle)) ** 2 / chain.spacing
+    upright = (rotor % 2 == 1) == turned
+    if spinner and not crossed:
+        upright = not upright
+    angle = math.asin(h / chain.rotor_length)
+    return _built(chain, rotor, angle if upright else math.pi - angle, turned)
+
+
+def _built(chain: Chain, rotor: int, angle: float, turned: bool) -> Array:
+    angles = np.empty(chain.number_of_rotors)
+    angles[rotor] = angle
+    after = 1 if turned else -1
+    before = -after if chain.motion is Motion.SPINNER else after
+    for n in range(rotor, chain.number_of_rotors - 1):
+        angles[n + 1] = _hung(chain, angles[n], -chain.spacing, after * (-1) ** n)
+    for n in range(rotor, 0, -1):
+        angles[n - 1] = _hung(chain, angles[n], chain.spacing, -before * (-1) ** n)
+    return angles
+
+
+def _hung(chain: Chain, angle: float, offset: float, side: int) -> float:
+    """Angle of a rotor on a bar from its neighbour, whose pivot lies at an offset from its own."""
+    r = chain.rotor_length
+    h, v = offset + r * math.sin(angle), r * math.cos(angle)
+    distance = math.hypot(h, v)
+    cosine = (distance**2 + r**2 - chain.rest_length**2) / (2 * distance * r)
+    return math.atan2(h, v) + side * math.acos(min(max(cosine, -1), 1))
+
+
+def rigid_motion(chain: Chain, start: Array, arcs: Array, sense: float = 1.0) -> Array:
+    """Angles after the given arc lengths along the zero mode [rad], shape (len(arcs), N)."""
+    solution = solve_ivp(
+        lambda _, angles: sense * zero_mode(chain, angles),
+        (0, arcs[-1]),
+        start,
+        method='DOP853',
+        t_eval=arcs,
+        rtol=TOLERANCE,
+        atol=TOLERANCE,
+    )
+    return np.ascontiguousarray(solution.y.T)
+
+
+@lru_cache(maxsize=64)
+def closed_orbit(chain: Chain, spacing: float = 0.05) -> Array:
+    """Configurations a spacing [rad] of arc apart along one whole cycle, shape (K, N).
+
+    It starts in the left-leaning state and ends where the same state comes into reach again.
+    """
+    start = chain.uniform_state(-1)
+    orbit = start[None]
+    while len(orbit) * spacing < 1000:
+        piece = rigid_motion(chain, orbit[-1], spacing * np.arange(101))[1:]
+        orbit = np.concatenate([orbit, piece])
+        near = np.linalg.norm(turned_into_range(orbit - start), axis=1) < 0.6 * spacing
+        near[: round(1 / spacing)] = False
+        if near.any():
+            return orbit[: np.flatnonzero(near)[0] + 1]
+    raise AssertionError(f'{chain} did not return within an arc of 1000 rad')
+
+
+def distance(angles: Array, others: Array) -> Array:
+    """Largest difference of two configurations over the rotors, turns of 2 pi apart [rad]."""
+    return np.asarray(np.abs(turned_into_range(angles - others)).max(axis=-1))
+
+
+def turned_into_range(differences: Array) -> Array:
+    """Return angles less the multiple of 2 pi that brings them next to 0 [rad]."""
+    return np.asarray(differences - 2 * np.pi * np.round(differences / (2 * np.pi)))
+
+
+@lru_cache(maxsize=32)
+def site(
+    chain: Chain, rotor: int, turned: bool, crossed: bool, samples: int
+) -> tuple[Array, float]:
+    """Return evenly spaced walls from between a rotor and the next to one further, and the arc.
+
+    Their truth is rotor + 1/2 + k / (samples - 1): the arc length of the motion is the same at
+    each place. The arc is that of a whole spacing, Lambda / r [rad].
+    """
+    start = wall_between(chain, rotor, turned, crossed)
+    end = wall_between(chain, rotor + 1, turned, not crossed)
+    sense = 1.0 if zero_mode(chain, start) @ mode_towards_last(chain, start) > 0 else -1.0
+    arcs = np.linspace(0, 10, 2001)
+    arc = arcs[np.argmin(distance(rigid_motion(chain, start, arcs, sense), end))]
+    for _ in range(4):
+        reached = rigid_motion(chain, start, np.array([arc]), sense)[0]
+        arc += turned_into_range(end - reached) @ zero_mode(chain, end) * sense
+    walls = rigid_motion(chain, start, np.linspace(0, arc, samples), sense)
+    return walls, float(arc)

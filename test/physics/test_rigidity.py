@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the rigidity matrix and its zero mode: one, annihilated, oriented, at the right edge."""
+
+from __future__ import annotations
+
+import decimal
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from chains import (
+    EPS,
+    EXAMPLES,
+    FLIPPER,
+    STRONG_WOBBLER,
+    WIDE_SPINNER,
+    any_chain,
+    any_configuration,
+    chain_of,
+)
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from linkage_motion import closed_orbit, site
+
+from soliton_linkage.bands import couplings, winding_number
+from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.rigidity import (
+    mode_centre,
+    mode_towards_last,
+    rigidity_bands,
+    rigidity_matrix,
+    zero_mode,
+)
+from soliton_linkage.soliton import find_solitons
+
+SMALLEST = float(np.finfo(np.float64).tiny)
+
+
+def leftovers(chain: Chain, angles: Array, mode: Array) -> Array:
+    """|A_n t_n + B_n t_{n+1}| over |A_n t_n| + |B_n t_{n+1}| on each bond; 0 where both vanish."""
+    first, second = rigidity_bands(chain, angles)
+    terms = np.stack([first * mode[:-1], second * mode[1:]])
+    sizes = np.abs(terms).sum(axis=0)
+    seen = sizes > SMALLEST / EPS
+    return np.abs(terms.sum(axis=0))[seen] / sizes[seen]
+
+
+def maximal_minors(chain: Chain, angles: Array) -> Array:
+    """(-1)^n times the determinant of R without its column n, divided by their norm."""
+    matrix = rigidity_matrix(chain, angles).toarray()
+    size = np.abs(matrix).max()
+    minors = [
+        (-1) ** n * np.linalg.det(np.delete(matrix / size, n, axis=1))
+        for n in range(chain.number_of_rotors)
+    ]
+    return np.array(minors) / np.linalg.norm(minors)
+
+
+@given(any_configuration())
+def test_the_rigidity_matrix_is_the_gradient_of_the_springs_lengths(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    size = chain.spacing + 2 * chain.rotor_length
+    shortest = (chain.spring_extensions(angles) + chain.rest_length).min()
+    curvature = size / shortest
+    assume(0 < curvature < 30)
+    step = EPS ** (1 / 3) / curvature
+    shifts = step * np.eye(chain.number_of_rotors)
+    change = chain.spring_extensions(angles + shifts) - chain.spring_extensions(angles - shifts)
+    # As for the torques: third derivatives under 10 size * curvature^2, rounding of e_n.
+    truncation = 10 * size * curvature**2 * step**2
+    rounding = 16 * EPS * size * (chain.rotor_length / chain.rest_length + 1) / step
+    matrix = rigidity_matrix(chain, angles).toarray()
+    assert matrix == pytest.approx(change.T / (2 * step), rel=0, abs=truncation + rounding)
+
+
+@given(any_configuration())
+def test_torques_are_the_transposed_rigidity_matrix_times_the_tensions(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    tensions = chain.stiffness * chain.spring_extensions(angles)
+    expected = -(rigidity_matrix(chain, angles).T @ tensions)
+    limit = 4 * EPS * chain.rotor_length * np.abs(tensions).max()
+    assert chain.spring_torques(angles) == pytest.approx(expected, rel=0, abs=limit)
+
+
+@given(any_configuration(most=40))
+def test_the_zero_mode_is_a_unit_vector_that_changes_no_length(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    mode = zero_mode(chain, angles)
+    assert np.linalg.norm(mode) == pytest.approx(1, rel=4 * EPS)
+    # Each component is a product and a quotient away from the last.
+    assert leftovers(chain, angles, mode).max(initial=0) <= 4 * EPS
+
+
+@given(any_configuration())
+def test_the_zero_mode_is_the_vector_of_maximal_minors(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    matrix = rigidity_matrix(chain, angles).toarray()
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    assume(singular[-1] > 1e-6 * singular[0])
+    # Determinants of up to nine columns are rounded by EPS over the reciprocal condition.
+    limit = 100 * EPS * singular[0] / singular[-1]
+    assert zero_mode(chain, angles) == pytest.approx(maximal_minors(chain, angles), abs=limit)
+
+
+@given(any_configuration())
+def test_the_null_space_of_the_rigidity_matrix_is_the_zero_mode(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    _, singular, right = np.linalg.svd(rigidity_matrix(chain, angles).toarray())
+    assume(singular[-1] > 1e-6 * singular[0])
+    overlap = right[-1] @ zero_mode(chain, angles)
+    limit = 100 * EPS * singular[0] / singular[-1]
+    assert np.linalg.norm(np.sign(overlap) * right[-1] - zero_mode(chain, angles)) <= limit
+
+
+@given(any_chain(most=40), st.sampled_from([-1, 1]))
+def test_a_uniform_state_has_exactly_one_zero_mode_at_the_edge_of_the_winding_number(
+    chain: Chain, lean: int
+) -> None:
+    angles = chain.uniform_state(lean)
+    plus, minus = map(abs, couplings(chain))
+    singular = np.linalg.svd(rigidity_matrix(chain, angles).toarray(), compute_uv=False)
+    # The free chain's spectrum: no length can be kept but by the one mode of N angles that
+    # N - 1 springs leave.
+    assert singular.min() >= abs(plus - minus) - 100 * EPS * (plus + minus)
+    assume(abs(plus - minus) > 1e4 * EPS * (plus + minus))
+    middle = (chain.number_of_rotors - 1) / 2
+    centre = mode_centre(zero_mode(chain, angles))
+    assert (centre < middle) == (winding_number(chain, lean) == 1)
+    assert (centre > middle) == (winding_number(chain, lean) == 0)
+
+
+@pytest.mark.parametrize('rotors', [2, 3, 4, 10_000])
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_the_zero_mode_of_a_uniform_state_decays_by_the_ratio_of_the_couplings(
+    example: tuple[float, float], rotors: int, lean: int
+) -> None:
+    chain = chain_of(example, rotors)
+    plus, minus = map(abs, couplings(chain))
+    mode = zero_mode(chain, chain.uniform_state(lean))
+    from_edge = np.abs(mode if lean < 0 else mode[::-1])
+    places = np.arange(rotors)
+    expected = np.exp(places * np.log(minus / plus))
+    expected /= np.linalg.norm(expected)
+    seen = expected > SMALLEST / EPS
+    # Couplings of the state are rounded by 32 EPS at most, and n of them multiplied.
+    allowed = 64 * EPS * (places + 1) * max(1, plus / (plus - minus))
+    assert (np.abs(from_edge[seen] / expected[seen] - 1) <= allowed[seen]).all()
+    assert leftovers(chain, chain.uniform_state(lean), mode).max() <= 4 * EPS
+
+
+@pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, WIDE_SPINNER])
+def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 10_000)
+    angles = chain.uniform_state(-1) + np.random.default_rng(3).normal(scale=0.2, size=10_000)
+    mode = zero_mode(chain, angles)
+    exact = [Decimal(1)]
+    with decimal.localcontext() as context:
+        context.prec, context.Emin, context.Emax = 30, -(10**8), 10**8
+        for first, second in np.stack(rigidity_bands(chain, angles), axis=1).tolist():
+            exact.append(-exact[-1] * Decimal(first) / Decimal(second))
+        largest = max(exact, key=abs)
+        ratios = np.array([float(component / largest) for component in exact])
+    peak = int(np.argmax(np.abs(ratios)))
+    seen = np.abs(ratios) > SMALLEST / EPS
+    errors = np.abs(mode / mode[peak] / np.where(seen, ratios, 1) - 1)
+    steps = np.abs(np.arange(10_000) - peak) + 1
+    assert seen.sum() > 100
+    assert (errors <= 4 * EPS * steps)[seen].all()
+
+
+def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode() -> None:
+    chain = Chain(6, spacing=0.1, rotor_length=0.1, rest_angle=0.4)
+    angles = np.array([0.3, -0.4, 0.0, -np.pi / 2, 0.5, 0.7])
+    assert rigidity_bands(chain, angles)[0][2] == 0
+    mode = zero_mode(chain, angles)
+    assert np.abs(mode[3:]).max() < 1e-250
+    assert np.abs(mode[:3]).min() > 0.01
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 4 * EPS * chain.rotor_length
+
+    mirrored = zero_mode(chain, -angles[::-1])
+    assert rigidity_bands(chain, -angles[::-1])[1][2] == 0
+    assert np.abs(mirrored) == pytest.approx(np.abs(mode[::-1]), rel=8 * EPS, abs=1e-250)
+
+
+@given(any_configuration())
+def test_the_centre_of_a_mode_is_reflected_with_the_chain(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    last = chain.number_of_rotors - 1
+    centre = mode_centre(zero_mode(chain, angles))
+    mirrored = mode_centre(zero_mode(chain, -angles[::-1]))
+    assume(leftovers(chain, -angles[::-1], zero_mode(chain, angles)[::-1]).max(initial=0) < 1e-12)
+    assert 0 <= centre <= last * (1 + 4 * EPS)
+    assert mirrored == pytest.approx(last - centre, rel=0, abs=1e-9)
+
+
+def test_the_centre_of_a_single_rotor_is_its_number() -> None:
+    assert [mode_centre(row) for row in np.eye(5)] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize('rotors', [2, 3, 10, 11])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage(
+    example: tuple[float, float], rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    orbit = closed_orbit(chain)
+    modes = np.array([zero_mode(chain, angles) for angles in orbit])
+    assert np.sum(modes[1:] * modes[:-1], axis=1).min() > 0.9
+    # Along a curve of unit tangent t the next point lies a sample ahead, so none was flipped.
+    assert np.sum((orbit[1:] - orbit[:-1]) * modes[:-1], axis=1).min() > 0
+    assert np.abs(chain.spring_extensions(orbit)).max() < 1e-7 * chain.rotor_length
+
+
+@pytest.mark.parametrize('rotors', [2, 3, 10, 11])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_wall_turns_back_at_each_edge_once_a_round_trip(
+    example: tuple[float, float], rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    orbit = closed_orbit(chain)
+    senses = [
+        np.sign(mode_towards_last(chain, angles) @ zero_mode(chain, angles)) for angles in orbit
+    ]
+    round_trips = 1 if chain.motion is Motion.SPINNER else 2
+    assert np.count_nonzero(np.diff(senses)) == 2 * round_trips
+
+
+@pytest.mark.parametrize('rotors', [10, 11])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_push_towards_the_last_rotor_moves_the_wall_there(
+    example: tuple[float, float], rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    seen = 0
+    for angles in closed_orbit(chain)[::5]:
+        push = 1e-4 * mode_towards_last(chain, angles)
+        walls = [find_solitons(chain, angles + sign * push) for sign in (-1, 1)]
+        if all(len(found) == 1 for found in walls):
+            assert walls[1][0].rotor > walls[0][0].rotor
+            seen += 1
+    assert seen > 10
+
+
+@pytest.mark.parametrize('rotors', [20, 21])
+@pytest.mark.parametrize('turned', [False, True])
+@pytest.mark.parametrize('crossed', [False, True])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_walls_move_on_by_a_spacing_towards_the_last_rotor_and_keep_every_length(
+    example: tuple[float, float], crossed: bool, turned: bool, rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    walls, arc = site(chain, rotors // 2, turned, crossed, samples=5)
+    assert np.abs(chain.spring_extensions(walls)).max() < 1e-8 * chain.rotor_length
+    modes = np.array([mode_towards_last(chain, angles) for angles in walls[:-1]])
+    chords = np.diff(walls, axis=0)
+    assert np.sum(modes * chords, axis=1).min() > 0
+    assert np.linalg.norm(chords, axis=1).sum() == pytest.approx(arc, rel=0.05)
