@@ -36,5 +36,5 @@ clean:  ## remove what was installed and built; recordings in out/ stay
 	rm -rf .python .venv build install log
 
 scenario:
-	@test -f config/$(SCENARIO).yaml || { \
-	    echo "SCENARIO=$(SCENARIO): no config/$(SCENARIO).yaml; there are: $(scenarios)" >&2; exit 1; }
+	@test -f config/$(SCENARIO).yaml || { echo >&2 \
+	    "SCENARIO=$(SCENARIO): no config/$(SCENARIO).yaml; there are: $(scenarios)"; exit 1; }

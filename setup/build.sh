@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 # Builds the workspace into install/, unless nothing in src/ has changed since it was built.
 set -eo pipefail
-trap 'exit 130' INT
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
+. setup/run.sh
 
 if ! cmp -s "$soliton_home/installed" install/built; then
     rm -rf build install
-elif [ -z "$(find src setup/build.sh ! -name __pycache__ ! -name '*.pyc' -newer install/built)" ]; then
-    exit 0
+else
+    changed=$(find src setup/build.sh -newer install/built ! -name __pycache__ ! -name '*.pyc')
+    [ -n "$changed" ] || exit 0
 fi
 
 # What setup.py once installed it never removes. The compiled messages are kept in build/.
@@ -26,11 +27,13 @@ fi
 
 echo 'Building the workspace: half a minute the first time, a few seconds after a change.'
 unset MAKEFLAGS MAKELEVEL MFLAGS
-if ! colcon --log-level error build --base-paths src --merge-install \
+if ! run colcon --log-level error build --base-paths src --merge-install \
     --event-handlers console_stderr- summary- --cmake-args "${cmake_arguments[@]}"; then
-    tail -n 25 log/latest_build/*/stderr.log >&2
-    printf '\nsetup: the build failed; above is the end of what each package said.\n    %s\n' \
-        'If it names no file in src/, start afresh: make clean, and the same command again.' >&2
+    for result in $(grep -Lx 0 build/*/colcon_build.rc); do
+        tail -n 25 "log/latest_build/$(basename "$(dirname "$result")")/stderr.log" >&2
+    done
+    printf '\nsetup: the build failed; %s\n    %s\n' 'above is the end of what it said.' \
+        'If that names no file in src/, start afresh: make clean, and the same command again.' >&2
     exit 1
 fi
 mv install/building install/built

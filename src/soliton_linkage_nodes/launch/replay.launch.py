@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded chain, played into a fresh analyser until the bag is at its end."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchDescription
 
 PACKAGE = 'soliton_linkage_nodes'
 

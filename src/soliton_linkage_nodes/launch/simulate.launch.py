@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated chain with its actuator and analyser, and a recorder if asked for."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
+
+from launch import LaunchDescription
 
 PACKAGE = 'soliton_linkage_nodes'
 
@@ -30,7 +31,9 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument('namespace', default_value='', description='of all nodes'),
             DeclareLaunchArgument(
-                'record', default_value='', description='bag to record, _0 is added; empty for none'
+                'record',
+                default_value='',
+                description='bag to record, _0 is added; empty for none',
             ),
             *(
                 Node(executable=name, **common)

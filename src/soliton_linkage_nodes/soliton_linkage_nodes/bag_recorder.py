@@ -35,9 +35,7 @@ class BagRecorderParameters:
         '', 'path of the bag, to which _0, _1, ... is added; empty for the date and time'
     )
     storage: str = quantity('mcap', 'storage of the bag', choices=tuple(STORAGES))
-    topics: tuple[str, ...] = quantity(
-        (), 'topics of the suite to record; empty for all of them'
-    )
+    topics: tuple[str, ...] = quantity((), 'topics of the suite to record; empty for all of them')
 
 
 @dataclass(frozen=True)
@@ -151,9 +149,7 @@ class BagRecorder(Node):
     def _report(self) -> Report:
         if self.failure is not None:
             raise OSError(self.failure)
-        heard = [
-            inlet.name for inlet in self._inlets if inlet.subscription.get_publisher_count()
-        ]
+        heard = [inlet.name for inlet in self._inlets if inlet.subscription.get_publisher_count()]
         return Report(
             f'recording, {self.lost} messages lost' if self.lost else 'recording',
             {

@@ -42,7 +42,7 @@ def read_run(bag: Path) -> RecordedRun:
     """Read the bag of an experiment; raises ValueError where it holds none."""
     with open_bag(bag) as reader:
         named, recording = read_recording(reader)
-        received, frames = zip(*read_topic(reader, 'joint_states'))
+        received, frames = zip(*read_topic(reader, 'joint_states'), strict=True)
         nudges = [stamp for stamp, _ in read_topic(reader, 'nudge')]
         states = [message for _, message in read_topic(reader, 'soliton_state')]
         custom = reader.storage.metadata.custom or {}
@@ -79,7 +79,7 @@ def largest_difference(
     for stamp in live.keys() & replayed.keys():
         if len(live[stamp]) != len(replayed[stamp]):
             return math.inf
-        distances = (abs(a - b) for a, b in zip(live[stamp], replayed[stamp]))
+        distances = (abs(a - b) for a, b in zip(live[stamp], replayed[stamp], strict=True))
         largest = max([largest, *distances])
     return largest
 
@@ -105,9 +105,7 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
     }
 
 
-def _track(
-    named: NamedChain, states: list[SolitonState], first: int, nudged: float
-) -> Track:
+def _track(named: NamedChain, states: list[SolitonState], first: int, nudged: float) -> Track:
     points = [track_point(named.chain, solitons_from_msg(state)) for state in states]
     stamps = [time_from_msg(state.header.stamp) - first for state in states]
     columns = np.array(points, dtype=np.float64).reshape(-1, 2)

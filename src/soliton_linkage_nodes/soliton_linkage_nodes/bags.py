@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from ament_index_python.packages import get_package_share_directory
@@ -44,7 +44,7 @@ from soliton_linkage_nodes.conversions import (
 
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 
-_METADATA_VERSION = 9
+_METADATA_VERSION: Final = 9
 _MESSAGES_PACKAGE = 'soliton_linkage_msgs'
 _UNLIMITED = QosTime(sec=2147483647, nsec=4294967295)
 

@@ -48,7 +48,7 @@ class ChildProcesses:
                 raise RuntimeError(self._obituary(node, process.returncode))
 
     def wait(self, node: str, seconds: float) -> bool:
-        """Wait for a process to end by itself; False where it has not, RuntimeError if it failed."""
+        """Wait for a process to end; False where it has not, RuntimeError where it failed."""
         try:
             code = self._running[node].wait(seconds)
         except subprocess.TimeoutExpired:
@@ -60,16 +60,10 @@ class ChildProcesses:
 
     def stop(self) -> dict[str, int]:
         """Interrupt all processes, kill what is left after 1.5 s, and return their exit codes."""
-        codes = {}
         for process in self._running.values():
             process.send_signal(signal.SIGINT)
         deadline = time.monotonic() + _TIME_TO_STOP
-        for node, process in self._running.items():
-            try:
-                codes[node] = process.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                codes[node] = process.wait()
+        codes = {node: _end(process, deadline) for node, process in self._running.items()}
         self._running.clear()
         return codes
 
@@ -80,6 +74,15 @@ class ChildProcesses:
         said = self._log(node).read_text(encoding='utf-8', errors='replace').splitlines()
         tail = '\n  '.join(said[-_LOG_TAIL:])
         return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
+
+
+def _end(process: subprocess.Popen[bytes], deadline: float) -> int:
+    """Give a process until a deadline to end, then kill it, and return its exit code."""
+    try:
+        return process.wait(max(0.0, deadline - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
 
 
 def _die_with_parent() -> None:

@@ -141,9 +141,7 @@ def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: fl
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 
-def solitons_to_msg(
-    chain: Chain, solitons: Sequence[Soliton], header: Header
-) -> msg.SolitonState:
+def solitons_to_msg(chain: Chain, solitons: Sequence[Soliton], header: Header) -> msg.SolitonState:
     """Solitons found in the frame with the given header, as a message."""
     return msg.SolitonState(
         header=header,
@@ -198,7 +196,7 @@ def _by_rotor(
             known = f'{next(iter(rotors))!r} to {list(rotors)[-1]!r}'
             raise ValueError(f'{source} names joint {name!r}, which is none of {known}')
     _check_array(source, names, array)
-    for name, value in zip(names, array):
+    for name, value in zip(names, array, strict=True):
         if abs(value) > largest:
             raise ValueError(
                 f'{source} of {name} = {value:g} must lie in the range {-largest:g} to '
@@ -215,6 +213,6 @@ def _check_array(source: str, names: Sequence[str], values: Array) -> None:
             f'{source} has {len(values)} values for {len(names)} names; give one a name'
         )
     if not math.isfinite(float(values.sum())):
-        for name, value in zip(names, values):
+        for name, value in zip(names, values, strict=True):
             if not math.isfinite(value):
                 raise ValueError(f'{source} of {name} = {value} must be a finite number')

@@ -36,7 +36,9 @@ class Diagnostics:
         self._report = report
         self._refused_before = 0
         self._last_refusal = ''
-        self._publisher = node.create_publisher(DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos)
+        self._publisher = node.create_publisher(
+            DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
+        )
         self._timer = node.create_timer(
             _PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )

@@ -322,7 +322,10 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='experiment', description=__doc__)
     parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
     parser.add_argument(
-        '--output', type=Path, default=Path('out/demo'), help='folder for the results (%(default)s)'
+        '--output',
+        type=Path,
+        default=Path('out/demo'),
+        help='folder for the results (%(default)s)',
     )
     arguments = parser.parse_args()
     if not arguments.configuration.is_file():

@@ -287,5 +287,3 @@ def main() -> None:
     gc.collect()
     gc.freeze()
     run(Simulator)
-
-
