@@ -64,6 +64,24 @@ def test_a_periodic_chain_has_the_spectrum_of_the_dispersion(chain: Chain, lean:
     )
 
 
+@given(any_chain(fewest=4), LEANS, st.floats(-4, 4), st.sampled_from([-1, 1]))
+def test_waves_of_staggered_angles_are_on_one_branch_and_of_angles_on_the_other(
+    chain: Chain, lean: int, phase: float, branch: int
+) -> None:
+    rotors = np.arange(chain.number_of_rotors)
+    wave = np.exp(1j * phase * rotors)
+    if branch == 1:
+        wave *= (-1.0) ** rotors
+    # Springs within an endless wave all stretch alike but for their phase, as does a force on
+    # the rotors: |R wave| is r omega in the units of the springs.
+    stretch = np.abs(rigidity_matrix(chain, chain.uniform_state(lean)) @ wave)
+    omega = dispersion(chain, phase / chain.spacing, branch)
+    limit = 100 * EPS * scale(chain) * (1 + chain.rotor_length / chain.rest_length)
+    assert stretch / (chain.rotor_length * chain.time_unit) == pytest.approx(
+        float(omega), rel=0, abs=limit
+    )
+
+
 @given(any_chain(), st.floats(-100, 100))
 def test_the_branches_are_half_a_zone_apart(chain: Chain, cells: float) -> None:
     wave_number = cells / chain.spacing

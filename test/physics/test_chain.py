@@ -279,6 +279,22 @@ def test_rotors_wobble_where_they_reach_beyond_half_the_spacing(chain: Chain) ->
     assert (chain.motion is Motion.WOBBLING_FLIPPER) == (2 * reach / chain.spacing > 1)
 
 
+@pytest.mark.parametrize('rest_angle', [0.1, 0.77, 1.5])
+@pytest.mark.parametrize(
+    ('beyond', 'within', 'motions'),
+    [
+        (1, 0, (Motion.FLIPPER, Motion.WOBBLING_FLIPPER)),
+        (0, 1, (Motion.WOBBLING_FLIPPER, Motion.SPINNER)),
+    ],
+)
+def test_motion_changes_where_d_passes_1_and_d_c(
+    beyond: int, within: int, motions: tuple[Motion, Motion], rest_angle: float
+) -> None:
+    threshold = beyond + within * 2 / math.sin(rest_angle)
+    ratios = [threshold / (2 * math.sin(rest_angle)) * factor for factor in (1 - 1e-9, 1 + 1e-9)]
+    assert tuple(chain_of((ratio, rest_angle), 2).motion for ratio in ratios) == motions
+
+
 def test_each_example_moves_as_it_is_said_to() -> None:
     assert chain_of(FLIPPER, 2).motion is Motion.FLIPPER
     assert chain_of(WOBBLER, 2).motion is Motion.WOBBLING_FLIPPER

@@ -195,6 +195,17 @@ def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode() -> None
     assert np.abs(mirrored) == pytest.approx(np.abs(mode[::-1]), rel=8 * EPS, abs=1e-250)
 
 
+def test_a_zero_mode_that_ends_on_both_sides_lives_between() -> None:
+    chain = Chain(7, spacing=0.1, rotor_length=0.1, rest_angle=0.4)
+    angles = np.array([0.3, np.pi / 2, 0.0, 0.4, 0.0, -np.pi / 2, 0.5])
+    first, second = rigidity_bands(chain, angles)
+    assert second[1] == first[4] == 0
+    mode = zero_mode(chain, angles)
+    assert np.abs(mode[[0, 1, 5, 6]]).max() < 1e-250
+    assert np.abs(mode[2:5]).min() > 0.01
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 4 * EPS * chain.rotor_length
+
+
 @given(any_configuration())
 def test_the_centre_of_a_mode_is_reflected_with_the_chain(
     configuration: tuple[Chain, Array],

@@ -17,7 +17,13 @@ from rosbags.rosbag2 import Reader
 
 from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bags import find_topic, latched, message_class, open_bag
+from soliton_linkage_nodes.bags import (
+    find_topic,
+    latched,
+    message_class,
+    open_bag,
+    read_messages,
+)
 from soliton_linkage_nodes.conversions import time_to_msg
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.matching import wait_for_subscriber
@@ -59,7 +65,7 @@ class BagPlayer(Node):
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._path = Path(self.settings.bag)
         self.finished = False
-        self.failure: str | None = None
+        self.failure: Exception | None = None
         self._played = 0
         with open_bag(self._path) as reader:
             connections = _chosen(reader, self.settings.topics)
@@ -89,23 +95,23 @@ class BagPlayer(Node):
             with open_bag(self._path) as reader:
                 self._play(reader)
             self._wait_for_delivery()
-        except (ValueError, OSError) as error:
-            self.failure = str(error)
+        except Exception as error:
+            self.failure = error
         self.finished = True
 
     def _play(self, reader: Reader) -> None:
         connections = _chosen(reader, self.settings.topics)
         first_latched = {}
         for connection in filter(latched, connections):
-            for _, stamp, serialized in reader.messages([connection]):
+            for _, stamp, serialized in read_messages(reader, [connection]):
                 first_latched[connection.topic] = stamp
-                self._publish(connection, bytes(serialized))
+                self._publish(connection, serialized)
                 break
         self._wait_for_subscriber(find_topic(reader, 'joint_states').topic)
         progress = ProgressLine(f'playing {self._path}', self._total)
         start, first = None, 0
-        for connection, stamp, serialized in reader.messages(connections):
-            if first_latched.get(connection.topic) == stamp:
+        for connection, stamp, serialized in read_messages(reader, connections):
+            if first_latched.pop(connection.topic, None) is not None:
                 continue
             if start is None:
                 start, first = time.monotonic(), stamp
@@ -114,7 +120,7 @@ class BagPlayer(Node):
                 break
             if self._clock_publisher is not None:
                 self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
-            self._publish(connection, bytes(serialized))
+            self._publish(connection, serialized)
             progress.show(self._played)
         progress.end(f'played {self._played} of {self._total} messages of {self._path}')
 
@@ -157,12 +163,12 @@ def _chosen(reader: Reader, names: tuple[str, ...]) -> list[Connection]:
     find_topic(reader, 'joint_states')
     if not names:
         return list(reader.connections)
-    return [find_topic(reader, name) for name in names]
+    return list({c.topic: c for c in (find_topic(reader, name) for name in names)}.values())
 
 
 def _finished(player: BagPlayer) -> bool:
     if player.failure is not None:
-        raise ValueError(player.failure)
+        raise player.failure
     return player.finished
 
 

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import json
-import queue
 import threading
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.node import Node
@@ -23,6 +24,8 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 from soliton_linkage_nodes.sequence_gaps import SequenceGaps
+
+Result = TypeVar('Result')
 
 _POLL_INTERVAL = 0.005
 
@@ -55,7 +58,9 @@ class Inlet:
         with handle:
             while (message := handle.take_message(self.subscription.msg_type, True)) is not None:
                 serialized, info = message
-                self.gaps.take(info['publication_sequence_number'], publishers)
+                number = info['publication_sequence_number']
+                if number is not None:
+                    self.gaps.take(number, publishers)
                 taken.append((info['received_timestamp'], self.connection, serialized))
         return taken
 
@@ -66,9 +71,9 @@ class BagRecorder(Node):
     Subscribes to the topics recorded. Publishes `/diagnostics`.
     Parameters: those of `BagRecorderParameters`.
 
-    One thread takes the messages, another writes them. The subscriptions belong to a hidden
-    node that no executor spins: executors give a callback either the raw message or its
-    sequence number, and cost ten times as much as taking a few messages at a time.
+    One thread takes the messages, another does all that touches the bag. The subscriptions
+    belong to a hidden node that no executor spins: executors give a callback either the raw
+    message or its sequence number, and cost ten times as much as taking a few messages at a time.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -78,7 +83,9 @@ class BagRecorder(Node):
         refuse_unknown(self)
         topics = _chosen_topics(settings.topics)
         now = time.strftime('%Y_%m_%d-%H_%M_%S')
-        self._writer = BagWriter(Path(settings.output or f'recording_{now}'), settings.storage)
+        name = Path(settings.output or f'recording_{now}')
+        self._bag_thread = ThreadPoolExecutor(1)
+        self._writer = self._at_the_bag(BagWriter, name, settings.storage)
         self._inbox = rclpy.create_node(
             '_bag_recorder_inbox',
             namespace=self.get_namespace(),
@@ -87,13 +94,10 @@ class BagRecorder(Node):
             start_parameter_services=False,
         )
         self._inlets = [self._open_inlet(topic) for topic in topics]
-        self.failure: str | None = None
-        self._batches: queue.SimpleQueue[list[tuple[int, Connection, bytes]] | None]
-        self._batches = queue.SimpleQueue()
+        self.failure: Exception | None = None
         self._stopping = threading.Event()
-        self._threads = [threading.Thread(target=work) for work in (self._take, self._write)]
-        for thread in self._threads:
-            thread.start()
+        self._taking = threading.Thread(target=self._take)
+        self._taking.start()
         self._diagnostics = Diagnostics(self, 'recording', self._report)
         self.get_logger().info(f'recording to {self._writer.path}')
 
@@ -103,52 +107,58 @@ class BagRecorder(Node):
         return sum(inlet.gaps.lost for inlet in self._inlets)
 
     def destroy_node(self) -> None:
-        """Take what has come, write it and finish the bag."""
+        """Take what has come, write it and finish the bag; raises OSError where it cannot."""
         self._stopping.set()
-        for thread in self._threads:
-            thread.join()
+        self._taking.join()
         lost = {inlet.name: inlet.gaps.lost for inlet in self._inlets}
         try:
-            self._writer.close({'lost_messages': json.dumps(lost)})
+            self._at_the_bag(self._writer.close, {'lost_messages': json.dumps(lost)})
             self.get_logger().info(
                 f'closed {self._writer.path}: {self._writer.messages} messages, {self.lost} lost'
             )
-        except OSError as error:
-            self.get_logger().fatal(f'bag {str(self._writer.path)!r} was not closed: {error}')
-        self._inbox.destroy_node()
-        super().destroy_node()
+        finally:
+            self._bag_thread.shutdown()
+            self._inbox.destroy_node()
+            super().destroy_node()
+
+    def _at_the_bag(self, act: Callable[..., Result], *arguments: Any) -> Result:
+        return self._bag_thread.submit(act, *arguments).result()
 
     def _open_inlet(self, topic: interfaces.Topic) -> Inlet:
         subscription = self._inbox.create_subscription(
             topic.type, topic.name, lambda message: None, topic.qos, raw=True
         )
         name = subscription.topic_name
-        connection = self._writer.add_topic(name, type_name(topic.type), topic.qos)
+        connection = self._at_the_bag(
+            self._writer.add_topic, name, type_name(topic.type), topic.qos
+        )
         return Inlet(name, subscription, connection, SequenceGaps())
 
     def _take(self) -> None:
         """Take messages from the middleware until told to stop, and then what is left."""
         last_round = False
-        while not last_round:
-            last_round = self._stopping.wait(_POLL_INTERVAL)
-            batch = [message for inlet in self._inlets for message in inlet.drain()]
-            if batch:
-                self._batches.put(sorted(batch, key=lambda message: message[0]))
-        self._batches.put(None)
+        try:
+            while not last_round:
+                last_round = self._stopping.wait(_POLL_INTERVAL)
+                batch = [message for inlet in self._inlets for message in inlet.drain()]
+                if batch:
+                    batch.sort(key=lambda message: message[0])
+                    self._bag_thread.submit(self._write, batch)
+        except Exception as error:
+            self.failure = error
 
-    def _write(self) -> None:
-        while (batch := self._batches.get()) is not None:
-            if self.failure is not None:
-                continue
-            try:
-                for stamp, connection, serialized in batch:
-                    self._writer.write(connection, stamp, serialized)
-            except OSError as error:
-                self.failure = f'bag {str(self._writer.path)!r} cannot be written: {error}'
+    def _write(self, batch: list[tuple[int, Connection, bytes]]) -> None:
+        if self.failure is not None:
+            return
+        try:
+            for stamp, connection, serialized in batch:
+                self._writer.write(connection, stamp, serialized)
+        except Exception as error:
+            self.failure = error
 
     def _report(self) -> Report:
         if self.failure is not None:
-            raise OSError(self.failure)
+            raise self.failure
         heard = [inlet.name for inlet in self._inlets if inlet.subscription.get_publisher_count()]
         return Report(
             f'recording, {self.lost} messages lost' if self.lost else 'recording',

@@ -55,7 +55,12 @@ def read_run(bag: Path) -> RecordedRun:
         recording=_since(recording, nudged),
         track=track,
         crossings=find_crossings(named.chain, track),
-        states={time_from_msg(state.header.stamp): places(state) for state in states},
+        states={
+            stamp: places(state)
+            for state in states
+            # The analyser may have been heard a moment before the simulator was.
+            if (stamp := time_from_msg(state.header.stamp)) >= first
+        },
         messages=messages,
         lost=sum(json.loads(custom.get('lost_messages', '{}')).values()),
         publish_rate=(len(received) - 1) / ((received[-1] - received[0]) * 1e-9),

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import importlib
+import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -30,7 +31,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -50,20 +51,21 @@ _UNLIMITED = QosTime(sec=2147483647, nsec=4294967295)
 
 
 class BagWriter:
-    """A bag that is being written, in a directory named `<name>_<first free number>`."""
+    """A bag that is being written, in a directory named `<name>_<first free number>`.
+
+    It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
+    bag cannot be written.
+    """
 
     def __init__(self, name: Path, storage: str) -> None:
-        """Create the directory; raises ValueError where it cannot be made or written."""
-        self.path = _first_free(name)
-        self._writer = Writer(
-            self.path, version=_METADATA_VERSION, storage_plugin=STORAGES[storage]
-        )
-        try:
+        """Create the directory."""
+        self.path = name
+        with self._complaining():
+            self.path = _first_free(name)
+            self._writer = Writer(
+                self.path, version=_METADATA_VERSION, storage_plugin=STORAGES[storage]
+            )
             self._writer.open()
-        except (OSError, WriterError) as error:
-            raise ValueError(
-                f'bag {str(self.path)!r} cannot be written: {error}; choose another output'
-            ) from error
 
     def add_topic(self, topic: str, type_name: str, qos: QoSProfile) -> Connection:
         """Begin to store a topic, with the quality of service to replay it with."""
@@ -73,7 +75,8 @@ class BagWriter:
 
     def write(self, connection: Connection, stamp: int, serialized: bytes) -> None:
         """Store a serialized message that was received at a time since the epoch [ns]."""
-        self._writer.write(connection, stamp, serialized)
+        with self._complaining():
+            self._writer.write(connection, stamp, serialized)
 
     @property
     def messages(self) -> int:
@@ -87,7 +90,17 @@ class BagWriter:
             self._writer.min_timestamp = self._writer.max_timestamp = time.time_ns()
         for key, value in custom_data.items():
             self._writer.set_custom_data(key, value)
-        self._writer.close()
+        with self._complaining():
+            self._writer.close()
+
+    @contextmanager
+    def _complaining(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, sqlite3.Error, WriterError) as error:
+            raise OSError(
+                f'bag {str(self.path)!r} cannot be written: {error}; choose another output'
+            ) from error
 
 
 @contextmanager
@@ -98,23 +111,37 @@ def open_bag(path: Path) -> Iterator[Reader]:
     try:
         reader = Reader(path)
         reader.open()
-    except (OSError, ReaderError) as error:
+    except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
-            f'bag {str(path)!r} cannot be read: {error} '
+            f'bag {str(path)!r} cannot be read: {_one_line(error)} '
             'Give a directory with metadata.yaml and an .mcap or .db3 file'
         ) from error
     try:
         yield reader
-    except ReaderError as error:
-        raise ValueError(f'bag {str(path)!r} is damaged: {error}') from error
     finally:
         reader.close()
 
 
+def read_messages(
+    reader: Reader, connections: Collection[Connection]
+) -> Iterator[tuple[Connection, int, bytes]]:
+    """Yield the serialized messages of some topics with the time of their receipt [ns]."""
+    try:
+        for connection, stamp, serialized in reader.messages(connections):
+            yield connection, stamp, bytes(serialized)
+    except Exception as error:
+        raise ValueError(f'bag {str(reader.path)!r} is damaged: {_one_line(error)}') from error
+
+
 def find_topic(reader: Reader, name: str) -> Connection:
-    """Return the one topic of a bag with a name, in any namespace; ValueError otherwise."""
+    """Return the topic of a bag with a full name, or the one that ends in it, in any namespace.
+
+    Raises ValueError where there is none, or more than one.
+    """
     wanted = name.rpartition('/')[2]
-    found = [c for c in reader.connections if c.topic.rpartition('/')[2] == wanted]
+    found = [c for c in reader.connections if c.topic == name] or [
+        c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
+    ]
     if not found:
         held = ', '.join(sorted(c.topic for c in reader.connections)) or 'nothing'
         raise ValueError(
@@ -125,7 +152,7 @@ def find_topic(reader: Reader, name: str) -> Connection:
         names = ', '.join(sorted(c.topic for c in found))
         raise ValueError(
             f'bag {str(reader.path)!r} has {len(found)} topics {wanted!r}: {names}; '
-            'split it by namespace first'
+            'give the full name of one'
         )
     return found[0]
 
@@ -134,8 +161,8 @@ def read_topic(reader: Reader, name: str) -> Iterator[tuple[int, Any]]:
     """Yield the messages of a topic with the time at which they were received [ns]."""
     connection = find_topic(reader, name)
     message_type = message_class(connection.msgtype)
-    for _, stamp, serialized in reader.messages([connection]):
-        yield stamp, deserialize_message(bytes(serialized), message_type)
+    for _, stamp, serialized in read_messages(reader, [connection]):
+        yield stamp, deserialize_message(serialized, message_type)
 
 
 def read_chain(reader: Reader) -> NamedChain:
@@ -184,9 +211,13 @@ def latched(connection: Connection) -> bool:
 
 def _first_free(name: Path) -> Path:
     number = 0
-    while (path := name.with_name(f'{name.name}_{number}')).exists():
+    while (path := name.parent / f'{name.name}_{number}').exists():
         number += 1
     return path
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split()) or type(error).__name__
 
 
 @lru_cache(maxsize=1)

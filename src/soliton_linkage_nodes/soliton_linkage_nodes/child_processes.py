@@ -7,6 +7,7 @@ import ctypes
 import signal
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -58,14 +59,13 @@ class ChildProcesses:
             raise RuntimeError(self._obituary(node, code))
         return True
 
-    def stop(self) -> dict[str, int]:
-        """Interrupt all processes, kill what is left after 1.5 s, and return their exit codes."""
-        for process in self._running.values():
+    def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
+        """Interrupt some processes, or all, kill what is left after 1.5 s, return exit codes."""
+        chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
+        for process in chosen.values():
             process.send_signal(signal.SIGINT)
         deadline = time.monotonic() + _TIME_TO_STOP
-        codes = {node: _end(process, deadline) for node, process in self._running.items()}
-        self._running.clear()
-        return codes
+        return {node: _end(process, deadline) for node, process in chosen.items()}
 
     def _log(self, node: str) -> Path:
         return self._log_folder / f'{node}.log'

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
@@ -212,7 +211,7 @@ def _check_array(source: str, names: Sequence[str], values: Array) -> None:
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one a name'
         )
-    if not math.isfinite(float(values.sum())):
-        for name, value in zip(names, values, strict=True):
-            if not math.isfinite(value):
-                raise ValueError(f'{source} of {name} = {value} must be a finite number')
+    finite = np.isfinite(values)
+    if not finite.all():
+        worst = int(np.argmin(finite))
+        raise ValueError(f'{source} of {names[worst]} = {values[worst]} must be a finite number')

@@ -157,7 +157,7 @@ class EdgeActuator(Node):
         side = edge.resolved(named.chain, angles)
         edge_mode(named.chain, angles, side)
         torque = pressure * self.settings.torque_per_pressure
-        end = stamp + duration * _NANOSECONDS if duration else math.inf
+        end = stamp + round(duration * _NANOSECONDS) if duration else math.inf
         self._pressure = Pressure(side, torque, end)
         self._carried_out += 1
         self._press(self._pressure)
@@ -205,7 +205,11 @@ class EdgeActuator(Node):
             if self._pressure is not None
             else 'ready'
         )
-        values = {'commands carried out': self._carried_out, 'age of joint_states [s]': age}
+        values = {
+            'commands carried out': self._carried_out,
+            'age of joint_states [s]': age,
+            'subscribers': self._impulses.get_subscription_count(),
+        }
         return Report(message, values, warning=message not in ('ready', 'holding a pressure'))
 
 

@@ -21,7 +21,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 
 from soliton_linkage.quantities import quantity
@@ -38,6 +37,7 @@ from soliton_linkage_nodes.bag_report import (
 from soliton_linkage_nodes.child_processes import ChildProcesses
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.process import initialise
 from soliton_linkage_nodes.progress import ProgressLine
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
@@ -131,7 +131,7 @@ class Experiment:
         self._executor.add_node(observer)
         self._processes = ChildProcesses(output / 'log')
         # A recording that is there already is the last run of this experiment.
-        if (self.bag / 'metadata.yaml').exists() or self.bag.exists():
+        if self.bag.exists():
             shutil.rmtree(self.bag)
 
     def run(self) -> dict[str, Any]:
@@ -143,17 +143,18 @@ class Experiment:
             pacing = self._finish()
             replayed = self._replay()
         finally:
-            # Ctrl-C again, while the bag is being closed, must not leave it open.
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            # A second signal, while the bag is being closed, must not leave it open.
+            _obey_signals(signal.SIG_IGN)
             self._processes.stop()
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            _obey_signals(signal.default_int_handler)
         run = read_run(self.bag)
         return self._report(run, replayed, pacing)
 
     def _start_nodes(self) -> None:
         _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
+        name = self.bag.with_name(self._settings.scenario)
         for node in _NODES:
-            self._start(node, ['-p', f'output:={self.bag.parent / self.bag.name[:-2]}'])
+            self._start(node, ['-p', f'output:={name}'] if node == 'bag_recorder' else [])
         self._wait_until(self._ready, _LONGEST_START, self._unready)
 
     def _start(self, node: str, arguments: list[str]) -> None:
@@ -166,6 +167,7 @@ class Experiment:
             all(self._observer.well(node) for node in _NODES)
             and heard >= _RECORDED_TOPICS
             and self._observer.nudge_publisher.get_subscription_count() == 2
+            and self._observer.figures('edge_actuator').get('subscribers') == '2'
             and bool(self._observer.states)
         )
 
@@ -191,6 +193,9 @@ class Experiment:
 
         def back() -> bool:
             nonlocal away
+            refusal = self._observer.figures('edge_actuator').get('last refusal')
+            if refusal:
+                raise RuntimeError(f'edge_actuator refused {refusal}')
             rotor = self._observer.rotor
             away = away or rotor >= last - _NEAR_EDGE
             if math.isfinite(rotor):
@@ -203,11 +208,16 @@ class Experiment:
             back,
             limit,
             lambda: (
-                f'no soliton crossed the chain and came back within {limit:g} s; it was last seen '
-                f'at rotor {self._observer.rotor:.1f}. Nudge harder or raise time_limit'
+                f'no soliton crossed the chain and came back within {limit:g} s after a nudge of '
+                f'{self._settings.nudge:g} rad/s, {self._whereabouts()}; '
+                'nudge harder or raise time_limit'
             ),
         )
         line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
+
+    def _whereabouts(self) -> str:
+        rotor = self._observer.rotor
+        return 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
 
     def _finish(self) -> dict[str, str]:
         """Hear the last figures of the simulator, then stop the nodes."""
@@ -218,7 +228,9 @@ class Experiment:
             lambda: 'the simulator stopped reporting',
         )
         pacing = self._observer.figures('simulator')
-        wrong = {node: code for node, code in self._processes.stop().items() if code}
+        # The simulator first: no frame is to be analysed that is not recorded.
+        codes = self._processes.stop(['simulator']) | self._processes.stop()
+        wrong = {node: code for node, code in codes.items() if code}
         if wrong:
             raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
         return pacing
@@ -292,30 +304,36 @@ class Experiment:
 def main() -> None:
     """Run the experiment of a configuration file."""
     arguments = _arguments()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _obey_signals(signal.default_int_handler)
+    # An OSError must not get to domain_id(): it would take it for a domain that is in use.
+    with domain_coordinator.domain_id() as domain:
+        _isolate(domain)
+        code = _run(arguments.configuration, arguments.output)
+    sys.exit(code)
+
+
+def _run(configuration: Path, output: Path) -> int:
     bag = None
     try:
-        with domain_coordinator.domain_id() as domain:
-            _isolate(domain)
-            rclpy.init(
-                args=['--ros-args', '--params-file', str(arguments.configuration)],
-                signal_handler_options=SignalHandlerOptions.NO,
-            )
-            arguments.output.mkdir(parents=True, exist_ok=True)
-            experiment = Experiment(arguments.configuration, arguments.output, Observer())
-            bag = experiment.bag
-            summary = experiment.run()
-        _conclude(summary, arguments.output, bag)
-        code = 0
+        initialise(['--ros-args', '--params-file', str(configuration)])
+        output.mkdir(parents=True, exist_ok=True)
+        experiment = Experiment(configuration, output, Observer())
+        bag = experiment.bag
+        _conclude(experiment.run(), output, bag)
     except KeyboardInterrupt:
         _say('Stopped.' + (f' The recording so far is in {bag}.' if bag and bag.exists() else ''))
-        code = _INTERRUPTED
+        return _INTERRUPTED
     except (RuntimeError, ValueError, OSError) as error:
         print(f'\nThe experiment failed: {error}', file=sys.stderr)
-        code = 1
+        return 1
     finally:
         rclpy.try_shutdown()
-    sys.exit(code)
+    return 0
+
+
+def _obey_signals(handler: Any) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
 
 
 def _arguments() -> argparse.Namespace:
@@ -329,9 +347,10 @@ def _arguments() -> argparse.Namespace:
     )
     arguments = parser.parse_args()
     if not arguments.configuration.is_file():
-        parser.error(
+        parser.exit(
+            2,
             f'configuration {str(arguments.configuration)!r} is not a file; '
-            'give a parameter file such as config/flipper.yaml'
+            'give a parameter file such as config/flipper.yaml\n',
         )
     return arguments
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -12,6 +13,7 @@ from rcl_interfaces.msg import (
     IntegerRange,
     ParameterDescriptor,
     ParameterType,
+    SetParametersResult,
 )
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
@@ -49,6 +51,13 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     for field in dataclasses.fields(parameters):  # type: ignore[arg-type]
         described = field.metadata['quantity']
         values[field.name] = _declare_one(node, prefix + field.name, field.default, described)
+    adjustable = {
+        prefix + name: described
+        for name, described in described_fields(parameters).items()
+        if described.adjustable
+    }
+    if adjustable:
+        node.add_on_set_parameters_callback(lambda changes: _judge(adjustable, changes))
     return parameters(**values)
 
 
@@ -69,6 +78,18 @@ def _given(node: Node) -> dict[str, Parameter]:
     """Parameters that a node was given from outside; rclpy has no public name for them."""
     given: dict[str, Parameter] = node._parameter_overrides
     return given
+
+
+def _judge(
+    adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
+) -> SetParametersResult:
+    """Refuse a change at run time that rclpy, which knows no choices, would let pass."""
+    for change in changes:
+        complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
+        if complaint:
+            reason = f'parameter {change.name} = {change.value!r} {complaint}'
+            return SetParametersResult(successful=False, reason=reason)
+    return SetParametersResult(successful=True)
 
 
 def _declare_one(node: Node, name: str, default: Any, described: Quantity) -> Any:
@@ -112,6 +133,6 @@ def _complaint(
     node: Node, name: str, kind: type, given: Parameter | None, described: Quantity
 ) -> str:
     value = None if given is None else given.value
-    right_type = isinstance(value, list) if kind is tuple else type(value) is kind
-    complaint = described.complaint(value) if right_type else f'must be {_EXAMPLES[kind]}'
+    complaint = described.complaint(value) if type(value) is kind else None
+    complaint = complaint or f'must be {_EXAMPLES[kind]}'
     return f'parameter {name} of {node.get_name()} = {value!r} {complaint}'

@@ -33,30 +33,35 @@ def stop_on_signals() -> threading.Event:
     return stopping
 
 
+def initialise(arguments: list[str] | None = None) -> None:
+    """Initialise ROS from the command line, or from arguments; ValueError where they are wrong."""
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise ValueError(f'wrong ROS arguments: {str(error).splitlines()[0]}') from error
+
+
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
     """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
 
     The exit code is 0, or 1 after one line where the node could not start or go on.
     """
     stopping = stop_on_signals()
-    try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        sys.exit(f'the ROS arguments are wrong: {str(error).splitlines()[0]}')
-    node = None
     code = 0
     try:
+        initialise()
         node = create_node()
-        # In Jazzy its spin() hangs; spin_once() does not, at half the cost of other executors.
-        executor = EventsExecutor()
-        executor.add_node(node)
-        while not (stopping.is_set() or (finished and finished(node))):
-            executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        try:
+            # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
+            executor = EventsExecutor()
+            executor.add_node(node)
+            while not (stopping.is_set() or (finished and finished(node))):
+                executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        finally:
+            node.destroy_node()
     except (ValueError, OSError) as error:
-        get_logger(node.get_name() if node else 'soliton_linkage').fatal(str(error))
+        get_logger('soliton_linkage').fatal(str(error))
         code = 1
     finally:
-        if node is not None:
-            node.destroy_node()
         rclpy.try_shutdown()
     sys.exit(code)

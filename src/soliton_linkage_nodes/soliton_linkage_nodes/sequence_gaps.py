@@ -9,7 +9,8 @@ class SequenceGaps:
 
     Each publisher numbers its messages 1, 2, 3, ...; a taken message does not say whose it is.
     It is put down to the publisher whose number it continues, or else to the one that is
-    closest behind. What a publisher sent before it was first heard does not count.
+    closest behind. A publisher that begins anew takes the place of the one that has been silent
+    for longest. What a publisher sent before it was first heard does not count.
     """
 
     def __init__(self) -> None:
@@ -27,5 +28,5 @@ class SequenceGaps:
             self.lost += number - max(behind) - 1
             self._last.remove(max(behind))
         elif len(self._last) >= max(publishers, 1):
-            self._last.remove(max(self._last))
+            del self._last[0]
         self._last.append(number)

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each test of the nodes has its own domain, and programs that do not outlive it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import domain_coordinator
+import pytest
+
+from soliton_linkage.chain import Chain
+from soliton_linkage_nodes.conversions import NamedChain, default_joint_names
+
+sys.path.append(str(Path(__file__).parent))
+
+from graphs import Graph
+from programs import Program
+
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    for warning in ('RuntimeWarning', 'pytest.PytestUnhandledThreadExceptionWarning'):
+        item.add_marker(pytest.mark.filterwarnings(f'error::{warning}'))
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    with domain_coordinator.domain_id() as domain:
+        graph = Graph(domain)
+        yield graph
+        graph.close()
+
+
+@pytest.fixture
+def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
+    """Start a program of the suite on the test's domain."""
+    programs: list[Program] = []
+
+    def start_program(name: str, *arguments: str) -> Program:
+        log = tmp_path / f'{name}_{len(programs)}.log'
+        programs.append(Program(name, list(arguments), graph.domain, log))
+        return programs[-1]
+
+    yield start_program
+    for program in programs:
+        program.process.kill()
+        program.process.wait()
+
+
+@pytest.fixture
+def named() -> NamedChain:
+    """A chain of a few rotors."""
+    return NamedChain(Chain(number_of_rotors=8), default_joint_names(8))

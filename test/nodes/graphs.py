@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS graph of its own for each test."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+
+from soliton_linkage_nodes import interfaces
+
+LONGEST_WAIT = 30.0
+
+
+class Graph:
+    """The nodes of one test on a domain of their own, spun by the test while it waits."""
+
+    def __init__(self, domain: int) -> None:
+        self.domain = domain
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self._executor = EventsExecutor(context=self.context)
+        self._nodes: list[Node] = []
+        self.user = self.start(lambda **kwargs: Node('user', **kwargs))
+
+    def start(
+        self,
+        create: Callable[..., Node],
+        parameters: Mapping[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> Any:
+        """Create a node with parameters and spin it from now on."""
+        overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        node = create(context=self.context, parameter_overrides=overrides, **kwargs)
+        self._nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def stop(self, node: Node) -> None:
+        """Destroy a node as its process does at the end."""
+        self._nodes.remove(node)
+        self._executor.remove_node(node)
+        node.destroy_node()
+
+    def until(self, condition: Callable[[], Any], what: str) -> None:
+        """Spin until a condition holds."""
+        deadline = time.monotonic() + LONGEST_WAIT
+        while not condition():
+            if time.monotonic() > deadline:
+                pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}')
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def hear(self, topic: interfaces.Topic) -> list[Any]:
+        """Return a list to which every message of a topic is added."""
+        heard: list[Any] = []
+        self.user.create_subscription(topic.type, topic.name, heard.append, topic.qos)
+        return heard
+
+    def speak(self, topic: interfaces.Topic, subscribers: int = 1) -> Publisher:
+        """Return a publisher that so many subscribers listen to."""
+        publisher = self.user.create_publisher(topic.type, topic.name, topic.qos)
+        self.until(
+            lambda: publisher.get_subscription_count() == subscribers,
+            f'{subscribers} subscribers of {topic.name}',
+        )
+        return publisher
+
+    def call(self, service_type: Any, name: str, **request: Any) -> Any:
+        """Return the response of a service."""
+        client = self.user.create_client(service_type, name)
+        self.until(client.service_is_ready, f'service {name}')
+        future = client.call_async(service_type.Request(**request))
+        self.until(future.done, f'response of {name}')
+        return future.result()
+
+    def reports(self, node: str) -> list[Any]:
+        """Return a list to which every diagnostic status of a node is added."""
+        heard: list[Any] = []
+
+        def note(message: DiagnosticArray) -> None:
+            heard.extend(s for s in message.status if s.name.startswith(f'{node}: '))
+
+        topic = interfaces.DIAGNOSTICS
+        self.user.create_subscription(topic.type, topic.name, note, topic.qos)
+        return heard
+
+    def next_report(self, node: str) -> Any:
+        """Return a diagnostic status that a node publishes after this call."""
+        heard = self.reports(node)
+        self.until(lambda: heard, f'a report of {node}')
+        return heard[-1]
+
+    def close(self) -> None:
+        """Destroy what is left."""
+        for node in reversed(self._nodes):
+            node.destroy_node()
+        self._executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+def values(status: Any) -> dict[str, str]:
+    """Return the figures of a diagnostic status."""
+    return {pair.key: pair.value for pair in status.values}

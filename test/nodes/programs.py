@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The suite's programs as processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
+
+LONGEST_WAIT = 30.0
+STOP_LIMIT = 2.0
+PACKAGE = 'soliton_linkage_nodes'
+
+
+class Program:
+    """A program of the suite as a process, and what it has said so far."""
+
+    def __init__(self, name: str, arguments: list[str], domain: int, log: Path) -> None:
+        self._log = log
+        executable = Path(get_package_prefix(PACKAGE), 'lib', PACKAGE, name)
+        with log.open('wb') as stream:
+            self.process = subprocess.Popen(
+                [str(executable), *arguments],
+                env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def said(self) -> list[str]:
+        """Its lines of output."""
+        return self._log.read_text(encoding='utf-8').splitlines()
+
+    def wait(self) -> int:
+        """Return its exit code once it has ended by itself."""
+        return self.process.wait(LONGEST_WAIT)
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Return the exit code with which it ends within the limit after a signal."""
+        self.process.send_signal(number)
+        return self.process.wait(STOP_LIMIT)

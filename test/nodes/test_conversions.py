@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages and physics types carry the same, and what a message gets wrong is said in a line."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import astuple, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.soliton import Soliton
+from soliton_linkage_msgs.msg import RotorImpulses, SolitonState
+from soliton_linkage_nodes import conversions
+from soliton_linkage_nodes.conversions import Frame, NamedChain, default_joint_names
+
+NAMED = NamedChain(Chain(number_of_rotors=5), default_joint_names(5))
+ROTORS = {name: rotor for rotor, name in enumerate(NAMED.joint_names)}
+ANGLES = np.array([0.1, -2.0, 3.5, 40.0, -0.0])
+RATES = np.array([1.0, 2.0, -3.0, 1e-300, 5.0])
+STAMP = conversions.time_to_msg(1_700_000_000_123_456_789)
+NAN_SOLITON = Soliton(1.5, 0.15, math.nan, math.nan, -1, math.nan, 1e-3, math.nan, math.nan)
+SOLITON = Soliton(3.25, 0.325, -1.0, 0.12, 1, 6.2, 1e-4, 1e-5, 1e-6)
+
+
+@given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
+def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
+    assert conversions.time_from_msg(conversions.time_to_msg(nanoseconds)) == nanoseconds
+
+
+def test_a_chain_and_its_names_come_back() -> None:
+    chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0)
+    named = NamedChain(chain, ('left', 'middle', 'right'))
+    message = conversions.chain_to_msg(named, STAMP)
+    assert conversions.chain_from_msg(message) == named
+    assert (message.header.stamp, message.header.frame_id) == (STAMP, 'linkage')
+
+
+@given(st.permutations(range(5)))
+def test_a_frame_comes_back_whatever_the_order_of_its_joints(order: list[int]) -> None:
+    message = conversions.frame_to_msg(NAMED, Frame(ANGLES, RATES), ANGLES + RATES, STAMP)
+    shuffled = JointState(
+        name=[message.name[n] for n in order],
+        position=[message.position[n] for n in order],
+        velocity=[message.velocity[n] for n in order],
+    )
+    frame = conversions.frame_from_msg(NAMED, shuffled)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+
+
+def test_joints_that_are_no_rotors_are_passed_over() -> None:
+    message = JointState(
+        name=['gripper', *NAMED.joint_names], position=[9.0, *ANGLES], velocity=[8.0, *RATES]
+    )
+    frame = conversions.frame_from_msg(NAMED, message)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+
+
+def test_a_frame_without_rates_has_none() -> None:
+    message = conversions.frame_to_msg(NAMED, Frame(ANGLES, None), ANGLES, STAMP)
+    assert conversions.frame_from_msg(NAMED, message).rates is None
+
+
+def test_impulses_and_torques_come_back() -> None:
+    impulses = conversions.impulses_to_msg(NAMED, ANGLES, STAMP)
+    np.testing.assert_array_equal(conversions.impulses_from_msg(ROTORS, impulses, 40.0), ANGLES)
+    torques = conversions.torques_to_msg(NAMED, ANGLES, STAMP)
+    np.testing.assert_array_equal(conversions.torques_from_msg(ROTORS, torques, 40.0), ANGLES)
+    assert (len(torques.position), len(torques.velocity)) == (0, 0)
+
+
+def test_rotors_that_are_not_named_get_nothing() -> None:
+    message = RotorImpulses(name=['rotor_3', 'rotor_1'], impulse=[3.0, 1.0])
+    given_impulses = conversions.impulses_from_msg(ROTORS, message, 10.0)
+    np.testing.assert_array_equal(given_impulses, [0.0, 1.0, 0.0, 3.0, 0.0])
+    nothing = conversions.impulses_from_msg(ROTORS, RotorImpulses(), 10.0)
+    np.testing.assert_array_equal(nothing, np.zeros(5))
+
+
+@pytest.mark.parametrize('solitons', [(), (SOLITON,), (SOLITON, NAN_SOLITON)])
+def test_solitons_come_back_with_the_header_of_their_frame(
+    solitons: tuple[Soliton, ...],
+) -> None:
+    header = Header(stamp=STAMP, frame_id='somewhere')
+    message = conversions.solitons_to_msg(NAMED.chain, solitons, header)
+    back = conversions.solitons_from_msg(message)
+    assert message.header == header
+    assert len(back) == len(solitons)
+    for one, other in zip(back, solitons, strict=True):
+        np.testing.assert_array_equal(astuple(one), astuple(other))
+
+
+@pytest.mark.parametrize(
+    ('rotor_length', 'rest_angle', 'motion', 'name'),
+    [
+        (0.05, 0.97, SolitonState.FLIPPER, 'flipper'),
+        (0.1, 0.77, SolitonState.WOBBLING_FLIPPER, 'wobbling flipper'),
+        (0.2, 1.18, SolitonState.SPINNER, 'spinner'),
+    ],
+)
+def test_states_name_the_way_of_motion(
+    rotor_length: float, rest_angle: float, motion: int, name: str
+) -> None:
+    chain = Chain(rotor_length=rotor_length, rest_angle=rest_angle)
+    message = conversions.solitons_to_msg(chain, (), Header())
+    assert (message.motion, message.motion_name) == (motion, name)
+
+
+def joint_state(**changes: Any) -> JointState:
+    fields = {'name': list(NAMED.joint_names), 'position': list(ANGLES), 'velocity': list(RATES)}
+    return JointState(**{**fields, **changes})
+
+
+def impulses(**changes: Any) -> RotorImpulses:
+    return RotorImpulses(**{'name': ['rotor_1', 'rotor_2'], 'impulse': [1.0, 2.0], **changes})
+
+
+def torques(**changes: Any) -> JointState:
+    return JointState(**{'name': ['rotor_1', 'rotor_2'], 'effort': [1.0, 2.0], **changes})
+
+
+def take_frame(message: JointState) -> None:
+    conversions.frame_from_msg(NAMED, message)
+
+
+def take_impulses(message: RotorImpulses) -> None:
+    conversions.impulses_from_msg(ROTORS, message, 10.0)
+
+
+def take_torques(message: JointState) -> None:
+    conversions.torques_from_msg(ROTORS, message, 10.0)
+
+
+@pytest.mark.parametrize(
+    ('take', 'message', 'complaint'),
+    [
+        (take_frame, joint_state(name=[]), "lacks 5 of 5 rotors, first 'rotor_0'"),
+        (
+            take_frame,
+            joint_state(name=['rotor_0', 'rotor_1', 'rotor_2', 'rotor_4', 'spare']),
+            "lacks 1 of 5 rotors, first 'rotor_3'",
+        ),
+        (
+            take_frame,
+            joint_state(name=['rotor_0', 'rotor_1', 'rotor_2', 'rotor_3', 'rotor_3']),
+            "'rotor_3' twice; name each joint once",
+        ),
+        (take_frame, joint_state(position=[1.0]), 'position has 1 values for 5 names'),
+        (take_frame, joint_state(position=[]), 'position has 0 values for 5 names'),
+        (take_frame, joint_state(velocity=[1.0, 2.0]), 'velocity has 2 values for 5 names'),
+        (
+            take_frame,
+            joint_state(position=[0.0, math.nan, 0.0, 0.0, 0.0]),
+            'position of rotor_1 = nan must be a finite number',
+        ),
+        (
+            take_frame,
+            joint_state(velocity=[0.0, math.inf, 0.0, -math.inf, 0.0]),
+            'velocity of rotor_1 = inf must be a finite number',
+        ),
+        (take_impulses, impulses(impulse=[1.0]), 'impulse has 1 values for 2 names'),
+        (
+            take_impulses,
+            impulses(impulse=[1.0, math.nan]),
+            'impulse of rotor_2 = nan must be a finite number',
+        ),
+        (
+            take_impulses,
+            impulses(impulse=[1.0, -10.5]),
+            'impulse of rotor_2 = -10.5 must lie in the range -10 to 10',
+        ),
+        (
+            take_impulses,
+            impulses(name=['rotor_1', 'rotor_5']),
+            "names joint 'rotor_5', which is none of 'rotor_0' to 'rotor_4'",
+        ),
+        (take_impulses, impulses(name=['rotor_1', 'rotor_1']), "'rotor_1' twice"),
+        (take_torques, torques(effort=[]), 'effort has 0 values for 2 names'),
+        (
+            take_torques,
+            torques(effort=[math.inf, 1.0]),
+            'effort of rotor_1 = inf must be a finite number',
+        ),
+        (
+            take_torques,
+            torques(effort=[0.0, 11.0]),
+            'effort of rotor_2 = 11 must lie in the range -10 to 10',
+        ),
+        (take_torques, torques(name=['rotor_1', '']), "names joint ''"),
+    ],
+)
+def test_a_wrong_message_is_refused_with_what_is_wrong(
+    take: Callable[[Any], None], message: Any, complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
+        take(message)
+    assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'complaint'),
+    [
+        ({'spacing': math.nan}, 'spacing = nan must be a finite number'),
+        ({'mass': -1.0}, 'mass = -1.0 must lie in the range'),
+        ({'rest_angle': 3.0}, 'rest_angle = 3.0 must lie in the range'),
+        ({'joint_names': ['only']}, 'number_of_rotors = 1 must lie in the range'),
+        ({'joint_names': ['a', 'b', 'a']}, "'a' twice"),
+    ],
+)
+def test_a_message_that_describes_no_chain_is_refused(
+    changes: dict[str, Any], complaint: str
+) -> None:
+    message = conversions.chain_to_msg(NAMED, STAMP)
+    for name, value in changes.items():
+        setattr(message, name, value)
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        conversions.chain_from_msg(message)
+
+
+def test_finite_values_whose_sum_is_not_are_accepted() -> None:
+    message = joint_state(position=[1e308, 1e308, 0.0, 0.0, 0.0])
+    assert conversions.frame_from_msg(NAMED, message).angles[1] == 1e308
+
+
+def test_named_chains_count_their_rotors() -> None:
+    assert NAMED.rotors == 5
+    assert replace(NAMED, chain=Chain(number_of_rotors=9)).rotors == 9
