@@ -35,7 +35,7 @@ class RecordedRun:
     messages: int
     lost: int
     publish_rate: float
-    """Of joint_states, from the times at which they were received [Hz]."""
+    """Of joint_states, from the times at which they were received after the nudge [Hz]."""
 
 
 def read_run(bag: Path) -> RecordedRun:
@@ -63,7 +63,7 @@ def read_run(bag: Path) -> RecordedRun:
         },
         messages=messages,
         lost=sum(json.loads(custom.get('lost_messages', '{}')).values()),
-        publish_rate=(len(received) - 1) / ((received[-1] - received[0]) * 1e-9),
+        publish_rate=_rate([stamp for stamp in received if stamp >= first + nudged * 1e9]),
     )
 
 
@@ -108,6 +108,12 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
         'lost_messages': run.lost,
         'publish_rate_hz': run.publish_rate,
     }
+
+
+def _rate(received: list[int]) -> float:
+    if len(received) < 2:
+        return 0.0
+    return (len(received) - 1) / ((received[-1] - received[0]) * 1e-9)
 
 
 def _track(named: NamedChain, states: list[SolitonState], first: int, nudged: float) -> Track:

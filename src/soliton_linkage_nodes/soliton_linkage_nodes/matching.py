@@ -9,15 +9,26 @@ import time
 from rclpy.publisher import Publisher
 
 _POLL_INTERVAL = 0.02
+_TIME_TO_MEET_ANOTHER = 1.0
 
 
 def wait_for_subscriber(
     publisher: Publisher, seconds: float, stopping: threading.Event | None = None
 ) -> bool:
-    """Wait until a topic has a subscriber; False where it has none in time or is told to stop."""
+    """Wait until a topic has a subscriber; False where it has none in time or is told to stop.
+
+    Subscribers are met one after the other, so that after the first one it waits until no
+    other has come for a second.
+    """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds
-    while not publisher.get_subscription_count():
-        if time.monotonic() > deadline or stopped.wait(_POLL_INTERVAL):
+    met, met_at = 0, 0.0
+    while not met or time.monotonic() - met_at < _TIME_TO_MEET_ANOTHER:
+        matched = publisher.get_subscription_count()
+        if matched != met:
+            met, met_at = matched, time.monotonic()
+        elif not met and time.monotonic() > deadline:
+            return False
+        if stopped.wait(_POLL_INTERVAL):
             return False
     return True
