@@ -170,9 +170,14 @@ def test_the_same_commands_give_the_same_trajectory(graph: Graph) -> None:
     for _ in range(2):
         stream = Stream(graph)
         impulses = graph.speak(interfaces.ROTOR_IMPULSES)
+        control = stream.node.control
+        control.pause(True)
+        control.reset(-1)
+        kicked = control.status.frames
         impulses.publish(kick_message())
+        graph.until(lambda control=control: control.status.pending, 'the kick')
+        control.pause(False)
         stream.grow(120)
-        (kicked,) = stream.explain([kick])
         first = kicked - stream.number(stream.frames[0])
         trajectories.append([list(f.position) for f in stream.frames[first : first + 100]])
         graph.user.destroy_publisher(impulses)
@@ -265,7 +270,7 @@ def reset(graph: Graph, state: int = Reset.Request.INITIAL) -> Any:
 
 def settled(stream: Stream) -> int:
     """Return the number of frames once everything that was published has come."""
-    last = stream.node._frame
+    last = stream.node.control.status.frames
     stream.graph.until(lambda: stream.number(stream.frames[-1]) == last - 1, 'the last frame')
     return len(stream.frames)
 
@@ -295,7 +300,7 @@ def test_steps_are_taken_while_paused_and_answered_when_done(graph: Graph) -> No
     before = settled(stream)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     impulses.publish(kick_message())
-    graph.until(lambda: stream.node._commands, 'the kick')
+    graph.until(lambda: stream.node.control.status.pending, 'the kick')
     response = step(graph, 25)
     assert response.success
     reached = stream.number(stream.frames[before - 1]) + 1 + 25
@@ -341,7 +346,7 @@ def test_a_reset_forgets_commands_but_not_the_time(
     stream.grow(30)
     pause(graph, True)
     impulses.publish(kick_message())
-    graph.until(lambda: stream.node._commands, 'the kick')
+    graph.until(lambda: stream.node.control.status.pending, 'the kick')
     response = reset(graph, state)
     assert (response.success, response.message) == (True, message)
     before = settled(stream)
@@ -375,11 +380,11 @@ def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, steppin
         pause(graph, True)
     impulses.publish(RotorImpulses(name=['rotor_3'], impulse=[1e9 if stepping else 1e308]))
     if stepping:
-        graph.until(lambda: stream.node._commands, 'the kick')
+        graph.until(lambda: stream.node.control.status.pending, 'the kick')
         response = step(graph, 10)
         assert not response.success
         assert 'call ~/reset to go on' in response.message
-    graph.until(lambda: stream.node._failure, 'the failure')
+    graph.until(lambda: stream.node.control.status.failure, 'the failure')
     frames = settled(stream)
     report = graph.next_report('simulator')
     assert report.level == report.WARN

@@ -114,9 +114,9 @@ def site(
     start = wall_between(chain, rotor, turned, crossed)
     end = wall_between(chain, rotor + 1, turned, not crossed)
     sense = 1.0 if zero_mode(chain, start) @ mode_towards_last(chain, start) > 0 else -1.0
-    arcs = np.linspace(0, 10, 2001)
+    arcs = np.linspace(0, 2.5, 501)
     arc = arcs[np.argmin(distance(rigid_motion(chain, start, arcs, sense), end))]
-    for _ in range(4):
+    for _ in range(3):
         reached = rigid_motion(chain, start, np.array([arc]), sense)[0]
         arc += turned_into_range(end - reached) @ zero_mode(chain, end) * sense
     walls = rigid_motion(chain, start, np.linspace(0, arc, samples), sense)

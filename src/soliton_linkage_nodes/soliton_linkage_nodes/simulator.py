@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import gc
 import sys
-import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +33,7 @@ from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
 from soliton_linkage_nodes.pacing import PacedLoop
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.simulation_control import SimulationControl
 
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
 _NANOSECONDS = 10**9
@@ -76,19 +75,20 @@ class Simulator(Node):
         refuse_unknown(self)
         self._named = NamedChain(chain, default_joint_names(chain.number_of_rotors))
         self._rotors = {name: rotor for rotor, name in enumerate(self._named.joint_names)}
-        self._lock = threading.Lock()
-        self._commands: list[Callable[[], None]] = []
-        self._paused = False
-        self._failure: str | None = None
-        self._torques_expire: int | None = None
-        self._frame = 0
-        self._simulation = self._at_rest(self.settings.initial_state)
+        self.control = SimulationControl(
+            chain,
+            _LEANS[self.settings.initial_state],
+            self.settings.publish_rate,
+            self.settings.tolerance,
+            self.settings.command_timeout,
+            self._publish,
+        )
         self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
         self._reported = (time.monotonic(), 0, 0)
         self._buffer = JointStateBuffer(self._named)
         self._connect()
-        self._loop = PacedLoop(self.settings.publish_rate, self._tick)
+        self._loop = PacedLoop(self.settings.publish_rate, self.control.tick)
         self._loop.start()
 
     def destroy_node(self) -> None:
@@ -118,53 +118,13 @@ class Simulator(Node):
         self.create_service(Step, '~/step', self._on_step)
         self.create_service(Reset, '~/reset', self._on_reset)
 
-    def _tick(self) -> None:
-        """Publish the frame that is due, then obey the commands and go on to the next frame."""
-        with self._lock:
-            if self._paused:
-                return
-            self._publish_and_advance()
-
-    def _publish_and_advance(self) -> None:
-        """Do so for one frame; pause where the state after it cannot be computed."""
-        simulation = self._simulation
-        stamp = self._epoch + round(self._frame * _NANOSECONDS / self.settings.publish_rate)
+    def _publish(self, frame: int, simulation: Simulation) -> None:
+        stamp = self._epoch + round(frame * _NANOSECONDS / self.settings.publish_rate)
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         torques = simulation.chain.spring_torques(simulation.angles)
         self._joint_states.publish(
             self._buffer.write(stamp, simulation.angles, simulation.rates, torques)
-        )
-        try:
-            self._obey()
-            simulation.advance()
-        except (ArithmeticError, ValueError) as error:
-            self._paused = True
-            self._failure = f'{error}; call ~/reset to go on'
-            self.get_logger().error(f'paused, {self._failure}')
-        self._frame += 1
-
-    def _obey(self) -> None:
-        commands, self._commands = self._commands, []
-        for command in commands:
-            command()
-        if self._torques_expire is not None and self._frame >= self._torques_expire:
-            self._simulation.hold(0 * self._simulation.torques)
-            self._torques_expire = None
-
-    def _hold(self, torques: Any) -> None:
-        self._simulation.hold(torques)
-        timeout = self.settings.command_timeout
-        lasting = round(timeout * self.settings.publish_rate)
-        self._torques_expire = self._frame + max(lasting, 1) if timeout else None
-
-    def _at_rest(self, state: str) -> Simulation:
-        chain = self._named.chain
-        return Simulation(
-            chain,
-            chain.uniform_state(_LEANS[state]),
-            period=1 / self.settings.publish_rate,
-            tolerance=self.settings.tolerance,
         )
 
     def _on_impulses(self, message: RotorImpulses) -> None:
@@ -174,7 +134,7 @@ class Simulator(Node):
             self._diagnostics.refuse('rotor_impulses', error)
             return
         if impulses.any():
-            self._command(lambda: self._simulation.kick(impulses))
+            self.control.kick(impulses)
 
     def _on_torques(self, message: JointState) -> None:
         try:
@@ -182,43 +142,23 @@ class Simulator(Node):
         except ValueError as error:
             self._diagnostics.refuse('rotor_torques', error)
             return
-        self._command(lambda: self._hold(torques))
-
-    def _command(self, command: Callable[[], None]) -> None:
-        with self._lock:
-            self._commands.append(command)
+        self.control.hold(torques)
 
     def _on_pause(self, request: Any, response: Any) -> Any:
-        with self._lock:
-            complaint = None if request.data else self._failure
-            if complaint is None:
-                self._paused = bool(request.data)
-        response.success = complaint is None
-        response.message = complaint or ('paused' if request.data else 'running')
-        return response
+        complaint = self.control.pause(bool(request.data))
+        return _answer(response, complaint, 'paused' if request.data else 'running')
 
     def _on_step(self, request: Any, response: Any) -> Any:
-        with self._lock:
-            complaint = self._failure or self._complaint_about_step(request.periods)
-            for _ in range(0 if complaint else request.periods):
-                self._publish_and_advance()
-                if self._failure is not None:
-                    break
-            response.success = not (complaint or self._failure)
-            reached = f'reached t = {self._frame / self.settings.publish_rate:g} s'
-            response.message = complaint or self._failure or reached
-        return response
-
-    def _complaint_about_step(self, periods: int) -> str | None:
         most = self._joint_states.qos_profile.depth
-        if not self._paused:
-            return 'the simulation is running; pause it before stepping'
-        if not 1 <= periods <= most:
-            return (
-                f'periods = {periods} must lie in the range 1 to {most}, '
+        if 1 <= request.periods <= most:
+            complaint = self.control.step(request.periods)
+        else:
+            complaint = (
+                f'periods = {request.periods} must lie in the range 1 to {most}, '
                 'the frames that a subscriber can hold'
             )
-        return None
+        reached = self.control.status.frames / self.settings.publish_rate
+        return _answer(response, complaint, f'reached t = {reached:g} s')
 
     def _on_reset(self, request: Any, response: Any) -> Any:
         states = {
@@ -226,58 +166,46 @@ class Simulator(Node):
             Reset.Request.LEFT_LEANING: 'left_leaning',
             Reset.Request.RIGHT_LEANING: 'right_leaning',
         }
-        response.success = request.state in states
-        if not response.success:
-            response.message = f'state = {request.state} must be one of 0, 1, 2'
-            return response
-        with self._lock:
-            self._commands.clear()
-            self._torques_expire = None
-            if self._failure is not None:
-                self._failure, self._paused = None, False
-            self._simulation = self._at_rest(states[request.state])
-        response.message = f'at rest, {states[request.state].replace("_", "-")}'
-        return response
+        if request.state not in states:
+            return _answer(response, f'state = {request.state} must be one of 0, 1, 2', '')
+        state = states[request.state]
+        self.control.reset(_LEANS[state])
+        return _answer(response, None, f'at rest, {state.replace("_", "-")}')
 
     def _report(self) -> Report:
         if self._loop.failure is not None:
             raise self._loop.failure
-        with self._lock:
-            frames, drift, energy = (
-                self._frame,
-                self._simulation.energy_drift,
-                self._simulation.energy,
-            )
+        status = self.control.status
         punctuality = self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._reported
-        self._reported = (now, frames, punctuality.missed)
-        rate = (frames - frames_before) / (now - before)
-        late = punctuality.missed - missed_before
-        message = (
-            f'paused, {self._failure}'
-            if self._failure
-            else 'paused'
-            if self._paused
-            else f'{late} deadlines missed in the last second'
-            if late
-            else 'on time'
-        )
+        self._reported = (now, status.frames, punctuality.missed)
+        rate = (status.frames - frames_before) / (now - before)
+        late = 0 if status.paused else punctuality.missed - missed_before
+        message = f'{late} deadlines missed in the last second' if late else 'on time'
+        if status.paused:
+            message = f'paused, {status.failure}' if status.failure else 'paused'
         return Report(
             message,
             {
                 'publish rate [Hz]': rate,
                 'real-time factor': rate / self.settings.publish_rate,
-                'frames': frames,
+                'frames': status.frames,
                 'missed deadlines': punctuality.missed,
                 'largest lateness [s]': punctuality.largest_lateness,
                 'lag [s]': punctuality.lag,
-                'energy [J]': energy,
-                'energy drift': drift,
+                'energy [J]': status.energy,
+                'energy drift': status.energy_drift,
                 'motion': self._named.chain.motion.value,
             },
-            warning=bool(self._failure or (late and not self._paused)),
+            warning=bool(status.failure or late),
         )
+
+
+def _answer(response: Any, complaint: str | None, message: str) -> Any:
+    response.success = complaint is None
+    response.message = complaint or message
+    return response
 
 
 def main() -> None:

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulation that several threads share: one lets it go on, others command it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Status:
+    """How a simulation is doing."""
+
+    frames: int
+    """Frames published."""
+    pending: int
+    """Commands that wait for the next frame."""
+    paused: bool
+    failure: str | None
+    """Why it cannot go on before a reset."""
+    energy: float
+    """Of the current frame [J]."""
+    energy_drift: float
+    """Energy gained or lost by the solver, over the largest there was [1]."""
+
+
+class SimulationControl:
+    """Publishes the frames of a simulation one by one, and what is commanded comes in between.
+
+    A command acts at the instant of the frame that is published next, right after it. Torques
+    are dropped `command_timeout` [s] of simulated time after they came, unless that is 0. Where
+    the next frame cannot be computed, the simulation is paused until it is reset.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        lean: int,
+        rate: float,
+        tolerance: float,
+        command_timeout: float,
+        publish: Callable[[int, Simulation], None],
+    ) -> None:
+        """Start at rest in a uniform state; `publish` takes each frame's number and state."""
+        self._chain = chain
+        self._rate = rate
+        self._tolerance = tolerance
+        self._timeout = max(round(command_timeout * rate), 1) if command_timeout else None
+        self._publish = publish
+        self._lock = threading.Lock()
+        self._commands: list[Callable[[], None]] = []
+        self._paused = False
+        self._failure: str | None = None
+        self._torques_expire: int | None = None
+        self._frame = 0
+        self._simulation = self._at_rest(lean)
+
+    @property
+    def status(self) -> Status:
+        """How the simulation is doing."""
+        with self._lock:
+            return Status(
+                self._frame,
+                len(self._commands),
+                self._paused,
+                self._failure,
+                self._simulation.energy,
+                self._simulation.energy_drift,
+            )
+
+    def tick(self) -> None:
+        """Publish the current frame, obey the commands and go on to the next, unless paused."""
+        with self._lock:
+            if not self._paused:
+                self._publish_and_advance()
+
+    def kick(self, impulses: Array) -> None:
+        """Apply angular impulses [N m s], shape (N,)."""
+        self._command(lambda: self._simulation.kick(impulses))
+
+    def hold(self, torques: Array) -> None:
+        """Apply torques [N m], shape (N,), until told otherwise or until the time is over."""
+        self._command(lambda: self._hold(torques))
+
+    def pause(self, paused: bool) -> str | None:
+        """Pause at once or go on; return why that cannot be."""
+        with self._lock:
+            if not paused and self._failure is not None:
+                return self._failure
+            self._paused = paused
+            return None
+
+    def step(self, periods: int) -> str | None:
+        """Publish so many frames while paused; return why that cannot be."""
+        with self._lock:
+            if not self._paused:
+                return 'the simulation is running; pause it before stepping'
+            for _ in range(periods):
+                if self._failure is not None:
+                    break
+                self._publish_and_advance()
+            return self._failure
+
+    def reset(self, lean: int) -> None:
+        """Drop all commands and put the chain at rest in a uniform state; time goes on."""
+        with self._lock:
+            self._commands.clear()
+            self._torques_expire = None
+            if self._failure is not None:
+                self._failure, self._paused = None, False
+            self._simulation = self._at_rest(lean)
+
+    def _command(self, command: Callable[[], None]) -> None:
+        with self._lock:
+            self._commands.append(command)
+
+    def _publish_and_advance(self) -> None:
+        self._publish(self._frame, self._simulation)
+        try:
+            self._obey()
+            self._simulation.advance()
+        except (ArithmeticError, ValueError) as error:
+            self._paused = True
+            self._failure = f'{error}; call ~/reset to go on'
+        self._frame += 1
+
+    def _obey(self) -> None:
+        commands, self._commands = self._commands, []
+        for command in commands:
+            command()
+        if self._torques_expire is not None and self._frame >= self._torques_expire:
+            self._simulation.hold(0 * self._simulation.torques)
+            self._torques_expire = None
+
+    def _hold(self, torques: Array) -> None:
+        self._simulation.hold(torques)
+        self._torques_expire = None if self._timeout is None else self._frame + self._timeout
+
+    def _at_rest(self, lean: int) -> Simulation:
+        return Simulation(
+            self._chain,
+            self._chain.uniform_state(lean),
+            period=1 / self._rate,
+            tolerance=self._tolerance,
+        )
