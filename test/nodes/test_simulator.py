@@ -400,7 +400,8 @@ def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, steppin
     numbers = [stream.number(frame) for frame in stream.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     for frame in stream.frames[frames:]:
-        np.testing.assert_array_equal(frame.velocity, np.zeros(ROTORS))
+        # Rounding of the springs' lengths moves a chain at rest by no more.
+        np.testing.assert_allclose(frame.velocity, 0, atol=1e-10)
 
 
 def test_a_report_holds_rate_lateness_and_energy(graph: Graph) -> None:

@@ -77,9 +77,19 @@ class Simulation:
     def kick(self, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,), at the instant of the current frame."""
         checked = self.chain.check_angles(impulses, 'impulse')
-        before = self.energy
-        self.rates = self.rates + checked / self.chain.moment_of_inertia
-        self._work += self.energy - before
+        with np.errstate(over='ignore'):
+            rates = self.rates + checked / self.chain.moment_of_inertia
+            gained = float(
+                self.chain.kinetic_energy(rates) - self.chain.kinetic_energy(self.rates)
+            )
+        if not math.isfinite(gained):
+            rotor = int(np.argmax(np.abs(checked)))
+            raise ValueError(
+                f'impulse of rotor {rotor} = {checked[rotor]:g} N m s gives an energy that is no '
+                'finite number; kick more gently'
+            )
+        self.rates = rates
+        self._work += gained
         self._restart()
 
     def hold(self, torques: Array) -> None:
@@ -92,12 +102,35 @@ class Simulation:
         self.torques = checked.copy()
         self._restart()
 
+    @property
+    def ready(self) -> bool:
+        """Whether the next frame is computed."""
+        return self._ahead < len(self._batch)
+
+    def step(self) -> None:
+        """Take one step of the solver towards the next frame; the current one stays as it is."""
+        complaint = self._solver.step()
+        self._steps += 1
+        if self._steps > _MOST_STEPS_A_FRAME:
+            complaint = f'the next frame takes more than {_MOST_STEPS_A_FRAME} steps'
+        if complaint:
+            fastest = int(np.argmax(np.abs(self.rates)))
+            raise ArithmeticError(
+                f'the chain could not be integrated beyond t = {self.time:.6g} s, where rotor '
+                f'{fastest} turns at {self.rates[fastest]:.3g} rad/s: {complaint.rstrip(".")}; '
+                f'kick more gently or loosen the tolerance ({self.tolerance:g} rad)'
+            )
+        done = self.frame - self._first_frame
+        last = math.floor(self._solver.t / self.period)
+        frames = np.arange(done + 1, max(done, last) + 1)
+        self._batch = np.ascontiguousarray(self._solver.dense_output()(frames * self.period).T)
+        self._ahead = 0
+
     def advance(self) -> None:
-        """Go on to the next frame."""
-        steps = 0
-        while self._ahead == len(self._batch):
-            steps += 1
-            self._step(steps)
+        """Go on to the next frame, in as many steps as it takes."""
+        while not self.ready:
+            self.step()
+        self._steps = 0
         state = self._batch[self._ahead]
         self._ahead += 1
         self.frame += 1
@@ -111,6 +144,7 @@ class Simulation:
     def _restart(self) -> None:
         """Start the solver anew at the current frame, whose forces are not those of the last."""
         self._first_frame = self.frame
+        self._steps = 0
         self._ahead = 0
         self._batch = np.empty((0, 2 * self.chain.number_of_rotors))
         # The solver takes the root mean square over its variables, in which a wall in a long
@@ -125,24 +159,6 @@ class Simulation:
             rtol=_SMALLEST_RELATIVE_TOLERANCE,
             atol=np.concatenate([tolerance, tolerance / self.chain.time_unit]),
         )
-
-    def _step(self, steps: int) -> None:
-        """Take one step of the solver and read off the frames that it passes."""
-        complaint = self._solver.step()
-        if steps > _MOST_STEPS_A_FRAME:
-            complaint = f'the next frame takes more than {_MOST_STEPS_A_FRAME} steps'
-        if complaint:
-            fastest = int(np.argmax(np.abs(self.rates)))
-            raise ArithmeticError(
-                f'the chain could not be integrated beyond t = {self.time:.6g} s, where rotor '
-                f'{fastest} turns at {self.rates[fastest]:.3g} rad/s: {complaint.rstrip(".")}; '
-                f'kick more gently or loosen the tolerance ({self.tolerance:g} rad)'
-            )
-        done = self.frame - self._first_frame
-        last = math.floor(self._solver.t / self.period)
-        frames = np.arange(done + 1, max(done, last) + 1)
-        self._batch = np.ascontiguousarray(self._solver.dense_output()(frames * self.period).T)
-        self._ahead = 0
 
     def _derivative(self, _time: float, state: Array) -> Array:
         rotors = self.chain.number_of_rotors

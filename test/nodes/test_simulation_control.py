@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands act between frames, each whole; pause, step and reset lose and add nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.simulation import Simulation
+from soliton_linkage_nodes.simulation_control import SimulationControl
+
+CHAIN = Chain(number_of_rotors=6)
+RATE = 100.0
+TIMEOUT = 0.05
+KICK = np.linspace(1e-4, 2e-4, 6)
+TORQUES = np.linspace(-1e-3, 1e-3, 6)
+
+
+class Published:
+    """What a control has published: the numbers of the frames and their angles."""
+
+    def __init__(self, timeout: float = TIMEOUT) -> None:
+        self.numbers: list[int] = []
+        self.angles: list[np.ndarray] = []
+        self.control = SimulationControl(CHAIN, -1, RATE, 1e-11, timeout, self._publish)
+
+    def tick(self, times: int) -> None:
+        for _ in range(times):
+            self.control.tick()
+
+    def _publish(self, number: int, simulation: Simulation) -> None:
+        self.numbers.append(number)
+        self.angles.append(simulation.angles.copy())
+
+
+def reference() -> Simulation:
+    return Simulation(CHAIN, CHAIN.uniform_state(-1), period=1 / RATE, tolerance=1e-11)
+
+
+def test_a_kick_acts_at_the_instant_of_the_next_frame_published() -> None:
+    published = Published()
+    published.tick(3)
+    published.control.kick(KICK)
+    published.tick(5)
+    simulation = reference()
+    for number, angles in zip(published.numbers, published.angles, strict=True):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number == 3:
+            simulation.kick(KICK)
+        simulation.advance()
+
+
+def test_torques_are_dropped_after_the_timeout_of_simulated_time() -> None:
+    published = Published()
+    published.control.hold(TORQUES)
+    published.tick(12)
+    simulation = reference()
+    for number, angles in enumerate(published.angles):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number == 0:
+            simulation.hold(TORQUES)
+        if number == round(TIMEOUT * RATE):
+            simulation.hold(0 * TORQUES)
+        simulation.advance()
+
+
+def test_without_a_timeout_torques_are_held_for_ever() -> None:
+    published = Published(timeout=0.0)
+    published.control.hold(TORQUES)
+    published.tick(200)
+    simulation = reference()
+    simulation.hold(TORQUES)
+    for _ in range(199):
+        simulation.advance()
+    np.testing.assert_array_equal(published.angles[-1], simulation.angles)
+
+
+def test_a_pause_is_idempotent_and_what_came_meanwhile_acts_on_going_on() -> None:
+    published = Published()
+    published.tick(2)
+    assert published.control.pause(True) is None
+    assert published.control.pause(True) is None
+    published.control.kick(KICK)
+    published.tick(10)
+    assert published.numbers == [0, 1]
+    assert published.control.status.pending == 1
+    assert published.control.pause(False) is None
+    published.tick(2)
+    assert published.numbers == [0, 1, 2, 3]
+    simulation = reference()
+    simulation.advance()
+    simulation.advance()
+    simulation.kick(KICK)
+    simulation.advance()
+    np.testing.assert_array_equal(published.angles[-1], simulation.angles)
+
+
+def test_steps_are_taken_while_paused_only() -> None:
+    published = Published()
+    complaint = published.control.step(3)
+    assert complaint is not None
+    assert 'pause it' in complaint
+    assert published.numbers == []
+    published.control.pause(True)
+    assert published.control.step(3) is None
+    assert published.numbers == [0, 1, 2]
+
+
+def test_a_reset_drops_commands_and_motion_and_time_goes_on() -> None:
+    published = Published()
+    published.control.kick(KICK)
+    published.tick(4)
+    published.control.kick(KICK)
+    published.control.hold(TORQUES)
+    published.control.reset(1)
+    published.tick(4)
+    assert published.numbers == list(range(8))
+    simulation = Simulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE, tolerance=1e-11)
+    for angles in published.angles[4:]:
+        np.testing.assert_array_equal(angles, simulation.angles)
+        simulation.advance()
+
+
+def test_what_cannot_be_computed_pauses_until_a_reset() -> None:
+    published = Published()
+    published.control.kick(np.full(6, 1e300))
+    published.tick(3)
+    status = published.control.status
+    assert status.paused
+    assert status.failure is not None
+    assert 'call ~/reset' in status.failure
+    assert len(published.numbers) == 1
+    assert published.control.pause(False) == status.failure
+    assert published.control.step(1) == status.failure
+    published.control.reset(-1)
+    published.tick(2)
+    assert published.control.status.failure is None
+    assert published.numbers == [0, 1, 2]
+
+
+def test_the_status_tells_the_energy_that_a_kick_gave() -> None:
+    published = Published()
+    published.control.kick(KICK)
+    published.tick(20)
+    status = published.control.status
+    given = 0.5 * float(np.sum(KICK**2)) / CHAIN.moment_of_inertia
+    assert status.frames == 20
+    assert status.energy == pytest.approx(given, rel=1e-8)
+    assert math.isfinite(status.energy_drift)
+    assert abs(status.energy_drift) < 1e-8
