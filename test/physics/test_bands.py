@@ -25,6 +25,20 @@ def scale(chain: Chain) -> float:
     return (plus + minus) / (chain.rotor_length * chain.time_unit)
 
 
+def rounding_of_levers(chain: Chain) -> float:
+    """What rounding may do to a lever [m/rad]: EPS of r, as often as r makes up for lengths."""
+    return 16 * EPS * chain.rotor_length * (1 + chain.rotor_length / chain.rest_length)
+
+
+def rounding_of_frequencies(chain: Chain) -> float:
+    """The same for singular values of R, which has two levers a row, as frequencies [rad/s].
+
+    The values themselves are found to EPS of the largest, times a few.
+    """
+    of_levers = 2 * rounding_of_levers(chain) / (chain.rotor_length * chain.time_unit)
+    return of_levers + 32 * EPS * scale(chain)
+
+
 def frequencies(chain: Chain, matrix: Array) -> Array:
     """Angular frequencies of k_e / (M r^2) R^T R [rad/s], from the singular values of R."""
     singular = np.linalg.svd(matrix, compute_uv=False)
@@ -38,8 +52,7 @@ def test_couplings_are_the_levers_of_the_uniform_state_in_staggered_angles(
     plus, minus = couplings(chain, lean)
     first, second = rigidity_bands(chain, chain.uniform_state(lean))
     signs = (-1.0) ** np.arange(chain.number_of_rotors)
-    # l_n cancels from levers but for its rounding, EPS of the size of a and r.
-    limit = 16 * EPS * chain.rotor_length * (1 + chain.rotor_length / chain.rest_length)
+    limit = rounding_of_levers(chain)
     assert first * signs[:-1] == pytest.approx(-plus, rel=0, abs=limit)
     assert second * signs[1:] == pytest.approx(-minus, rel=0, abs=limit)
 
@@ -58,9 +71,9 @@ def test_a_periodic_chain_has_the_spectrum_of_the_dispersion(chain: Chain, lean:
     matrix = rigidity_matrix(unrolled, unrolled.uniform_state(lean)).toarray()
     matrix[:, 0] += matrix[:, -1]
     wave_numbers = 2 * np.pi * np.arange(rotors) / (rotors * chain.spacing)
-    limit = 100 * EPS * scale(chain) * (1 + chain.rotor_length / chain.rest_length)
+    expected = np.sort(dispersion(chain, wave_numbers))
     assert frequencies(chain, matrix[:, :-1]) == pytest.approx(
-        np.sort(dispersion(chain, wave_numbers)), rel=0, abs=limit
+        expected, rel=0, abs=rounding_of_frequencies(chain)
     )
 
 
@@ -76,7 +89,7 @@ def test_waves_of_staggered_angles_are_on_one_branch_and_of_angles_on_the_other(
     # the rotors: |R wave| is r omega in the units of the springs.
     stretch = np.abs(rigidity_matrix(chain, chain.uniform_state(lean)) @ wave)
     omega = dispersion(chain, phase / chain.spacing, branch)
-    limit = 100 * EPS * scale(chain) * (1 + chain.rotor_length / chain.rest_length)
+    limit = rounding_of_frequencies(chain)
     assert stretch / (chain.rotor_length * chain.time_unit) == pytest.approx(
         float(omega), rel=0, abs=limit
     )
@@ -99,8 +112,7 @@ def test_a_free_chain_has_the_closed_form_spectrum(chain: Chain, lean: int) -> N
     squares = plus**2 + minus**2 + 2 * plus * minus * np.cos(phases)
     unit = chain.rotor_length * chain.time_unit
     matrix = rigidity_matrix(chain, chain.uniform_state(lean)).toarray()
-    # Roots of squares that nearly cancel are rounded by the root of EPS where the band closes.
-    limit = 100 * EPS * scale(chain) ** 2 * (1 + chain.rotor_length / chain.rest_length)
+    limit = 4 * scale(chain) * rounding_of_frequencies(chain)
     assert frequencies(chain, matrix) ** 2 == pytest.approx(
         np.sort(np.abs(squares)) / unit**2, rel=0, abs=limit
     )

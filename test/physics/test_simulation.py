@@ -44,8 +44,9 @@ def energies(chain: Chain, recording: Recording) -> Array:
 
 @pytest.mark.parametrize(('example', 'speed'), MOVING)
 def test_energy_and_path_are_as_exact_as_the_tolerance_asks(
-    example: tuple[float, float], speed: float
+    example: tuple[float, float], speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr('soliton_linkage.simulation._LONGEST_STEP', math.inf)
     chain, angles, rates = nudged(example, speed)
     exact = moved(chain, angles, rates, 1e-13)
     tolerances = 10.0 ** -np.arange(3, 12)
@@ -388,12 +389,24 @@ def test_a_duration_that_is_no_time_is_refused(duration: float) -> None:
 def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('soliton_linkage.simulation._MOST_STEPS_A_FRAME', 100)
+    monkeypatch.setattr('soliton_linkage.simulation._MOST_STEPS_A_TIME_UNIT', 100)
     chain = chain_of(FLIPPER, 4)
-    simulation = Simulation(chain, chain.uniform_state(-1))
+    simulation = Simulation(chain, chain.uniform_state(-1), period=chain.time_unit / 2)
     simulation.kick(chain.moment_of_inertia * 1e100 * np.eye(4)[2])
-    complaint = r't = 0 s, where rotor 2 turns at 1e\+100 rad/s: .* more than 100 steps; kick'
+    complaint = r't = 0 s, where rotor 2 turns at 1e\+100 rad/s: .* more than 150 steps; kick'
     with pytest.raises(ArithmeticError, match=complaint):
         simulation.advance()
     assert np.array_equal(simulation.angles, chain.uniform_state(-1))
     assert simulation.frame == 0
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_a_chain_at_rest_stays_there_but_for_rounding(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 40)
+    rest = chain.uniform_state(1)
+    recording = simulate(chain, rest, np.zeros(40), 500 * chain.time_unit, chain.time_unit)
+    # The springs' forces are off by their rounding, eps k_e r, for 500 time units.
+    assert np.abs(recording.rates).max() * chain.time_unit < 500 * np.finfo(float).eps
+    simulation = Simulation(chain, rest, period=100 * chain.time_unit)
+    simulation.advance()
+    assert abs(simulation.energy_drift) < 1e-8

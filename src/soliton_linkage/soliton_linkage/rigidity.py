@@ -44,7 +44,7 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
         [np.cumprod(1 / ratios[:peak][::-1])[::-1], [1.0], np.cumprod(ratios[peak:])]
     )
     negatives = np.count_nonzero(first[:peak] < 0) + np.count_nonzero(second[peak:] < 0) + peak
-    return mode * ((-1.0) ** negatives / np.linalg.norm(mode))
+    return np.asarray(mode * ((-1.0) ** negatives / np.linalg.norm(mode)))
 
 
 def mode_centre(mode: Array) -> float:

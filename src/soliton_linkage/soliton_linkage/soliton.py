@@ -63,7 +63,7 @@ def polarisation(chain: Chain, angles: Array) -> Array:
     plus, minus = couplings(chain)
     uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
     strength = first**2 + second**2
-    return (first**2 - second**2) / (np.where(strength > 0, strength, 1.0) * uniform)
+    return np.asarray((first**2 - second**2) / (np.where(strength > 0, strength, 1.0) * uniform))
 
 
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
@@ -211,7 +211,7 @@ class _Wall:
 
     def _model(self, centre: float | None = None) -> Array:
         place = self.centre if centre is None else centre
-        return -self._charge * np.tanh((self._rotors - place) / self._width)
+        return np.asarray(-self._charge * np.tanh((self._rotors - place) / self._width))
 
     def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
         """First and second derivative of the model by the centre."""

@@ -48,11 +48,6 @@ class PacedLoop:
         """How the loop has kept its deadlines so far."""
         return self._punctuality
 
-    @property
-    def stopping(self) -> bool:
-        """Whether it has been told to stop."""
-        return self._stopping.is_set()
-
     def start(self) -> None:
         """Begin, with the first call at once."""
         self._thread.start()

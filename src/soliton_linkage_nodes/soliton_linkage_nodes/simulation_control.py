@@ -34,6 +34,8 @@ class SimulationControl:
     A command acts at the instant of the frame that is published next, right after it. Torques
     are dropped `command_timeout` [s] of simulated time after they came, unless that is 0. Where
     the next frame cannot be computed, the simulation is paused until it is reset.
+
+    A frame of a wild or a long chain takes seconds to compute. Only `step` waits for it.
     """
 
     def __init__(
@@ -52,6 +54,8 @@ class SimulationControl:
         self._timeout = max(round(command_timeout * rate), 1) if command_timeout else None
         self._publish = publish
         self._lock = threading.Lock()
+        self._frame_in_work = threading.Lock()
+        self._stopping = False
         self._commands: list[Callable[[], None]] = []
         self._paused = False
         self._failure: str | None = None
@@ -74,9 +78,12 @@ class SimulationControl:
 
     def tick(self) -> None:
         """Publish the current frame, obey the commands and go on to the next, unless paused."""
-        with self._lock:
-            if not self._paused:
-                self._publish_and_advance()
+        with self._frame_in_work:
+            with self._lock:
+                if self._paused or self._stopping:
+                    return
+                simulation = self._begin_frame()
+            self._finish_frame(simulation)
 
     def kick(self, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,)."""
@@ -96,13 +103,13 @@ class SimulationControl:
 
     def step(self, periods: int) -> str | None:
         """Publish so many frames while paused; return why that cannot be."""
-        with self._lock:
-            if not self._paused:
-                return 'the simulation is running; pause it before stepping'
+        if not self._paused:
+            return 'the simulation is running; pause it before stepping'
+        with self._frame_in_work:
             for _ in range(periods):
                 if self._failure is not None:
                     break
-                self._publish_and_advance()
+                self._finish_frame(self._begin_frame())
             return self._failure
 
     def reset(self, lean: int) -> None:
@@ -114,19 +121,44 @@ class SimulationControl:
                 self._failure, self._paused = None, False
             self._simulation = self._at_rest(lean)
 
+    def stop(self) -> None:
+        """Give up the frame that is being computed and publish no other."""
+        self._stopping = True
+
     def _command(self, command: Callable[[], None]) -> None:
         with self._lock:
             self._commands.append(command)
 
-    def _publish_and_advance(self) -> None:
+    def _begin_frame(self) -> Simulation:
         self._publish(self._frame, self._simulation)
         try:
             self._obey()
-            self._simulation.advance()
-        except (ArithmeticError, ValueError) as error:
-            self._paused = True
-            self._failure = f'{error}; call ~/reset to go on'
-        self._frame += 1
+        except ValueError as error:
+            self._fail(error)
+        return self._simulation
+
+    def _finish_frame(self, simulation: Simulation) -> None:
+        """Go on to the next frame, with the lock free until that is computed."""
+        failure = None
+        try:
+            while not (simulation.ready or self._failure or self._forsaken(simulation)):
+                simulation.step()
+        except ArithmeticError as error:
+            failure = error
+        with self._lock:
+            self._frame += 1
+            if self._failure is None and not self._forsaken(simulation):
+                if failure is None:
+                    simulation.advance()
+                else:
+                    self._fail(failure)
+
+    def _forsaken(self, simulation: Simulation) -> bool:
+        return self._stopping or simulation is not self._simulation
+
+    def _fail(self, error: Exception) -> None:
+        self._paused = True
+        self._failure = f'{error}; call ~/reset to go on'
 
     def _obey(self) -> None:
         commands, self._commands = self._commands, []

@@ -38,6 +38,7 @@ from soliton_linkage_nodes.simulation_control import SimulationControl
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
 _NANOSECONDS = 10**9
 _SWITCH_INTERVAL = 1e-4
+_FRAMES_OVERDUE = 3
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ class Simulator(Node):
         self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
         self._reported = (time.monotonic(), 0, 0)
+        self._said: str | None = None
         self._buffer = JointStateBuffer(self._named)
         self._connect()
         self._loop = PacedLoop(self.settings.publish_rate, self.control.tick)
@@ -93,6 +95,7 @@ class Simulator(Node):
 
     def destroy_node(self) -> None:
         """Stop publishing, then go."""
+        self.control.stop()
         self._loop.stop()
         super().destroy_node()
 
@@ -182,9 +185,16 @@ class Simulator(Node):
         self._reported = (now, status.frames, punctuality.missed)
         rate = (status.frames - frames_before) / (now - before)
         late = 0 if status.paused else punctuality.missed - missed_before
+        overdue = (now - before) * self.settings.publish_rate > _FRAMES_OVERDUE
+        slow = not status.paused and not rate and overdue
         message = f'{late} deadlines missed in the last second' if late else 'on time'
+        if slow:
+            message = 'the next frame takes long to compute'
         if status.paused:
             message = f'paused, {status.failure}' if status.failure else 'paused'
+        if status.failure and status.failure != self._said:
+            self.get_logger().error(message)
+        self._said = status.failure
         return Report(
             message,
             {
@@ -198,7 +208,7 @@ class Simulator(Node):
                 'energy drift': status.energy_drift,
                 'motion': self._named.chain.motion.value,
             },
-            warning=bool(status.failure or late),
+            warning=bool(status.failure or late or slow),
         )
 
 

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags made by hand, of which every message is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.bags import BagWriter, type_name
+from soliton_linkage_nodes.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    frame_to_msg,
+    time_to_msg,
+)
+
+START = 1_700_000_000 * 10**9
+MILLISECOND = 10**6
+
+Entry = tuple[interfaces.Topic, int, Any]
+
+
+def frame_message(named: NamedChain, number: int) -> JointState:
+    """One frame of a chain whose rotors turn evenly."""
+    angles = named.chain.uniform_state(-1) + 0.01 * number
+    frame = Frame(angles, np.full(named.rotors, 0.5))
+    return frame_to_msg(named, frame, 0 * angles, time_to_msg(START + number * MILLISECOND))
+
+
+def run_of(named: NamedChain, frames: int, gap: int = MILLISECOND) -> list[Entry]:
+    """A nudge, frames at even times, and the chain, which comes last."""
+    entries: list[Entry] = [(interfaces.NUDGE, START, Float64(data=3.0))]
+    for number in range(frames):
+        message = frame_message(named, number)
+        entries.append((interfaces.JOINT_STATES, START + number * gap, message))
+    last = START + frames * gap
+    return [*entries, (interfaces.CHAIN, last, chain_to_msg(named, time_to_msg(START)))]
+
+
+def write_bag(
+    name: Path, entries: Sequence[Entry], storage: str = 'mcap', namespace: str = ''
+) -> Path:
+    """Write a bag and return its path."""
+    writer = BagWriter(name, storage)
+    connections = {}
+    for topic, stamp, message in entries:
+        full_name = f'{namespace}/{topic.name.lstrip("/")}'
+        if full_name not in connections:
+            connections[full_name] = writer.add_topic(full_name, type_name(topic.type), topic.qos)
+        writer.write(connections[full_name], stamp, serialize_message(message))
+    writer.close({})
+    return writer.path
