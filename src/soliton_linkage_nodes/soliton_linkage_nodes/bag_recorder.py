@@ -112,6 +112,9 @@ class BagRecorder(Node):
         self._taking.join()
         lost = {inlet.name: inlet.gaps.lost for inlet in self._inlets}
         try:
+            if isinstance(self.failure, OSError):
+                self._at_the_bag(self._writer.abort)
+                return
             self._at_the_bag(self._writer.close, {'lost_messages': json.dumps(lost)})
             self.get_logger().info(
                 f'closed {self._writer.path}: {self._writer.messages} messages, {self.lost} lost'
@@ -157,8 +160,6 @@ class BagRecorder(Node):
             self.failure = error
 
     def _report(self) -> Report:
-        if self.failure is not None:
-            raise self.failure
         heard = [inlet.name for inlet in self._inlets if inlet.subscription.get_publisher_count()]
         return Report(
             f'recording, {self.lost} messages lost' if self.lost else 'recording',
@@ -184,6 +185,12 @@ def _chosen_topics(names: tuple[str, ...]) -> list[interfaces.Topic]:
     return [topic for name, topic in known.items() if name in chosen]
 
 
+def _finished(recorder: BagRecorder) -> bool:
+    if recorder.failure is not None:
+        raise recorder.failure
+    return False
+
+
 def main() -> None:
     """Run the recorder until it is told to stop."""
-    run(BagRecorder)
+    run(BagRecorder, _finished)

@@ -7,7 +7,7 @@ import importlib
 import sqlite3
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -92,6 +92,11 @@ class BagWriter:
             self._writer.set_custom_data(key, value)
         with self._complaining():
             self._writer.close()
+
+    def abort(self) -> None:
+        """Give up a bag that could not be written; what is on disk stays, without an index."""
+        with suppress(OSError, sqlite3.Error):
+            self._writer.abort()
 
     @contextmanager
     def _complaining(self) -> Iterator[None]:

@@ -44,6 +44,9 @@ def initialise(arguments: list[str] | None = None) -> None:
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
     """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
 
+    `finished` may raise what the node has failed of: executors print the trace of what callbacks
+    raise.
+
     The exit code is 0, or 1 after one line where the node could not start or go on.
     """
     stopping = stop_on_signals()

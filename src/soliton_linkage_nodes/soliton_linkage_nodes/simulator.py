@@ -93,6 +93,11 @@ class Simulator(Node):
         self._loop = PacedLoop(self.settings.publish_rate, self.control.tick)
         self._loop.start()
 
+    @property
+    def failure(self) -> Exception | None:
+        """What has stopped the clockwork for good."""
+        return self._loop.failure
+
     def destroy_node(self) -> None:
         """Stop publishing, then go."""
         self.control.stop()
@@ -176,8 +181,6 @@ class Simulator(Node):
         return _answer(response, None, f'at rest, {state.replace("_", "-")}')
 
     def _report(self) -> Report:
-        if self._loop.failure is not None:
-            raise self._loop.failure
         status = self.control.status
         punctuality = self._loop.punctuality
         now = time.monotonic()
@@ -218,10 +221,16 @@ def _answer(response: Any, complaint: str | None, message: str) -> Any:
     return response
 
 
+def _finished(simulator: Simulator) -> bool:
+    if simulator.failure is not None:
+        raise simulator.failure
+    return False
+
+
 def main() -> None:
     """Run the simulator until it is told to stop."""
     # The pacing thread must not wait 5 ms for the interpreter, nor for the garbage of imports.
     sys.setswitchinterval(_SWITCH_INTERVAL)
     gc.collect()
     gc.freeze()
-    run(Simulator)
+    run(Simulator, _finished)
