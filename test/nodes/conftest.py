@@ -12,6 +12,7 @@ import domain_coordinator
 import pytest
 
 from soliton_linkage.chain import Chain
+from soliton_linkage_nodes import diagnostics
 from soliton_linkage_nodes.conversions import NamedChain, default_joint_names
 
 sys.path.append(str(Path(__file__).parent))
@@ -50,6 +51,12 @@ def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
     for program in programs:
         program.process.kill()
         program.process.wait()
+
+
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let nodes report twenty times a second."""
+    monkeypatch.setattr(diagnostics, '_PERIOD', 0.05)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -87,7 +88,8 @@ def test_messages_are_paced_by_when_they_were_received(
     clock = Clock()
     monkeypatch.setattr(Waiting, 'clock', clock, raising=False)
     monkeypatch.setattr(bag_player, 'time', clock)
-    monkeypatch.setattr(bag_player.threading, 'Event', Waiting)
+    fake = SimpleNamespace(Event=Waiting, Thread=threading.Thread)
+    monkeypatch.setattr(bag_player, 'threading', fake)
     player = graph.start(TimedPlayer, {'bag': str(bag), 'rate': rate})
     graph.until(lambda: player.finished, 'the end of the bag')
     frames = [when for topic, when in player.played if topic == '/joint_states']

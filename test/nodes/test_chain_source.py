@@ -21,6 +21,9 @@ from soliton_linkage_nodes.conversions import (
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 
 
+pytestmark = pytest.mark.usefixtures('often')
+
+
 class Learner(Node):
     """Wants to know the chain."""
 

@@ -22,6 +22,8 @@ from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.simulator import Simulator
 
+pytestmark = pytest.mark.usefixtures('often')
+
 ROTORS = 8
 RATE = 300.0  # a period that is no whole number of nanoseconds
 GIVEN = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}

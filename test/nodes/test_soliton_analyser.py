@@ -1,227 +1,255 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The analyser answers every frame that it can read with what the physics finds in it."""
+"""Every frame of joint states gets its solitons, none as an empty list."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from graphs import Graph, values
-from programs import Program
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
-from soliton_linkage.rigidity import mode_towards_last
+from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.chain import Chain
 from soliton_linkage.simulation import simulate
 from soliton_linkage.soliton import find_solitons
-from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes import interfaces, soliton_analyser
 from soliton_linkage_nodes.conversions import (
     Frame,
     NamedChain,
     chain_to_msg,
+    default_joint_names,
     frame_to_msg,
     solitons_to_msg,
     time_to_msg,
 )
 from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
 
-FRAMES = 40
+pytestmark = pytest.mark.usefixtures('often')
+
+CHAINS = {
+    'flipper': (Chain(number_of_rotors=16), 10.0),
+    'wobbler': (Chain(number_of_rotors=12, rotor_length=0.1, rest_angle=0.77), 4.0),
+    'spinner': (Chain(number_of_rotors=16, rotor_length=0.2, rest_angle=1.18), 12.5),
+}
 
 
-@pytest.fixture
-def messages(named: NamedChain) -> list[JointState]:
-    """Joint states of a soliton that crosses the chain."""
+def named_chain(chain: Chain) -> NamedChain:
+    return NamedChain(chain, default_joint_names(chain.number_of_rotors))
+
+
+def frames_of(named: NamedChain, speed: float) -> list[JointState]:
+    """The frames of a chain that was kicked at its first edge."""
     chain = named.chain
     rest = chain.uniform_state(-1)
-    recording = simulate(chain, rest, 10.0 * mode_towards_last(chain, rest), 0.8, 0.8 / FRAMES)
+    moved = simulate(chain, rest, speed * edge_mode(chain, rest, Edge.FIRST), 2.0, 0.02)
     return [
-        frame_to_msg(named, Frame(angles, rates), 0 * angles, time_to_msg(round(time * 1e9)))
-        for time, angles, rates in zip(
-            recording.times, recording.angles, recording.rates, strict=True
-        )
+        frame_to_msg(named, Frame(angles, rates), 0 * angles, time_to_msg(7 * 10**9 + number))
+        for number, (angles, rates) in enumerate(zip(moved.angles, moved.rates, strict=True))
     ]
 
 
-def expected(named: NamedChain, message: JointState) -> SolitonState:
-    angles, rates = np.array(message.position), np.array(message.velocity)
-    solitons = find_solitons(named.chain, angles, rates if len(rates) else None)
-    return solitons_to_msg(named.chain, solitons, message.header)
+def expected_of(named: NamedChain, frame: JointState) -> Any:
+    angles = np.array(
+        [dict(zip(frame.name, frame.position, strict=True))[n] for n in named.joint_names]
+    )
+    rates = None
+    if frame.velocity:
+        by_name = dict(zip(frame.name, frame.velocity, strict=True))
+        rates = np.array([by_name[name] for name in named.joint_names])
+    return solitons_to_msg(named.chain, find_solitons(named.chain, angles, rates), frame.header)
 
 
-def alike(one: SolitonState, other: SolitonState) -> bool:
-    """Whether two states are the same message, NaN and all."""
+def same(one: Any, other: Any) -> bool:
+    """Whether two states say the same, where NaN is like NaN."""
     return repr(one) == repr(other)
 
 
-def analysed(graph: Graph, named: NamedChain, messages: list[JointState]) -> list[SolitonState]:
-    """Return what an analyser that learns the chain from its topic says of the messages."""
+def tell_chain(graph: Graph, named: NamedChain) -> Publisher:
+    topic = interfaces.CHAIN
+    publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    publisher.publish(chain_to_msg(named, time_to_msg(0)))
+    return publisher
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_every_frame_gets_its_solitons_under_its_own_header(graph: Graph, name: str) -> None:
+    chain, speed = CHAINS[name]
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
     graph.start(SolitonAnalyser)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, Time()))
     joints = graph.speak(interfaces.JOINT_STATES)
-    for message in messages:
-        joints.publish(message)
-    graph.until(lambda: len(states) == len(messages), f'{len(messages)} states')
-    return states
+    frames = frames_of(named, speed)
+    for frame in frames:
+        joints.publish(frame)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    for state, frame in zip(states, frames, strict=True):
+        assert same(state, expected_of(named, frame))
+    assert states[0].solitons == []
+    assert any(state.solitons for state in states)
 
 
-def test_every_frame_is_answered_with_its_own_stamp_and_solitons(
-    graph: Graph, named: NamedChain, messages: list[JointState]
-) -> None:
-    states = analysed(graph, named, messages)
-    assert all(
-        alike(state, expected(named, message))
-        for state, message in zip(states, messages, strict=True)
+@pytest.mark.parametrize('rates', [True, False])
+def test_joints_may_come_in_any_order_and_without_rates(graph: Graph, rates: bool) -> None:
+    chain, speed = CHAINS['flipper']
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frame = frames_of(named, speed)[60]
+    order = np.random.default_rng(1).permutation(chain.number_of_rotors)
+    shuffled = JointState(
+        header=Header(stamp=time_to_msg(3)),
+        name=['gripper', *(frame.name[n] for n in order)],
+        position=[5.0, *(frame.position[n] for n in order)],
+        velocity=[5.0, *(frame.velocity[n] for n in order)] if rates else [],
     )
-    assert {len(state.solitons) for state in states} == {0, 1}
-    assert {state.motion_name for state in states} == {'flipper'}
-
-
-def test_no_soliton_is_an_empty_list(graph: Graph, named: NamedChain) -> None:
-    rest = frame_to_msg(named, Frame(named.chain.uniform_state(1), None), np.zeros(8), Time())
-    (state,) = analysed(graph, named, [rest])
-    assert list(state.solitons) == []
-    assert state.motion == SolitonState.FLIPPER
-
-
-def test_joints_come_in_any_order_and_others_among_them(
-    graph: Graph, named: NamedChain, messages: list[JointState]
-) -> None:
-    message = messages[FRAMES // 2]
-    shuffled = [5, 2, 7, 0, 1, 6, 4, 3]
-    mixed = JointState(
-        header=message.header,
-        name=['gripper', *(message.name[n] for n in shuffled)],
-        position=[9.0, *(message.position[n] for n in shuffled)],
-        velocity=[9.0, *(message.velocity[n] for n in shuffled)],
-    )
-    (state,) = analysed(graph, named, [mixed])
-    assert len(state.solitons) == 1
-    assert alike(state, expected(named, message))
-
-
-def test_without_velocities_the_place_is_told_and_the_velocity_is_nan(
-    graph: Graph, named: NamedChain, messages: list[JointState]
-) -> None:
-    message = messages[FRAMES // 2]
-    message.velocity = []
-    (state,) = analysed(graph, named, [message])
-    assert alike(state, expected(named, message))
-    assert math.isnan(state.solitons[0].velocity)
-    assert math.isfinite(state.solitons[0].rotor)
-
-
-def test_frames_that_come_before_the_chain_are_answered_when_it_is_known(
-    graph: Graph, named: NamedChain, messages: list[JointState]
-) -> None:
-    analyser = graph.start(SolitonAnalyser)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    graph.until(lambda: analyser.count_subscribers('soliton_state') == 1, 'the listener')
-    for message in messages:
-        joints.publish(message)
-    graph.until(lambda: values(graph.next_report('soliton_analyser'))['frames'] == '0', 'a report')
-    assert states == []
-    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, Time()))
-    graph.until(lambda: len(states) == len(messages), 'all states')
-    assert [state.header.stamp for state in states] == [m.header.stamp for m in messages]
-
-
-def test_where_there_is_no_simulator_the_chain_comes_from_parameters(
-    graph: Graph, named: NamedChain, messages: list[JointState]
-) -> None:
-    parameters = {'chain_from': 'parameters', 'chain.number_of_rotors': 8}
-    graph.start(SolitonAnalyser, parameters)
-    states = graph.hear(interfaces.SOLITON_STATE)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    joints.publish(messages[FRAMES // 2])
+    joints.publish(shuffled)
     graph.until(lambda: states, 'a state')
-    assert alike(states[0], expected(named, messages[FRAMES // 2]))
+    assert same(states[0], expected_of(named, shuffled))
+    (soliton,) = states[0].solitons
+    assert math.isfinite(soliton.velocity) == rates
 
 
-def broken(message: JointState, kind: str) -> JointState:
-    wrong = JointState(
-        header=message.header,
-        name=list(message.name),
-        position=list(message.position),
-        velocity=list(message.velocity),
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_no_soliton_is_an_empty_list(graph: Graph, named: NamedChain, lean: int) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    rest = named.chain.uniform_state(lean)
+    joints.publish(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, time_to_msg(1)))
+    graph.until(lambda: states, 'a state')
+    assert states[0].solitons == []
+    assert states[0].motion_name == 'flipper'
+
+
+def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: Graph) -> None:
+    chain, speed = CHAINS['flipper']
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, speed)
+    for frame in frames:
+        joints.publish(frame)
+    graph.until(lambda: reports, 'a report')
+    said = 'waiting for the topic chain; where there is none, set chain_from to parameters'
+    assert (reports[-1].message, reports[-1].level) == (said, reports[-1].WARN)
+    assert states == []
+    tell_chain(graph, named)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    assert [state.header for state in states] == [frame.header for frame in frames]
+
+
+def test_of_frames_that_wait_for_the_chain_too_long_the_last_are_kept(
+    graph: Graph, named: NamedChain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(soliton_analyser.interfaces, '_DEEPEST_QUEUE', 20)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    analyser = graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, 10.0)[:50]
+    for number, frame in enumerate(frames):
+        joints.publish(frame)
+        graph.until(
+            lambda n=number: (
+                analyser._waiting
+                and analyser._waiting[-1][4:12]
+                == frames[n].header.stamp.sec.to_bytes(4, 'little')
+                + frames[n].header.stamp.nanosec.to_bytes(4, 'little')
+            ),
+            'the frame',
+        )
+    tell_chain(graph, named)
+    graph.until(lambda: states and states[-1].header == frames[-1].header, 'the last state')
+    assert [state.header for state in states] == [frame.header for frame in frames[-20:]]
+
+
+def test_parameters_of_the_chain_take_the_place_of_the_topic(
+    graph: Graph, named: NamedChain
+) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    graph.start(
+        SolitonAnalyser, {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
     )
-    if kind == 'nan':
-        wrong.position[3] = math.nan
-    elif kind == 'infinite rate':
-        wrong.velocity[3] = math.inf
-    elif kind == 'too few angles':
-        wrong.position.pop()
-    elif kind == 'missing rotor':
-        wrong.name[3] = 'elbow'
-    elif kind == 'rotor twice':
-        wrong.name[3] = wrong.name[2]
-    return wrong
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, 10.0)
+    for frame in frames:
+        joints.publish(frame)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    for state, frame in zip(states, frames, strict=True):
+        assert same(state, expected_of(named, frame))
 
 
 @pytest.mark.parametrize(
-    ('kind', 'complaint'),
+    ('spoil', 'complaint'),
     [
-        ('nan', 'joint_states.position of rotor_3 = nan must be a finite number'),
-        ('infinite rate', 'joint_states.velocity of rotor_3 = inf must be a finite number'),
-        ('too few angles', 'joint_states.position has 7 values for 8 names'),
-        ('missing rotor', "lacks 1 of 8 rotors, first 'rotor_3'"),
-        ('rotor twice', "joint_states.name has 'rotor_2' twice"),
+        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
+        ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
+        ({'position': [math.nan] * 8}, 'position of rotor_0 = nan must be a finite number'),
+        ({'velocity': [-math.inf] * 8}, 'velocity of rotor_0 = -inf must be a finite number'),
+        ({'name': [f'wheel_{n}' for n in range(8)]}, 'joint_states.name lacks 8 of 8 rotors'),
+        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
+        ({'name': [], 'position': [], 'velocity': []}, 'joint_states.name lacks 8 of 8'),
     ],
 )
-def test_a_frame_that_cannot_be_read_is_refused_and_the_next_answered(
-    graph: Graph, named: NamedChain, messages: list[JointState], kind: str, complaint: str
+def test_wrong_joint_states_are_refused_and_right_ones_analysed_as_before(
+    graph: Graph, named: NamedChain, spoil: dict[str, Any], complaint: str
 ) -> None:
-    graph.start(SolitonAnalyser)
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
-    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, Time()))
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
     joints = graph.speak(interfaces.JOINT_STATES)
-    joints.publish(broken(messages[0], kind))
-    joints.publish(messages[1])
-    graph.until(lambda: states, 'the state of the good frame')
-    graph.until(lambda: any('1 refused' in report.message for report in reports), 'the refusal')
-    refusal = next(report for report in reports if '1 refused' in report.message)
-    assert complaint in refusal.message
-    assert refusal.level == refusal.WARN
-    assert [state.header.stamp for state in states] == [messages[1].header.stamp]
+    right = frames_of(named, 10.0)[60]
+    wrong = frames_of(named, 10.0)[60]
+    for field, value in spoil.items():
+        setattr(wrong, field, value)
+    joints.publish(wrong)
+    joints.publish(right)
+    graph.until(lambda: states, 'a state')
+    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
+    assert complaint in values(reports[-1])['last refusal']
+    assert len(states) == 1
+    assert same(states[0], expected_of(named, right))
 
 
-def test_a_chain_that_is_none_is_refused_and_the_last_one_kept(
-    graph: Graph, named: NamedChain, messages: list[JointState]
-) -> None:
-    graph.start(SolitonAnalyser)
+def test_a_frame_of_any_finite_numbers_is_analysed_or_refused(graph: Graph) -> None:
+    chance = np.random.default_rng(3)
+    named = named_chain(Chain(number_of_rotors=5))
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
-    chains = graph.speak(interfaces.CHAIN)
-    chains.publish(chain_to_msg(named, Time()))
-    learnt = 'waiting for joint_states'
-    graph.until(lambda: any(report.message == learnt for report in reports), 'the chain')
-    wrong = chain_to_msg(named, Time())
-    wrong.mass = -1.0
-    chains.publish(wrong)
-    graph.until(lambda: any('refused' in report.message for report in reports), 'the refusal')
-    assert any('mass = -1.0' in report.message for report in reports)
-    graph.speak(interfaces.JOINT_STATES).publish(messages[0])
-    graph.until(lambda: states, 'a state')
-    assert alike(states[0], expected(named, messages[0]))
-
-
-def test_while_the_chain_is_unknown_the_report_says_what_to_do(graph: Graph) -> None:
+    tell_chain(graph, named)
     graph.start(SolitonAnalyser)
-    report = graph.next_report('soliton_analyser')
-    assert report.level == report.WARN
-    assert 'set chain_from to parameters' in report.message
+    joints = graph.speak(interfaces.JOINT_STATES)
+    for number in range(300):
+        size = 10.0 ** chance.uniform(-320, 308)
+        angles, rates = chance.uniform(-size, size, (2, 5))
+        frame = Frame(angles, rates if number % 2 else np.zeros(5))
+        joints.publish(frame_to_msg(named, frame, 0 * angles, time_to_msg(number)))
+    graph.until(
+        lambda: reports and len(states) + int(values(reports[-1])['refused']) == 300,
+        'an answer to each frame',
+    )
 
 
-def test_an_unknown_source_of_the_chain_ends_it_with_one_line(
-    start: Callable[..., Program],
-) -> None:
-    program = start('soliton_analyser', '--ros-args', '-p', 'chain_from:=telepathy')
-    assert program.wait() == 1
-    (line,) = program.said
-    assert "chain_from of soliton_analyser = 'telepathy' must be one of" in line
-    assert "'topic', 'parameters'" in line
+def test_a_report_tells_rate_and_number_of_solitons(graph: Graph, named: NamedChain) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    graph.until(lambda: reports and reports[-1].message == 'waiting for joint_states', 'a warning')
+    joints = graph.speak(interfaces.JOINT_STATES)
+    joints.publish(frames_of(named, 10.0)[60])
+    graph.until(lambda: states and reports[-1].message == '1 solitons', 'a report')
+    figures = values(reports[-1])
+    assert (figures['frames'], figures['solitons'], figures['subscribers']) == ('1', '1', '1')
+    assert float(figures['rate [Hz]']) > 0
