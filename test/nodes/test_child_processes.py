@@ -68,13 +68,14 @@ def test_one_that_ends_by_itself_is_missed_with_its_last_words(
 
 
 def test_one_that_does_not_heed_the_interrupt_is_killed(
-    children: ChildProcesses, environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
 ) -> None:
-    children.start('soliton_analyser', [], environment)
-    (process,) = children._running.values()
-    process.send_signal(signal.SIGSTOP)
+    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
+    log = tmp_path / 'log' / 'bag_recorder.log'
+    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
+    children._running['bag_recorder'].send_signal(signal.SIGSTOP)
     asked = time.monotonic()
-    assert children.stop() == {'soliton_analyser': -signal.SIGKILL}
+    assert children.stop() == {'bag_recorder': -signal.SIGKILL}
     assert time.monotonic() - asked < TIME_TO_STOP
 
 
