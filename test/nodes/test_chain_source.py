@@ -20,7 +20,6 @@ from soliton_linkage_nodes.conversions import (
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 
-
 pytestmark = pytest.mark.usefixtures('often')
 
 

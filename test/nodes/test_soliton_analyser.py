@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from graphs import Graph, values
+from programs import Program
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -231,7 +233,7 @@ def test_a_frame_of_any_finite_numbers_is_analysed_or_refused(graph: Graph) -> N
     graph.start(SolitonAnalyser)
     joints = graph.speak(interfaces.JOINT_STATES)
     for number in range(300):
-        size = 10.0 ** chance.uniform(-320, 308)
+        size = 10.0 ** chance.uniform(-150, 150)
         angles, rates = chance.uniform(-size, size, (2, 5))
         frame = Frame(angles, rates if number % 2 else np.zeros(5))
         joints.publish(frame_to_msg(named, frame, 0 * angles, time_to_msg(number)))
@@ -249,7 +251,18 @@ def test_a_report_tells_rate_and_number_of_solitons(graph: Graph, named: NamedCh
     graph.until(lambda: reports and reports[-1].message == 'waiting for joint_states', 'a warning')
     joints = graph.speak(interfaces.JOINT_STATES)
     joints.publish(frames_of(named, 10.0)[60])
-    graph.until(lambda: states and reports[-1].message == '1 solitons', 'a report')
-    figures = values(reports[-1])
+    graph.until(lambda: any(r.message == '1 solitons' for r in reports), 'a report')
+    assert len(states) == 1
+    figures = values(next(r for r in reports if r.message == '1 solitons'))
     assert (figures['frames'], figures['solitons'], figures['subscribers']) == ('1', '1', '1')
     assert float(figures['rate [Hz]']) > 0
+
+
+def test_an_unknown_source_of_the_chain_ends_it_with_one_line(
+    start: Callable[..., Program],
+) -> None:
+    program = start('soliton_analyser', '--ros-args', '-p', 'chain_from:=telepathy')
+    assert program.wait() == 1
+    (line,) = program.said
+    said = "chain_from of soliton_analyser = 'telepathy' must be one of 'topic', 'parameters'"
+    assert said in line

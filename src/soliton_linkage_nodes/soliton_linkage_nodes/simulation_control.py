@@ -109,7 +109,9 @@ class SimulationControl:
             for _ in range(periods):
                 if self._failure is not None:
                     break
-                self._finish_frame(self._begin_frame())
+                with self._lock:
+                    simulation = self._begin_frame()
+                self._finish_frame(simulation)
             return self._failure
 
     def reset(self, lean: int) -> None:
@@ -135,6 +137,7 @@ class SimulationControl:
             self._obey()
         except ValueError as error:
             self._fail(error)
+        self._frame += 1
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
@@ -146,7 +149,6 @@ class SimulationControl:
         except ArithmeticError as error:
             failure = error
         with self._lock:
-            self._frame += 1
             if self._failure is None and not self._forsaken(simulation):
                 if failure is None:
                     simulation.advance()

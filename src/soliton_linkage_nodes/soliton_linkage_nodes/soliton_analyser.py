@@ -19,8 +19,6 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.parameters import refuse_unknown
 from soliton_linkage_nodes.process import run
 
-_LONGEST_WAIT_FOR_CHAIN = 1000
-
 
 class SolitonAnalyser(Node):
     """Publishes the solitons of every frame of joint states, none as an empty list.
@@ -33,7 +31,7 @@ class SolitonAnalyser(Node):
     def __init__(self, **kwargs: Any) -> None:
         """Listen to the chain and its joints."""
         super().__init__('soliton_analyser', **kwargs)
-        self._waiting: deque[bytes] = deque(maxlen=_LONGEST_WAIT_FOR_CHAIN)
+        self._waiting: deque[bytes] = deque()
         self._frames = 0
         self._solitons = 0
         self._reported = (time.monotonic(), 0)
@@ -55,6 +53,8 @@ class SolitonAnalyser(Node):
     def _on_joint_states(self, serialized: bytes) -> None:
         if self._source.named is None:
             self._waiting.append(serialized)
+            if len(self._waiting) > interfaces.stream_qos(len(serialized)).depth:
+                self._waiting.popleft()
         else:
             self._analyse(self._source.named, serialized)
 
