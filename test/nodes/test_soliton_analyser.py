@@ -250,7 +250,7 @@ def test_a_report_tells_rate_and_number_of_solitons(graph: Graph, named: NamedCh
     graph.start(SolitonAnalyser)
     graph.until(lambda: reports and reports[-1].message == 'waiting for joint_states', 'a warning')
     joints = graph.speak(interfaces.JOINT_STATES)
-    joints.publish(frames_of(named, 10.0)[60])
+    joints.publish(frames_of(named, 10.0)[20])
     graph.until(lambda: any(r.message == '1 solitons' for r in reports), 'a report')
     assert len(states) == 1
     figures = values(next(r for r in reports if r.message == '1 solitons'))
