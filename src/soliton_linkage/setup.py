@@ -8,7 +8,7 @@ setup(
     version='0.1.0',
     description='Physics and analysis of a topological rotor linkage',
     maintainer='soliton_linkage maintainers',
-    maintainer_email='maintainers@soliton-linkage.dev',
+    maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
     packages=['soliton_linkage'],
     package_data={'soliton_linkage': ['py.typed']},

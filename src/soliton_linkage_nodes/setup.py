@@ -14,7 +14,7 @@ setup(
     version='0.1.0',
     description='ROS 2 nodes of the topological rotor linkage',
     maintainer='soliton_linkage maintainers',
-    maintainer_email='maintainers@soliton-linkage.dev',
+    maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
     packages=['soliton_linkage_nodes'],
     package_data={'soliton_linkage_nodes': ['py.typed']},

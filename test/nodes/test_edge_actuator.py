@@ -351,11 +351,20 @@ def test_wrong_joint_states_are_refused_when_they_are_needed(
 def test_while_nobody_takes_impulses_commands_are_refused(graph: Graph, named: NamedChain) -> None:
     reports = graph.reports('edge_actuator')
     graph.start(EdgeActuator)
-    graph.speak(interfaces.NUDGE).publish(Float64(data=1.0))
-    graph.speak(interfaces.EDGE_COMMAND).publish(EdgeCommand(**FULL_PRESSURE))
-    graph.until(lambda: reports and values(reports[-1])['refused'] == '2', 'the refusals')
-    said = 'nothing subscribes to rotor_torques; start the simulator first'
-    assert values(reports[-1])['last refusal'] == f'edge_command: {said}'
+    for number, (topic, message, torques) in enumerate(
+        (
+            (interfaces.NUDGE, Float64(data=1.0), 'rotor_impulses'),
+            (interfaces.EDGE_COMMAND, EdgeCommand(**FULL_PRESSURE), 'rotor_torques'),
+        ),
+        start=1,
+    ):
+        graph.speak(topic).publish(message)
+        graph.until(
+            lambda n=number: reports and values(reports[-1])['refused'] == str(n), 'the refusal'
+        )
+        assert values(reports[-1])['last refusal'] == (
+            f'{topic.name}: nothing subscribes to {torques}; start the simulator first'
+        )
 
 
 def test_a_report_tells_what_it_waits_for(graph: Graph, named: NamedChain) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -48,7 +48,7 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     not allowed.
     """
     values = {}
-    for field in dataclasses.fields(parameters):  # type: ignore[arg-type]
+    for field in dataclasses.fields(cast(Any, parameters)):
         described = field.metadata['quantity']
         values[field.name] = _declare_one(node, prefix + field.name, field.default, described)
     adjustable = {
