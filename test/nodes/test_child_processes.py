@@ -54,6 +54,18 @@ def test_a_node_runs_until_it_is_stopped_with_its_words_in_a_log(
     assert (tmp_path / 'run_0' / 'metadata.yaml').is_file()
 
 
+def test_some_are_stopped_while_others_go_on(
+    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
+) -> None:
+    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
+    children.start('soliton_analyser', [], environment)
+    log = tmp_path / 'log' / 'bag_recorder.log'
+    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
+    assert children.stop(['bag_recorder']) == {'bag_recorder': 0}
+    children.check()
+    assert children.stop().keys() == {'soliton_analyser'}
+
+
 def test_one_that_ends_by_itself_is_missed_with_its_last_words(
     children: ChildProcesses, environment: dict[str, str]
 ) -> None:

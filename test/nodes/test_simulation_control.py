@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -151,3 +153,67 @@ def test_the_status_tells_the_energy_that_a_kick_gave() -> None:
     assert status.energy == pytest.approx(given, rel=1e-8)
     assert math.isfinite(status.energy_drift)
     assert abs(status.energy_drift) < 1e-8
+
+
+@pytest.fixture
+def endless(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let no frame be ever computed, and tell when one is being."""
+    begun = threading.Event()
+
+    def step(simulation: Simulation) -> None:
+        begun.set()
+        time.sleep(1e-4)
+
+    monkeypatch.setattr(Simulation, 'step', step)
+    return begun
+
+
+def end(published: Published, tick: threading.Thread) -> None:
+    published.control.stop()
+    tick.join(10)
+    assert not tick.is_alive()
+
+
+def begin(published: Published, begun: threading.Event) -> threading.Thread:
+    tick = threading.Thread(target=published.control.tick)
+    tick.start()
+    assert begun.wait(10)
+    return tick
+
+
+def test_while_a_frame_is_computed_everybody_is_answered(endless: threading.Event) -> None:
+    published = Published()
+    tick = begin(published, endless)
+    published.control.kick(KICK)
+    published.control.hold(TORQUES)
+    assert published.control.pause(True) is None
+    status = published.control.status
+    assert (status.frames, status.pending, status.paused) == (1, 2, True)
+    assert tick.is_alive()
+    end(published, tick)
+
+
+def test_a_reset_gives_up_the_frame_that_is_computed(
+    endless: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    published = Published()
+    tick = begin(published, endless)
+    published.control.reset(1)
+    tick.join(10)
+    assert not tick.is_alive()
+    monkeypatch.undo()
+    published.tick(3)
+    assert published.numbers == [0, 1, 2, 3]
+    simulation = Simulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE, tolerance=1e-11)
+    for angles in published.angles[1:]:
+        np.testing.assert_array_equal(angles, simulation.angles)
+        simulation.advance()
+
+
+def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(
+    endless: threading.Event,
+) -> None:
+    published = Published()
+    end(published, begin(published, endless))
+    published.tick(3)
+    assert published.numbers == [0]

@@ -127,6 +127,15 @@ def test_a_chain_at_rest_is_published_as_it_is(graph: Graph) -> None:
     assert stream.frames[0].header.frame_id == 'linkage'
 
 
+@pytest.mark.parametrize(('rate', 'frames'), [(1.0, 2), (1999.99, 500), (2000.0, 500)])
+def test_stamps_are_step_count_times_period_at_any_rate(
+    graph: Graph, rate: float, frames: int
+) -> None:
+    stream = Stream(graph, {'publish_rate': rate})
+    stream.grow(frames)
+    stream.explain([])
+
+
 @pytest.mark.parametrize(
     'parameters',
     [

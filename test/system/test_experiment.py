@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from ament_index_python.packages import get_package_prefix
 from matplotlib.image import imread
 
@@ -61,9 +62,13 @@ def start() -> Iterator[Start]:
 def test_a_soliton_crosses_is_recorded_and_replayed_alike(
     start: Start, tmp_path: Path, scenario: str
 ) -> None:
+    leave_an_earlier_run(tmp_path, scenario)
     process = start(CONFIGURATION / f'{scenario}.yaml', tmp_path)
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 0, said
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *('kymograph.png', 'log', 'summary.json', 'track.png', f'{scenario}_0')
+    }
     summary = json.loads((tmp_path / 'summary.json').read_text(encoding='utf-8'))
     run = read_run(tmp_path / f'{scenario}_0')
     assert summary['crossings'] == len(run.crossings) >= 2
@@ -78,6 +83,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(
     assert summary['publish_rate_hz'] == pytest.approx(250, rel=0.05)
     assert abs(summary['energy_drift']) < 1e-8
     assert summary['speed_rotors_per_s'] == pytest.approx(predicted_speed(run, scenario), rel=0.01)
+    assert_live_analysis_is_that_of_the_recording(run)
     for picture in ('kymograph.png', 'track.png'):
         assert np.std(imread(tmp_path / picture)[..., :3]) > 0.05
     assert f'crossed the chain of {run.named.rotors} rotors' in said
@@ -92,37 +98,131 @@ def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(
 ) -> None:
     process = start(CONFIGURATION / 'flipper.yaml', tmp_path)
     wait_for_line(process, moment)
-    asked = time.monotonic()
-    (os.killpg if to_group else os.kill)(process.pid, signal.SIGINT)
-    said = process.communicate(timeout=10 * TIME_TO_STOP)[0]
-    assert time.monotonic() - asked < TIME_TO_STOP
-    assert process.returncode == 130
-    assert 'Stopped.' in said
-    assert_nothing_runs(tmp_path)
+    assert_it_stops(process, tmp_path, signal.SIGINT, to_group)
     if moment != 'Starting':
         assert frames_in(tmp_path / 'flipper_0') > 100
 
 
-def test_a_nudge_too_weak_to_cross_is_said_so(start: Start, tmp_path: Path) -> None:
-    weak = (CONFIGURATION / 'flipper.yaml').read_text(encoding='utf-8')
-    weak = weak.replace('nudge: 10.0', 'nudge: 0.1').replace('time_limit: 30.0', 'time_limit: 2.0')
-    configuration = tmp_path / 'weak.yaml'
-    configuration.write_text(weak, encoding='utf-8')
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
+    start: Start, tmp_path: Path, number: signal.Signals
+) -> None:
+    process = start(CONFIGURATION / 'flipper.yaml', tmp_path)
+    bag = tmp_path / 'flipper_0'
+    deadline = time.monotonic() + LONGEST_RUN
+    while not (bag / 'flipper_0.mcap').exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert_it_stops(process, tmp_path, number, to_group=False)
+    assert frames_in(bag) >= 0
+
+
+@pytest.mark.parametrize(
+    ('nudge', 'complaint'),
+    [
+        (0.0, 'within 2 s after a nudge of 0 rad/s, none is seen now; nudge harder or raise'),
+        (200.0, 'edge_actuator refused nudge: speed = 200 rad/s must lie in the range -100 to'),
+    ],
+)
+def test_a_nudge_that_sends_no_soliton_is_said_so(
+    start: Start, tmp_path: Path, nudge: float, complaint: str
+) -> None:
+    process = start(flipper_with(tmp_path, nudge=nudge, time_limit=2.0), tmp_path / 'out')
+    said = process.communicate(timeout=LONGEST_RUN)[0]
+    assert process.returncode == 1
+    assert complaint in said.splitlines()[-1]
+    assert 'Traceback' not in said
+    assert_nothing_runs(tmp_path / 'out')
+    assert frames_in(tmp_path / 'out' / 'flipper_0') > 0
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'complaint'),
+    [
+        ({'nudge': 10}, 'parameter nudge of experiment = 10 must be a number with a decimal'),
+        ({'nugde': 10.0}, "parameter 'nugde' of experiment is unknown; did you mean 'nudge'?"),
+        ({'time_limit': 0.0}, 'time_limit of experiment = 0.0 must lie in the range 1 to 3600 s'),
+    ],
+)
+def test_a_wrong_configuration_is_said_in_one_line(
+    start: Start, tmp_path: Path, parameters: dict[str, float], complaint: str
+) -> None:
+    process = start(flipper_with(tmp_path, **parameters), tmp_path / 'out')
+    said = process.communicate(timeout=LONGEST_RUN)[0]
+    assert process.returncode == 1
+    assert [complaint in line for line in said.splitlines() if line] == [True]
+
+
+def test_a_parameter_that_stops_a_node_stops_the_experiment(start: Start, tmp_path: Path) -> None:
+    configuration = tmp_path / 'wrong.yaml'
+    configuration.write_text('simulator:\n  ros__parameters:\n    publsh_rate: 100.0\n')
     process = start(configuration, tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
-    assert 'within 2 s' in said
-    assert 'raise time_limit' in said
+    assert "parameter 'publsh_rate' of simulator is unknown" in said
+    assert "did you mean 'publish_rate'?" in said
     assert 'Traceback' not in said
     assert_nothing_runs(tmp_path / 'out')
+
+
+def test_an_output_that_cannot_be_written_is_said_in_one_line(
+    start: Start, tmp_path: Path
+) -> None:
+    (tmp_path / 'file').write_text('no folder')
+    process = start(CONFIGURATION / 'flipper.yaml', tmp_path / 'file' / 'out')
+    said = process.communicate(timeout=LONGEST_RUN)[0]
+    assert process.returncode == 1
+    (line,) = said.split('\n')[1:-1]
+    assert line.startswith('The experiment failed: ')
+    assert str(tmp_path / 'file') in line
 
 
 def test_a_missing_configuration_is_named(start: Start, tmp_path: Path) -> None:
     process = start(tmp_path / 'nowhere.yaml', tmp_path)
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 2
-    assert 'nowhere.yaml' in said
-    assert 'config/flipper.yaml' in said
+    (line,) = said.splitlines()
+    assert 'nowhere.yaml' in line
+    assert 'config/flipper.yaml' in line
+
+
+def leave_an_earlier_run(output: Path, scenario: str) -> None:
+    bag = output / f'{scenario}_0'
+    bag.mkdir()
+    for path in (bag / f'{scenario}_0.mcap', bag / 'metadata.yaml', output / 'summary.json'):
+        path.write_text('of an earlier run')
+
+
+def flipper_with(folder: Path, **parameters: float) -> Path:
+    """Return a configuration in which the experiment has other parameters."""
+    configuration = yaml.safe_load((CONFIGURATION / 'flipper.yaml').read_text(encoding='utf-8'))
+    configuration['experiment']['ros__parameters'].update(parameters)
+    path = folder / 'flipper.yaml'
+    path.write_text(yaml.safe_dump(configuration), encoding='utf-8')
+    return path
+
+
+def assert_it_stops(
+    process: subprocess.Popen[str], output: Path, number: signal.Signals, to_group: bool
+) -> None:
+    asked = time.monotonic()
+    (os.killpg if to_group else os.kill)(process.pid, number)
+    said = process.communicate(timeout=10 * TIME_TO_STOP)[0]
+    assert time.monotonic() - asked < TIME_TO_STOP
+    assert process.returncode == 130
+    assert 'Stopped.' in said
+    assert 'Traceback' not in said
+    assert_nothing_runs(output)
+
+
+def assert_live_analysis_is_that_of_the_recording(run: RecordedRun) -> None:
+    again = follow(run.named.chain, run.recording)
+    live = dict(zip(run.track.times, run.track.rotors, strict=True))
+    shared = [
+        (rotor, live[t]) for t, rotor in zip(again.times, again.rotors, strict=True) if t in live
+    ]
+    assert len(shared) >= 0.99 * len(live)
+    np.testing.assert_array_equal(*zip(*shared, strict=True))
 
 
 def wait_for_line(process: subprocess.Popen[str], begin: str) -> None:

@@ -60,10 +60,13 @@ class ChildProcesses:
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Interrupt some processes, or all, kill what is left after 1.5 s, return exit codes."""
+        """Terminate some processes, or all, kill what is left after 1.5 s, return exit codes.
+
+        A node that is still starting ends at once on SIGTERM; SIGINT may get lost in its imports.
+        """
         chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
         for process in chosen.values():
-            process.send_signal(signal.SIGINT)
+            process.terminate()
         deadline = time.monotonic() + _TIME_TO_STOP
         return {node: _end(process, deadline) for node, process in chosen.items()}
 
@@ -86,4 +89,4 @@ def _end(process: subprocess.Popen[bytes], deadline: float) -> int:
 
 
 def _die_with_parent() -> None:
-    _C_LIBRARY.prctl(_PARENT_DEATH_SIGNAL, signal.SIGINT)
+    _C_LIBRARY.prctl(_PARENT_DEATH_SIGNAL, signal.SIGTERM)

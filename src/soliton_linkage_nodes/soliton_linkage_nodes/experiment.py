@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,7 +38,7 @@ from soliton_linkage_nodes.bag_report import (
 from soliton_linkage_nodes.child_processes import ChildProcesses
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
-from soliton_linkage_nodes.process import initialise
+from soliton_linkage_nodes.process import initialise, stop_on_signals
 from soliton_linkage_nodes.progress import ProgressLine
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
@@ -120,13 +121,16 @@ class Observer(Node):
 class Experiment:
     """Runs the steps one after the other, each with what a person wants to see meanwhile."""
 
-    def __init__(self, configuration: Path, output: Path, observer: Observer) -> None:
-        """Prepare the folder that takes the results."""
+    def __init__(
+        self, configuration: Path, output: Path, observer: Observer, stopping: threading.Event
+    ) -> None:
+        """Prepare the folder that takes the results; `stopping` is set to interrupt it."""
         self.bag = output / f'{observer.settings.scenario}_0'
         self._configuration = configuration
         self._output = output
         self._observer = observer
         self._settings = observer.settings
+        self._stopping = stopping
         self._executor = EventsExecutor()
         self._executor.add_node(observer)
         self._processes = ChildProcesses(output / 'log')
@@ -143,10 +147,11 @@ class Experiment:
             pacing = self._finish()
             replayed = self._replay()
         finally:
-            # A second signal, while the bag is being closed, must not leave it open.
-            _obey_signals(signal.SIG_IGN)
             self._processes.stop()
-            _obey_signals(signal.default_int_handler)
+        # Nothing is left to be stopped in good order.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
+        self._go_on()
         run = read_run(self.bag)
         return self._report(run, replayed, pacing)
 
@@ -256,6 +261,7 @@ class Experiment:
         )
         line = ProgressLine('replaying', 0)
         while not self._processes.wait('bag_player', 0):
+            self._go_on()
             self._executor.spin_once(timeout_sec=_SPIN)
             line.total = float(self._observer.figures('bag_player').get('messages', 0))
             line.show(len(self._observer.states))
@@ -268,6 +274,7 @@ class Experiment:
         """Take what is still on its way, until nothing has come for half a second."""
         quiet_since, seen = time.monotonic(), -1
         while time.monotonic() - quiet_since < 0.5:
+            self._go_on()
             self._executor.spin_once(timeout_sec=_SPIN)
             if len(self._observer.states) != seen:
                 quiet_since, seen = time.monotonic(), len(self._observer.states)
@@ -295,29 +302,35 @@ class Experiment:
     ) -> None:
         deadline = time.monotonic() + seconds
         while not condition():
+            self._go_on()
             self._processes.check()
             if time.monotonic() > deadline:
                 raise RuntimeError(complaint())
             self._executor.spin_once(timeout_sec=_SPIN)
 
+    def _go_on(self) -> None:
+        if self._stopping.is_set():
+            raise KeyboardInterrupt
+
 
 def main() -> None:
     """Run the experiment of a configuration file."""
     arguments = _arguments()
-    _obey_signals(signal.default_int_handler)
+    # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
+    stopping = stop_on_signals()
     # An OSError must not get to domain_id(): it would take it for a domain that is in use.
     with domain_coordinator.domain_id() as domain:
         _isolate(domain)
-        code = _run(arguments.configuration, arguments.output)
+        code = _run(arguments.configuration, arguments.output, stopping)
     sys.exit(code)
 
 
-def _run(configuration: Path, output: Path) -> int:
+def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
     bag = None
     try:
         initialise(['--ros-args', '--params-file', str(configuration)])
         output.mkdir(parents=True, exist_ok=True)
-        experiment = Experiment(configuration, output, Observer())
+        experiment = Experiment(configuration, output, Observer(), stopping)
         bag = experiment.bag
         _conclude(experiment.run(), output, bag)
     except KeyboardInterrupt:
@@ -329,11 +342,6 @@ def _run(configuration: Path, output: Path) -> int:
     finally:
         rclpy.try_shutdown()
     return 0
-
-
-def _obey_signals(handler: Any) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handler)
 
 
 def _arguments() -> argparse.Namespace:
