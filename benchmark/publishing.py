@@ -2,7 +2,8 @@
 """What the simulator's publishing costs and how well it keeps its deadlines.
 
 A simulator with a soliton on its way runs as a process of its own; this one takes every message,
-counts the gaps, and reads the other's processor time from the kernel.
+counts the gaps, and reads the other's processor time from the kernel. Before that, a loop that
+does nothing but sleep until each deadline shows what the machine itself makes of them.
 """
 
 from __future__ import annotations
@@ -34,10 +35,12 @@ from soliton_linkage_nodes.sequence_gaps import SequenceGaps
 NUDGE = 10.0
 POLL = 0.005
 SETTLING = 3.0
+SLEEPING = 10.0
 
 
 def main() -> None:
     arguments = parse_arguments()
+    idle = share_missed_by_a_loop_that_sleeps(arguments.rate)
     with domain_coordinator.domain_id() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -49,7 +52,7 @@ def main() -> None:
             simulator.send_signal(signal.SIGINT)
             simulator.wait()
             rclpy.try_shutdown()
-    report(figures, arguments.output)
+    report({**figures, 'share_missed_by_sleeping': idle}, arguments.output)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -59,6 +62,15 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument('--seconds', type=float, default=60.0, help='(%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/benchmark/publishing.json'))
     return parser.parse_args()
+
+
+def share_missed_by_a_loop_that_sleeps(rate: float) -> float:
+    ticks = round(SLEEPING * rate)
+    start, missed = time.monotonic(), 0
+    for tick in range(ticks):
+        time.sleep(max(0.0, start + tick / rate - time.monotonic()))
+        missed += time.monotonic() - start > (tick + 1) / rate
+    return missed / ticks
 
 
 def start_simulator(rotors: int, rate: float) -> subprocess.Popen[bytes]:
@@ -95,6 +107,7 @@ def measure(process: int, arguments: argparse.Namespace) -> dict[str, float]:
         'messages_not_received': gaps.lost,
         'measured_rate_hz': 1 / float(np.mean(period)),
         'missed_deadlines': after['missed deadlines'] - before['missed deadlines'],
+        'share_missed': (after['missed deadlines'] - before['missed deadlines']) / len(infos),
         'period_p50_ms': 1e3 * float(np.percentile(period, 50)),
         'period_p99_ms': 1e3 * float(np.percentile(period, 99)),
         'period_max_ms': 1e3 * float(np.max(period)),
