@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Motion
-from soliton_linkage.simulation import simulate
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.track import find_crossings, follow
 from soliton_linkage_nodes.bag_report import draw, largest_difference, read_run, summarise
 

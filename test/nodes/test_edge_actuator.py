@@ -17,8 +17,8 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.rigidity import rigidity_matrix
-from soliton_linkage.simulation import simulate
 from soliton_linkage.soliton import find_solitons
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes import interfaces

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.chain import Chain
-from soliton_linkage.simulation import Simulation
+from soliton_linkage.elastic_simulation import ElasticSimulation
 from soliton_linkage_nodes.simulation_control import SimulationControl
 
 CHAIN = Chain(number_of_rotors=6)
@@ -33,13 +33,13 @@ class Published:
         for _ in range(times):
             self.control.tick()
 
-    def _publish(self, number: int, simulation: Simulation) -> None:
+    def _publish(self, number: int, simulation: ElasticSimulation) -> None:
         self.numbers.append(number)
         self.angles.append(simulation.angles.copy())
 
 
-def reference() -> Simulation:
-    return Simulation(CHAIN, CHAIN.uniform_state(-1), period=1 / RATE, tolerance=1e-11)
+def reference() -> ElasticSimulation:
+    return ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), period=1 / RATE, tolerance=1e-11)
 
 
 def test_a_kick_acts_at_the_instant_of_the_next_frame_published() -> None:
@@ -120,7 +120,7 @@ def test_a_reset_drops_commands_and_motion_and_time_goes_on() -> None:
     published.control.reset(1)
     published.tick(4)
     assert published.numbers == list(range(8))
-    simulation = Simulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE, tolerance=1e-11)
+    simulation = ElasticSimulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE, tolerance=1e-11)
     for angles in published.angles[4:]:
         np.testing.assert_array_equal(angles, simulation.angles)
         simulation.advance()
@@ -160,11 +160,11 @@ def endless(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     """Let no frame be ever computed, and tell when one is being."""
     begun = threading.Event()
 
-    def step(simulation: Simulation) -> None:
+    def step(simulation: ElasticSimulation) -> None:
         begun.set()
         time.sleep(1e-4)
 
-    monkeypatch.setattr(Simulation, 'step', step)
+    monkeypatch.setattr(ElasticSimulation, 'step', step)
     return begun
 
 
@@ -204,7 +204,7 @@ def test_a_reset_gives_up_the_frame_that_is_computed(
     monkeypatch.undo()
     published.tick(3)
     assert published.numbers == [0, 1, 2, 3]
-    simulation = Simulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE, tolerance=1e-11)
+    simulation = ElasticSimulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE, tolerance=1e-11)
     for angles in published.angles[1:]:
         np.testing.assert_array_equal(angles, simulation.angles)
         simulation.advance()

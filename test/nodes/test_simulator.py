@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Chain
-from soliton_linkage.simulation import Simulation
+from soliton_linkage.elastic_simulation import ElasticSimulation
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes import interfaces
@@ -33,18 +33,18 @@ NAMES = [f'rotor_{rotor}' for rotor in range(ROTORS)]
 KICK = 10.0 * CHAIN.moment_of_inertia * edge_mode(CHAIN, CHAIN.uniform_state(-1), Edge.FIRST)
 TORQUES = np.linspace(-1e-3, 2e-3, ROTORS)
 
-Act = Callable[[Simulation], None]
+Act = Callable[[ElasticSimulation], None]
 
 
-def kick(simulation: Simulation) -> None:
+def kick(simulation: ElasticSimulation) -> None:
     simulation.kick(KICK)
 
 
-def hold(simulation: Simulation) -> None:
+def hold(simulation: ElasticSimulation) -> None:
     simulation.hold(TORQUES)
 
 
-def let_go(simulation: Simulation) -> None:
+def let_go(simulation: ElasticSimulation) -> None:
     simulation.hold(np.zeros(ROTORS))
 
 
@@ -98,7 +98,7 @@ class Stream:
         self, commands: Sequence[Act], took_effect: list[int], lean: int
     ) -> int | None:
         due = dict(zip(took_effect, commands, strict=False))
-        twin = Simulation(
+        twin = ElasticSimulation(
             self.chain,
             self.chain.uniform_state(lean),
             period=1 / self.rate,
@@ -366,7 +366,7 @@ def test_a_reset_forgets_commands_but_not_the_time(
     settled(stream)
     numbers = [stream.number(frame) for frame in stream.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    twin = Simulation(CHAIN, CHAIN.uniform_state(lean), period=1 / RATE)
+    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(lean), period=1 / RATE)
     for frame in stream.frames[before:]:
         np.testing.assert_array_equal(frame.position, twin.angles)
         np.testing.assert_array_equal(frame.velocity, twin.rates)

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Chain
-from soliton_linkage.simulation import simulate
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.soliton import find_solitons
 from soliton_linkage_nodes import interfaces, soliton_analyser
 from soliton_linkage_nodes.conversions import (

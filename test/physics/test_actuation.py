@@ -10,8 +10,8 @@ from linkage_motion import wall_between
 
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Motion
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.rigidity import mode_towards_last
-from soliton_linkage.simulation import simulate
 from soliton_linkage.track import follow
 
 

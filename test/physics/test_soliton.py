@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 from linkage_motion import closed_orbit, site, wall_between
 
 from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.rigidity import mode_towards_last, zero_mode
-from soliton_linkage.simulation import simulate
 from soliton_linkage.soliton import Soliton, find_solitons, order_field, polarisation
 
 # How far a fitted wall may be from the truth [rotor spacings], without noise.

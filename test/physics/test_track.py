@@ -19,9 +19,9 @@ from chains import (
 from linkage_motion import TOLERANCE, closed_orbit, distance, site
 
 from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.recording import Recording
 from soliton_linkage.rigidity import mode_towards_last
-from soliton_linkage.simulation import simulate
 from soliton_linkage.soliton import find_solitons
 from soliton_linkage.track import Track, find_crossings, follow, track_point
 

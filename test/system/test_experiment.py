@@ -18,7 +18,7 @@ from ament_index_python.packages import get_package_prefix
 from matplotlib.image import imread
 
 from soliton_linkage.actuation import Edge, edge_mode
-from soliton_linkage.simulation import simulate
+from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.track import find_crossings, follow
 from soliton_linkage_nodes.bag_report import RecordedRun, read_run
 from soliton_linkage_nodes.bags import open_bag

@@ -7,7 +7,8 @@ Neighbouring masses are joined by springs whose squared length differs from that
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar),
 
 with h = r sin(phi), v = r cos(phi). Extensions are computed as e_n / (l_n + lbar), in which no
-length cancels: a relaxed spring has its length at rest to rounding.
+length cancels: a relaxed spring has its length at rest to rounding. Where single rotors and
+springs deviate, a, r, lbar, M and k_e have an index of their own.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from soliton_linkage.deviations import NO_DEVIATIONS, Deviations
 from soliton_linkage.quantities import check_quantities, quantity
 
 Array = NDArray[np.float64]
@@ -35,7 +37,12 @@ class Motion(enum.Enum):
 
 @dataclass(frozen=True)
 class Chain:
-    """Parameters of a uniform chain with free ends; raises ValueError where they are invalid."""
+    """Parameters of a chain; raises ValueError where they are invalid.
+
+    Its ends are free, or periodic: then one more spring joins the last rotor to the image of
+    the first beyond the end. Lengths, masses and all else are those of every rotor and spring,
+    but for the deviations.
+    """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
     spacing: float = quantity(0.1, 'distance between neighbouring pivots', 'm', 1e-6, 1e3)
@@ -45,19 +52,80 @@ class Chain:
     )
     mass: float = quantity(0.02, 'mass at the end of each rotor', 'kg', 1e-9, 1e6)
     stiffness: float = quantity(50.0, 'stiffness of each spring', 'N/m', 1e-9, 1e12)
+    damping: float = 0.0
+    """Of each rotor about its pivot [N m s/rad]."""
+    periodic: bool = False
+    """Whether the last rotor is joined to the first."""
+    deviations: Deviations = NO_DEVIATIONS
+    """Of single rotors and springs."""
 
     def __post_init__(self) -> None:
         """Refuse parameters out of their range."""
         check_quantities(self)
+        if not (math.isfinite(self.damping) and self.damping >= 0):
+            raise ValueError(
+                f'Chain.damping = {self.damping} N m s/rad must be a finite number of 0 or more'
+            )
+        if self.periodic and self.number_of_rotors % 2:
+            raise ValueError(
+                f'Chain.number_of_rotors = {self.number_of_rotors} must be even with periodic '
+                'ends, where up and down must alternate all the way round'
+            )
+        self.deviations.check_fit(self.number_of_rotors, self.number_of_springs)
+
+    @property
+    def number_of_springs(self) -> int:
+        """N - 1 with free ends, N with periodic ones."""
+        return self.number_of_rotors - (not self.periodic)
+
+    @cached_property
+    def spacings(self) -> Array:
+        """Distance from each pivot to the next [m], shape (springs,)."""
+        return self._deviating(self.spacing, self.deviations.spacing, self.number_of_springs)
+
+    @cached_property
+    def rotor_lengths(self) -> Array:
+        """Length of each rotor [m], shape (N,)."""
+        deviations = self.deviations.rotor_length
+        return self._deviating(self.rotor_length, deviations, self.number_of_rotors)
+
+    @cached_property
+    def masses(self) -> Array:
+        """Mass at the end of each rotor [kg], shape (N,)."""
+        return self._deviating(self.mass, self.deviations.mass, self.number_of_rotors)
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """Stiffness of each spring [N/m], shape (springs,)."""
+        return self._deviating(self.stiffness, self.deviations.stiffness, self.number_of_springs)
+
+    @cached_property
+    def rest_lengths(self) -> Array:
+        """Length of each spring when it is relaxed [m], shape (springs,)."""
+        deviations = self.deviations.rest_length
+        return self._deviating(self.rest_length, deviations, self.number_of_springs)
+
+    @cached_property
+    def dampings(self) -> Array:
+        """Damping of each rotor [N m s/rad], shape (N,)."""
+        return self._deviating(self.damping, self.deviations.damping, self.number_of_rotors)
+
+    @cached_property
+    def moments_of_inertia(self) -> Array:
+        """Of each rotor about its pivot [kg m^2], M r^2, shape (N,)."""
+        return np.asarray(self.masses * self.rotor_lengths**2)
 
     @cached_property
     def rest_length(self) -> float:
-        """Length of a relaxed spring [m], lbar = sqrt(a^2 + 4 r^2 cos(theta_bar)^2)."""
+        """Length of a relaxed spring without deviation [m].
+
+        lbar = sqrt(a^2 + 4 r^2 cos(theta_bar)^2).
+        """
         return math.hypot(self.spacing, 2 * self.rotor_length * math.cos(self.rest_angle))
 
     @cached_property
     def moment_of_inertia(self) -> float:
-        """Of one rotor about its pivot [kg m^2], M r^2."""
+        """Of a rotor without deviations about its pivot [kg m^2], M r^2."""
         return self.mass * self.rotor_length**2
 
     @cached_property
@@ -116,10 +184,10 @@ class Chain:
 
     def positions(self, angles: Array) -> tuple[Array, Array]:
         """Horizontal and vertical positions of the masses from their pivots [m], (..., N)."""
-        return self.rotor_length * np.sin(angles), self.rotor_length * np.cos(angles)
+        return self.rotor_lengths * np.sin(angles), self.rotor_lengths * np.cos(angles)
 
     def springs(self, angles: Array) -> tuple[Array, Array, Array]:
-        """Return extensions [m] and levers A and B [m/rad] of the springs, each (..., N-1).
+        """Return extensions [m] and levers A and B [m/rad] of the springs, each (..., springs).
 
         A_n = dl_n/dphi_n = (h_n dv_n - v_n dh_n) / l_n and
         B_n = dl_n/dphi_{n+1} = (v_{n+1} dh_n - h_{n+1} dv_n) / l_n, where
@@ -127,32 +195,32 @@ class Chain:
         0 where the masses meet, so that the spring has no direction.
         """
         horizontal, vertical = self.positions(angles)
-        h_left, h_right = horizontal[..., :-1], horizontal[..., 1:]
-        v_left, v_right = vertical[..., :-1], vertical[..., 1:]
-        offset = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
+        h_left, h_right = self._joined(horizontal)
+        v_left, v_right = self._joined(vertical)
+        across, up = h_right - h_left, v_right - v_left
         products = h_left * h_right + v_left * v_right
-        excess = offset + 2 * self.spacing * (h_right - h_left) - 2 * products
-        across, up = self.spacing + h_right - h_left, v_right - v_left
+        excess = self._offsets + 2 * self.spacings * across - 2 * products
+        across += self.spacings
         lengths = np.hypot(across, up)
         divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
         return (
-            excess / (lengths + self.rest_length),
+            excess / (lengths + self.rest_lengths),
             (h_left * up - v_left * across) / divisors,
             (v_right * across - h_right * up) / divisors,
         )
 
     def spring_extensions(self, angles: Array) -> Array:
-        """Length of each spring beyond that at rest [m], shape (..., N-1)."""
+        """Length of each spring beyond that at rest [m], shape (..., springs)."""
         return self.springs(angles)[0]
 
     def elastic_energy(self, angles: Array) -> Array:
-        """Energy in the springs [J], V = (k_e / 2) sum_n (l_n - lbar)^2, shape (...)."""
+        """Energy in the springs [J], V = sum_n (k_e / 2) (l_n - lbar)^2, shape (...)."""
         extensions = self.spring_extensions(angles)
-        return np.asarray(0.5 * self.stiffness * np.sum(extensions**2, axis=-1))
+        return np.asarray(0.5 * np.sum(self.stiffnesses * extensions**2, axis=-1))
 
     def kinetic_energy(self, rates: Array) -> Array:
-        """Energy of the masses [J], T = (M r^2 / 2) sum_n phi_dot_n^2, shape (...)."""
-        return np.asarray(0.5 * self.moment_of_inertia * np.sum(np.square(rates), axis=-1))
+        """Energy of the masses [J], T = sum_n (M r^2 / 2) phi_dot_n^2, shape (...)."""
+        return np.asarray(0.5 * np.sum(self.moments_of_inertia * np.square(rates), axis=-1))
 
     def spring_torques(self, angles: Array) -> Array:
         """Torque of the springs on each rotor [N m], -dV/dphi, shape (..., N).
@@ -160,11 +228,37 @@ class Chain:
         Spring n turns rotor n by -k_e (l_n - lbar) A_n and rotor n+1 by -k_e (l_n - lbar) B_n.
         """
         extensions, first, second = self.springs(angles)
-        pull = self.stiffness * extensions
-        torques = np.zeros(np.shape(angles))
-        torques[..., :-1] = -pull * first
-        torques[..., 1:] -= pull * second
-        return torques
+        pull = -self.stiffnesses * extensions
+        return self.gathered(pull * first, pull * second)
+
+    def gathered(self, lefts: Array, rights: Array) -> Array:
+        """Sum over the springs of what each does to its left and its right rotor, (..., N)."""
+        if self.periodic:
+            return np.asarray(lefts + np.roll(rights, 1, axis=-1))
+        sums = np.zeros((*np.shape(lefts)[:-1], self.number_of_rotors))
+        sums[..., :-1] = lefts
+        sums[..., 1:] += rights
+        return sums
+
+    @cached_property
+    def _offsets(self) -> Array:
+        """Return c of each spring [m^2]; without deviations none of its terms cancel."""
+        uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
+        r_left, r_right = self._joined(self.rotor_lengths)
+        deviating = (self.spacings**2 - self.spacing**2) + (r_left**2 - self.rotor_length**2)
+        deviating += r_right**2 - self.rotor_length**2
+        return np.asarray(uniform + (deviating - (self.rest_lengths**2 - self.rest_length**2)))
+
+    def _joined(self, values: Array) -> tuple[Array, Array]:
+        """Values of the left and right rotor of each spring, each (..., springs)."""
+        if self.periodic:
+            return values, np.roll(values, -1, axis=-1)
+        return values[..., :-1], values[..., 1:]
+
+    @staticmethod
+    def _deviating(parameter: float, deviations: tuple[float, ...], count: int) -> Array:
+        fractions = np.array(deviations) if deviations else np.zeros(count)
+        return np.asarray(parameter * (1 + fractions))
 
 
 def staggered(angles: ArrayLike) -> Array:

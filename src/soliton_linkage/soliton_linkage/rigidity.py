@@ -1,50 +1,84 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rigidity matrix of any configuration and its exact zero mode."""
+"""The rigidity matrix of any configuration, its zero modes and its states of self-stress."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space
 from scipy.sparse import csr_array
 
 from soliton_linkage.chain import Array, Chain, Motion, uprightness
 
 # Stands in for a coupling that vanishes, far below rounding beside any that does not.
 _VANISHING = 1e-280
+_BLOCK = 500
 
 
 def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """Return A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad], each of shape (..., N-1)."""
+    """Return A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad], each of (..., springs)."""
     _, first, second = chain.springs(angles)
     return first, second
 
 
 def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
-    """Rigidity matrix R with dl = R dphi [m/rad], sparse, shape (N-1, N)."""
+    """Rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
     first, second = rigidity_bands(chain, angles)
-    bonds = np.arange(chain.number_of_rotors - 1)
-    rows = np.concatenate([bonds, bonds])
-    columns = np.concatenate([bonds, bonds + 1])
-    shape = (chain.number_of_rotors - 1, chain.number_of_rotors)
+    springs = np.arange(chain.number_of_springs)
+    rows = np.concatenate([springs, springs])
+    columns = np.concatenate([springs, (springs + 1) % chain.number_of_rotors])
+    shape = (chain.number_of_springs, chain.number_of_rotors)
     return csr_array((np.concatenate([first, second]), (rows, columns)), shape=shape)
+
+
+def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
+    """Dynamical matrix D = I^(-1/2) R^T k_e R I^(-1/2) [rad^2/s^2], sparse, shape (N, N).
+
+    Its eigenvalues are the squared frequencies of small motions about a configuration with
+    relaxed springs, in the variables sqrt(I_n) dphi_n with I = M r^2.
+    """
+    matrix = rigidity_matrix(chain, angles)
+    scaled = matrix.multiply(1 / np.sqrt(chain.moments_of_inertia)).tocsr()
+    return csr_array(scaled.T @ scaled.multiply(chain.stiffnesses[:, None]))
+
+
+def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
+    """Orthonormal motions [1] that stretch no spring to first order, R t = 0, shape (N, N_0).
+
+    Their number and that of the states of self-stress obey N_0 - N_ss = N - springs (paper,
+    section 1). Singular values below the tolerance times the largest count as 0. Dense, O(N^3).
+    """
+    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray(), rcond=tolerance))
+
+
+def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
+    """Orthonormal tensions [1] that turn no rotor, R^T s = 0, shape (springs, N_ss)."""
+    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray().T, rcond=tolerance))
 
 
 def zero_mode(chain: Chain, angles: Array) -> Array:
     """Unit vector t [1] with R t = 0 at a configuration, shape (N,); exact in O(N).
 
-    The recurrence t_{n+1} = -(A_n / B_n) t_n is followed outwards from the largest component,
-    in the direction in which it decays, so that nothing overflows and rounding errors shrink.
-    The sign is that of the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}:
-    along a motion of the linkage t turns continuously and never flips.
+    The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that each component has
+    its ratio to the next to rounding; it is followed in numbers with an exponent of their own,
+    which no valley between two walls is too deep for. The sign is that of the maximal minors of
+    R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}: along a motion of the linkage t turns
+    continuously and never flips. Raises ValueError for periodic ends, between which it takes
+    more than relaxed springs to have a zero mode.
     """
+    if chain.periodic:
+        raise ValueError(
+            'a chain with periodic ends has as many springs as rotors and no zero mode of its '
+            'own; free its ends, or look for accidental ones with zero_modes'
+        )
     first, second = (_without_zeros(band) for band in rigidity_bands(chain, angles))
-    growth = np.concatenate([[0.0], np.cumsum(np.log(np.abs(first / second)))])
-    peak = int(np.argmax(growth))
-    ratios = -first / second
-    mode = np.concatenate(
-        [np.cumprod(1 / ratios[:peak][::-1])[::-1], [1.0], np.cumprod(ratios[peak:])]
-    )
-    negatives = np.count_nonzero(first[:peak] < 0) + np.count_nonzero(second[peak:] < 0) + peak
-    return np.asarray(mode * ((-1.0) ** negatives / np.linalg.norm(mode)))
+    mantissas, exponents = _cumulative_product(np.abs(first / second))
+    mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
+    rotors = np.arange(chain.number_of_rotors)
+    negatives = rotors + np.count_nonzero(second < 0)
+    negatives[1:] += np.cumsum(first < 0) - np.cumsum(second < 0)
+    mode[negatives % 2 == 1] *= -1
+    return np.asarray(mode / np.linalg.norm(mode))
 
 
 def mode_centre(mode: Array) -> float:
@@ -70,6 +104,26 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     rotors = chain.number_of_rotors
     start = (-1) ** (rotors * (rotors + 1) // 2) * uprightness(angles) ** rotors
     return mode if start * np.sign(first[0]) * np.sign(second[-1]) >= 0 else -mode
+
+
+def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Products of the first 0, 1, ... factors as mantissas and exponents of 2, (n + 1,).
+
+    Mantissas of a block of factors multiply to no less than 2^-500; those of the blocks are
+    brought back into range one after the other.
+    """
+    mantissas, exponents = np.frexp(np.concatenate([[1.0], factors]))
+    powers = np.cumsum(exponents, dtype=np.int64)
+    products = np.empty_like(mantissas)
+    carried, power = 1.0, 0
+    for start in range(0, len(mantissas), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        products[block] = carried * np.cumprod(mantissas[block])
+        powers[block] += power
+        carried, shift = np.frexp(products[block][-1])
+        power += int(shift)
+    mantissas, exponents = np.frexp(products)
+    return mantissas, powers + exponents
 
 
 def _without_zeros(band: Array) -> Array:

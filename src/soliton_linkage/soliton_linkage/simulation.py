@@ -1,31 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the chain in time, sampled at exact instants."""
+"""Motion of a chain in time, sampled at exact instants, whatever its mechanics."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 
 import numpy as np
 from scipy.integrate import DOP853
 
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.recording import Recording
 
 _SMALLEST_RELATIVE_TOLERANCE = 100 * np.finfo(float).eps
 _MOST_STEPS_A_TIME_UNIT = 1000
-# No spring vibrates faster than 2 / time_unit, for which DOP853 is stable in steps of 3 units. A
-# chain at rest asks for no accuracy, and longer steps would make a motion of rounding errors.
-_LONGEST_STEP = 2.5
 
 
-class Simulation:
-    """A chain of springs that moves by M r^2 phi_ddot = -dV/dphi + applied torque.
+class Simulation(ABC):
+    """A chain that moves under its mechanics, gravity, damping, and applied torques and kicks.
 
     The frame k is the state at exactly k * period after the start, whatever steps the solver
-    takes: it is read off the solver's dense output. Kicks and torques act at the instant of the
-    current frame. The error that the solver may make in a step is `tolerance` [rad] in the
-    angles, and as much per `chain.time_unit` in the rates (norm over all rotors), however many
-    rotors there are and however far they have turned.
+    takes: it is read off the solver's dense output. Kicks, torques and changes of gravity act
+    at the instant of the current frame. The error that the solver may make in a step is
+    `tolerance` [rad] in the angles, and as much per `chain.time_unit` in the rates (norm over
+    all rotors), however many rotors there are and however far they have turned.
     """
 
     def __init__(
@@ -35,6 +34,7 @@ class Simulation:
         rates: Array | None = None,
         period: float = 0.01,
         tolerance: float = 1e-11,
+        gravity: Gravity = NO_GRAVITY,
     ) -> None:
         """Start from angles [rad] and rates [rad/s], shape (N,); period in [s]."""
         if not (math.isfinite(period) and period > 0):
@@ -44,16 +44,19 @@ class Simulation:
         self.chain = chain
         self.period = period
         self.tolerance = tolerance
+        self.gravity = gravity
         self.frame = 0
-        self.angles = chain.check_angles(angles).copy()
-        self.rates = np.zeros_like(self.angles)
-        if rates is not None:
-            self.rates = chain.check_angles(rates, 'rate').copy()
-        self.torques = np.zeros_like(self.angles)
+        given = chain.check_angles(angles).copy()
+        moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
+        self.torques = np.zeros_like(given)
+        self.angles, self.rates = self._allowed(given, moving.copy())
         self._held_from = self.angles
+        self._dissipated = 0.0
+        self._dissipated_before = 0.0
         self._work = self.energy
+        self._gravity_at_start = float(gravity.energy(chain, self.angles))
         rounding = np.finfo(float).eps * chain.stiffness * chain.rest_length**2
-        self._largest_energy = max(self._work, float(rounding))
+        self._largest_energy = float(rounding) + gravity.scale(chain)
         self._restart()
 
     @property
@@ -63,27 +66,33 @@ class Simulation:
 
     @property
     def energy(self) -> float:
-        """Kinetic and elastic energy of the current frame [J]."""
-        elastic = self.chain.elastic_energy(self.angles)
-        return float(elastic + self.chain.kinetic_energy(self.rates))
+        """Kinetic, elastic and gravitational energy of the current frame [J]."""
+        weight = self.gravity.energy(self.chain, self.angles)
+        return self._motion_and_springs() + float(weight)
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that the damping has taken out since the start [J]."""
+        return self._dissipated_before + self._dissipated
 
     @property
     def energy_drift(self) -> float:
         """Energy that the solver gained or lost since the start, over the largest there was [1].
 
-        The work of kicks and torques is accounted for. Energies below the rounding of
-        k_e lbar^2, as a chain at rest has, count as that much.
+        The work of kicks, torques and damping is accounted for. Energies below the rounding of
+        k_e lbar^2, as a chain at rest has, count as that much, and gravity as sum_n M g r at
+        least.
         """
-        energy = self.energy
-        self._largest_energy = max(self._largest_energy, energy)
-        expected = self._work + self._work_of_torques()
-        return (energy - expected) / self._largest_energy
+        fallen = float(self.gravity.energy(self.chain, self.angles)) - self._gravity_at_start
+        self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(fallen))
+        return (self.energy - self._expected_energy()) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,), at the instant of the current frame."""
         checked = self.chain.check_angles(impulses, 'impulse')
-        with np.errstate(over='ignore'):
-            rates = self.rates + checked / self.chain.moment_of_inertia
+        with np.errstate(over='ignore', invalid='ignore'):
+            rates = self.rates + checked / self.chain.moments_of_inertia
+            _, rates = self._allowed(self.angles, rates)
             gained = float(
                 self.chain.kinetic_energy(rates) - self.chain.kinetic_energy(self.rates)
             )
@@ -107,6 +116,18 @@ class Simulation:
         self.torques = checked.copy()
         self._restart()
 
+    def turn_gravity(self, gravity: Gravity) -> None:
+        """Change gravity at the instant of the current frame; the chain gains the difference."""
+        if gravity == self.gravity:
+            return
+        before = float(self.gravity.energy(self.chain, self.angles))
+        self.gravity = gravity
+        gained = float(gravity.energy(self.chain, self.angles)) - before
+        self._work += gained
+        self._gravity_at_start += gained
+        self._largest_energy = max(self._largest_energy, gravity.scale(self.chain))
+        self._restart()
+
     @property
     def ready(self) -> bool:
         """Whether the next frame is computed."""
@@ -119,17 +140,13 @@ class Simulation:
         if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / self.chain.time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
-            fastest = int(np.argmax(np.abs(self.rates)))
-            raise ArithmeticError(
-                f'the chain could not be integrated beyond t = {self.time:.6g} s, where rotor '
-                f'{fastest} turns at {self.rates[fastest]:.3g} rad/s: {complaint.rstrip(".")}; '
-                f'kick more gently or loosen the tolerance ({self.tolerance:g} rad)'
-            )
+            raise self._stuck(complaint)
         done = self.frame - self._first_frame
         last = math.floor(self._solver.t / self.period)
         frames = np.arange(done + 1, max(done, last) + 1)
         self._batch = np.ascontiguousarray(self._solver.dense_output()(frames * self.period).T)
         self._ahead = 0
+        self._after_step()
 
     def advance(self) -> None:
         """Go on to the next frame, in as many steps as it takes."""
@@ -139,57 +156,87 @@ class Simulation:
         state = self._batch[self._ahead]
         self._ahead += 1
         self.frame += 1
-        rotors = self.chain.number_of_rotors
-        self.angles, self.rates = state[:rotors], state[rotors:]
+        self.angles, self.rates, self._dissipated = self._unpacked(state)
+
+    def record(self, duration: float) -> Recording:
+        """Record from the current frame on: every period for a duration [s], both ends."""
+        if not (math.isfinite(duration) and duration >= 0):
+            raise ValueError(f'duration = {duration} s must be a finite number of 0 or more')
+        start = self.frame
+        frames = [(self.angles, self.rates)]
+        for _ in range(math.floor(duration / self.period * (1 + 1e-12))):
+            self.advance()
+            frames.append((self.angles, self.rates))
+        return Recording(
+            times=self.period * (start + np.arange(len(frames), dtype=np.float64)),
+            angles=np.array([angles for angles, _ in frames]),
+            rates=np.array([rates for _, rates in frames]),
+        )
+
+    @abstractmethod
+    def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
+        """Return the nearest angles and rates that the mechanics allow, or raise ValueError."""
+
+    @abstractmethod
+    def _packed(self) -> Array:
+        """State of the current frame in the solver's variables, nothing dissipated so far."""
+
+    @abstractmethod
+    def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
+        """Angles [rad], rates [rad/s] and dissipated energy [J] of a state of the solver."""
+
+    @abstractmethod
+    def _derivative(self, _time: float, state: Array) -> Array:
+        """Time derivative of the solver's variables."""
+
+    @abstractmethod
+    def _tolerances(self) -> tuple[Array, float]:
+        """Absolute tolerance of each variable, and the longest step [s]."""
+
+    @abstractmethod
+    def _after_step(self) -> None:
+        """Mend what a step of the solver has spoilt."""
+
+    def _motion_and_springs(self) -> float:
+        elastic = self.chain.elastic_energy(self.angles)
+        return float(elastic + self.chain.kinetic_energy(self.rates))
+
+    def _expected_energy(self) -> float:
+        return self._work + self._work_of_torques() - self.dissipated
 
     def _work_of_torques(self) -> float:
         """Work of the torques held now, since they were set [J]."""
         return float(self.torques @ (self.angles - self._held_from))
+
+    def _applied_torques(self, angles: Array) -> Array:
+        if self.gravity.acceleration == 0:
+            return self.torques
+        return self.torques + self.gravity.torques(self.chain, angles)
+
+    def _stuck(self, complaint: str) -> ArithmeticError:
+        fastest = int(np.argmax(np.abs(self.rates)))
+        return ArithmeticError(
+            f'the chain could not be integrated beyond t = {self.time:.6g} s, where rotor '
+            f'{fastest} turns at {self.rates[fastest]:.3g} rad/s: {complaint.rstrip(".")}; '
+            f'kick more gently or loosen the tolerance ({self.tolerance:g} rad)'
+        )
 
     def _restart(self) -> None:
         """Start the solver anew at the current frame, whose forces are not those of the last."""
         self._first_frame = self.frame
         self._steps = 0
         self._ahead = 0
-        self._batch = np.empty((0, 2 * self.chain.number_of_rotors))
-        # The solver takes the root mean square over its variables, in which a wall in a long
-        # chain would be drowned by the rotors at rest.
-        rotors = self.chain.number_of_rotors
-        tolerance = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
+        self._dissipated_before += self._dissipated
+        self._dissipated = 0.0
+        state = self._packed()
+        self._batch = np.empty((0, len(state)))
+        tolerances, longest_step = self._tolerances()
         self._solver: DOP853 = DOP853(
             self._derivative,
             0.0,
-            np.concatenate([self.angles, self.rates]),
+            state,
             np.inf,
             rtol=_SMALLEST_RELATIVE_TOLERANCE,
-            atol=np.concatenate([tolerance, tolerance / self.chain.time_unit]),
-            max_step=_LONGEST_STEP * self.chain.time_unit,
+            atol=tolerances,
+            max_step=longest_step,
         )
-
-    def _derivative(self, _time: float, state: Array) -> Array:
-        rotors = self.chain.number_of_rotors
-        torques = self.chain.spring_torques(state[:rotors]) + self.torques
-        return np.concatenate([state[rotors:], torques / self.chain.moment_of_inertia])
-
-
-def simulate(
-    chain: Chain,
-    angles: Array,
-    rates: Array,
-    duration: float,
-    period: float,
-    tolerance: float = 1e-11,
-) -> Recording:
-    """Record the free motion from a state: every period [s] for a duration [s], both ends."""
-    if not (math.isfinite(duration) and duration >= 0):
-        raise ValueError(f'duration = {duration} s must be a finite number of 0 or more')
-    simulation = Simulation(chain, angles, rates, period, tolerance)
-    frames = [(simulation.angles, simulation.rates)]
-    for _ in range(math.floor(duration / period * (1 + 1e-12))):
-        simulation.advance()
-        frames.append((simulation.angles, simulation.rates))
-    return Recording(
-        times=period * np.arange(len(frames), dtype=np.float64),
-        angles=np.array([angles for angles, _ in frames]),
-        rates=np.array([rates for _, rates in frames]),
-    )

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from soliton_linkage.chain import Chain, Motion
+from soliton_linkage.quantities import described_fields
 from soliton_linkage.soliton import Soliton
 from soliton_linkage_msgs import msg
 
@@ -20,7 +21,7 @@ Array = NDArray[np.float64]
 
 FRAME = 'linkage'
 _NANOSECONDS = 10**9
-_CHAIN_FIELDS = tuple(f.name for f in fields(Chain) if f.name != 'number_of_rotors')
+_CHAIN_FIELDS = tuple(name for name in described_fields(Chain) if name != 'number_of_rotors')
 _MOTIONS = {
     Motion.FLIPPER: msg.SolitonState.FLIPPER,
     Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,

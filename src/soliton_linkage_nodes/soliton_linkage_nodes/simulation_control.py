@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from soliton_linkage.chain import Array, Chain
-from soliton_linkage.simulation import Simulation
+from soliton_linkage.elastic_simulation import ElasticSimulation
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class SimulationControl:
         rate: float,
         tolerance: float,
         command_timeout: float,
-        publish: Callable[[int, Simulation], None],
+        publish: Callable[[int, ElasticSimulation], None],
     ) -> None:
         """Start at rest in a uniform state; `publish` takes each frame's number and state."""
         self._chain = chain
@@ -131,7 +131,7 @@ class SimulationControl:
         with self._lock:
             self._commands.append(command)
 
-    def _begin_frame(self) -> Simulation:
+    def _begin_frame(self) -> ElasticSimulation:
         self._publish(self._frame, self._simulation)
         try:
             self._obey()
@@ -140,7 +140,7 @@ class SimulationControl:
         self._frame += 1
         return self._simulation
 
-    def _finish_frame(self, simulation: Simulation) -> None:
+    def _finish_frame(self, simulation: ElasticSimulation) -> None:
         """Go on to the next frame, with the lock free until that is computed."""
         failure = None
         try:
@@ -155,7 +155,7 @@ class SimulationControl:
                 else:
                     self._fail(failure)
 
-    def _forsaken(self, simulation: Simulation) -> bool:
+    def _forsaken(self, simulation: ElasticSimulation) -> bool:
         return self._stopping or simulation is not self._simulation
 
     def _fail(self, error: Exception) -> None:
@@ -174,8 +174,8 @@ class SimulationControl:
         self._simulation.hold(torques)
         self._torques_expire = None if self._timeout is None else self._frame + self._timeout
 
-    def _at_rest(self, lean: int) -> Simulation:
-        return Simulation(
+    def _at_rest(self, lean: int) -> ElasticSimulation:
+        return ElasticSimulation(
             self._chain,
             self._chain.uniform_state(lean),
             period=1 / self._rate,

@@ -15,8 +15,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.elastic_simulation import ElasticSimulation
 from soliton_linkage.quantities import quantity
-from soliton_linkage.simulation import Simulation
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes import interfaces
@@ -126,7 +126,7 @@ class Simulator(Node):
         self.create_service(Step, '~/step', self._on_step)
         self.create_service(Reset, '~/reset', self._on_reset)
 
-    def _publish(self, frame: int, simulation: Simulation) -> None:
+    def _publish(self, frame: int, simulation: ElasticSimulation) -> None:
         stamp = self._epoch + round(frame * _NANOSECONDS / self.settings.publish_rate)
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

@@ -12,9 +12,9 @@ from linkage_motion import wall_between
 
 from soliton_linkage.bands import couplings, penetration_depth
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.elastic_simulation import ElasticSimulation, simulate
 from soliton_linkage.recording import Recording
 from soliton_linkage.rigidity import mode_towards_last, rigidity_matrix
-from soliton_linkage.simulation import Simulation, simulate
 from soliton_linkage.soliton import find_solitons
 
 MOVING = ((FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3))
@@ -46,7 +46,7 @@ def energies(chain: Chain, recording: Recording) -> Array:
 def test_energy_and_path_are_as_exact_as_the_tolerance_asks(
     example: tuple[float, float], speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('soliton_linkage.simulation._LONGEST_STEP', math.inf)
+    monkeypatch.setattr('soliton_linkage.elastic_simulation._LONGEST_STEP', math.inf)
     chain, angles, rates = nudged(example, speed)
     exact = moved(chain, angles, rates, 1e-13)
     tolerances = 10.0 ** -np.arange(3, 12)
@@ -138,7 +138,7 @@ def test_frames_between_the_solvers_steps_are_as_exact_as_those_at_them(
 
 def test_the_time_of_a_frame_is_its_number_times_the_period() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
-    simulation = Simulation(chain, angles, rates, period=0.003)
+    simulation = ElasticSimulation(chain, angles, rates, period=0.003)
     times = [simulation.time]
     for _ in range(1000):
         simulation.advance()
@@ -165,7 +165,7 @@ def test_rates_are_the_derivative_of_the_angles() -> None:
 
 def test_a_kick_changes_the_rate_of_its_rotor_by_impulse_over_inertia() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1)
-    simulation = Simulation(chain, angles, rates)
+    simulation = ElasticSimulation(chain, angles, rates)
     simulation.kick(2e-5 * np.eye(10)[3])
     change = simulation.rates - rates
     expected = 2e-5 / (chain.mass * chain.rotor_length**2)
@@ -179,11 +179,11 @@ def test_a_kick_at_a_frame_is_a_start_from_that_frame(
 ) -> None:
     chain, angles, rates = nudged(example, speed)
     impulse = 0.1 * chain.moment_of_inertia * rates[::-1]
-    simulation = Simulation(chain, angles, rates)
+    simulation = ElasticSimulation(chain, angles, rates)
     for _ in range(7):
         simulation.advance()
     simulation.kick(impulse)
-    restarted = Simulation(chain, simulation.angles, simulation.rates)
+    restarted = ElasticSimulation(chain, simulation.angles, simulation.rates)
     for _ in range(20):
         simulation.advance()
         restarted.advance()
@@ -197,7 +197,7 @@ def test_the_books_of_work_and_energy_balance_through_kicks_and_torques(
     example: tuple[float, float], speed: float
 ) -> None:
     chain, angles, rates = nudged(example, speed)
-    simulation = Simulation(chain, angles, rates, period=0.1 * chain.time_unit)
+    simulation = ElasticSimulation(chain, angles, rates, period=0.1 * chain.time_unit)
     random = np.random.default_rng(5)
     impulse = chain.moment_of_inertia * float(np.linalg.norm(rates))
     energy = simulation.energy
@@ -214,11 +214,11 @@ def test_the_books_of_work_and_energy_balance_through_kicks_and_torques(
 
 def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1)
-    simulation = Simulation(chain, angles, rates)
+    simulation = ElasticSimulation(chain, angles, rates)
     assert simulation.energy_drift == 0
     simulation.rates = 2 * simulation.rates
     assert simulation.energy_drift == pytest.approx(3 / 4, rel=8 * EPS)
-    assert Simulation(chain, angles).energy_drift == 0 or np.any(
+    assert ElasticSimulation(chain, angles).energy_drift == 0 or np.any(
         chain.spring_extensions(angles) != 0
     )
 
@@ -226,7 +226,7 @@ def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for() -> None:
 def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly() -> None:
     chain = Chain(3, stiffness=1e-9)
     torque = 1e-4 * np.array([1.0, 0.0, -2.0])
-    simulation = Simulation(chain, chain.uniform_state(-1), period=0.25)
+    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=0.25)
     for _ in range(4):
         simulation.advance()
     simulation.hold(torque)
@@ -255,7 +255,7 @@ def test_the_state_of_a_frame_is_that_at_its_time_however_far_the_solver_has_gon
 def test_holding_the_same_torque_again_changes_nothing() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)
-    once, again = (Simulation(chain, angles, rates) for _ in range(2))
+    once, again = (ElasticSimulation(chain, angles, rates) for _ in range(2))
     once.hold(torque)
     for _ in range(20):
         again.hold(torque.copy())
@@ -268,9 +268,9 @@ def test_holding_the_same_torque_again_changes_nothing() -> None:
 def test_the_simulation_keeps_its_own_copy_of_what_it_is_given() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)
-    given = Simulation(chain, angles, rates)
+    given = ElasticSimulation(chain, angles, rates)
     given.hold(torque)
-    kept = Simulation(chain, angles.copy(), rates.copy())
+    kept = ElasticSimulation(chain, angles.copy(), rates.copy())
     kept.hold(torque.copy())
     for array in (angles, rates, torque):
         array += 1
@@ -314,7 +314,7 @@ def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example: tuple[float, f
         chain = chain_of(example, rotors)
         wall = wall_between(chain, rotor)
         rate = 0.1 * chain.spacing / chain.rotor_length / chain.time_unit
-        simulation = Simulation(
+        simulation = ElasticSimulation(
             chain, wall, rate * mode_towards_last(chain, wall), period=chain.time_unit
         )
         for _ in range(8):
@@ -336,7 +336,7 @@ def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example: tuple[float, f
 
 def test_rotors_far_from_a_kick_rest_but_for_rounding() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=10_000)
-    simulation = Simulation(chain, angles, rates, period=chain.time_unit)
+    simulation = ElasticSimulation(chain, angles, rates, period=chain.time_unit)
     for _ in range(10):
         simulation.advance()
     # A relaxed spring pulls by up to 8 EPS k_e r, and the masses follow it for ten time units.
@@ -361,18 +361,18 @@ def test_a_simulation_refuses_by_name_and_value(
 ) -> None:
     chain = chain_of(FLIPPER, 4)
     with pytest.raises(ValueError, match=complaint):
-        Simulation(chain, **{'angles': chain.uniform_state(-1), **arguments})
+        ElasticSimulation(chain, **{'angles': chain.uniform_state(-1), **arguments})
 
 
 @pytest.mark.parametrize(('command', 'what'), [('kick', 'impulse'), ('hold', 'torque')])
 def test_a_command_with_a_bad_value_is_refused_whole(command: str, what: str) -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=4)
-    simulation = Simulation(chain, angles, rates)
+    simulation = ElasticSimulation(chain, angles, rates)
     with pytest.raises(ValueError, match=f'{what} of rotor 2 = nan must be a finite number'):
         getattr(simulation, command)(np.array([1e-5, 0, math.nan, 0]))
     with pytest.raises(ValueError, match=rf'{what}s of shape \(3,\) do not fit'):
         getattr(simulation, command)(np.zeros(3))
-    untouched = Simulation(chain, angles, rates)
+    untouched = ElasticSimulation(chain, angles, rates)
     simulation.advance()
     untouched.advance()
     assert np.array_equal(simulation.angles, untouched.angles)
@@ -391,7 +391,7 @@ def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit(
 ) -> None:
     monkeypatch.setattr('soliton_linkage.simulation._MOST_STEPS_A_TIME_UNIT', 100)
     chain = chain_of(FLIPPER, 4)
-    simulation = Simulation(chain, chain.uniform_state(-1), period=chain.time_unit / 2)
+    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=chain.time_unit / 2)
     simulation.kick(chain.moment_of_inertia * 1e100 * np.eye(4)[2])
     complaint = r't = 0 s, where rotor 2 turns at 1e\+100 rad/s: .* more than 150 steps; kick'
     with pytest.raises(ArithmeticError, match=complaint):
@@ -407,6 +407,6 @@ def test_a_chain_at_rest_stays_there_but_for_rounding(example: tuple[float, floa
     recording = simulate(chain, rest, np.zeros(40), 500 * chain.time_unit, chain.time_unit)
     # The springs' forces are off by their rounding, eps k_e r, for 500 time units.
     assert np.abs(recording.rates).max() * chain.time_unit < 500 * np.finfo(float).eps
-    simulation = Simulation(chain, rest, period=100 * chain.time_unit)
+    simulation = ElasticSimulation(chain, rest, period=100 * chain.time_unit)
     simulation.advance()
     assert abs(simulation.energy_drift) < 1e-8

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How single rotors and springs differ from the parameters of their chain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Fractions by which rotors and springs differ; empty where all are as the chain says.
+
+    A rotor whose fraction of rotor_length is 0.02 is 1.02 times as long as the chain's
+    parameter. Raises ValueError for a fraction that leaves nothing (-1 or less).
+    """
+
+    spacing: tuple[float, ...] = ()
+    """Of the distance from each rotor to the next, one a spring."""
+    rotor_length: tuple[float, ...] = ()
+    """Of each rotor's length, one a rotor."""
+    mass: tuple[float, ...] = ()
+    """Of each rotor's mass, one a rotor."""
+    stiffness: tuple[float, ...] = ()
+    """Of each spring's stiffness, one a spring."""
+    rest_length: tuple[float, ...] = ()
+    """Of each spring's length at rest, one a spring."""
+    damping: tuple[float, ...] = ()
+    """Of each rotor's damping, one a rotor."""
+
+    def __post_init__(self) -> None:
+        """Refuse fractions that are not finite or leave nothing."""
+        for name in _NAMES:
+            for place, fraction in enumerate(getattr(self, name)):
+                if not (math.isfinite(fraction) and fraction > -1):
+                    raise ValueError(
+                        f'deviation {place} of {name} = {fraction:g} must be a finite number '
+                        'above -1; give fractions of the parameter of the chain'
+                    )
+
+    def check_fit(self, number_of_rotors: int, number_of_springs: int) -> None:
+        """Raise ValueError where there are fractions, but not one a rotor or spring."""
+        for name in _NAMES:
+            of_springs = name in _OF_SPRINGS
+            wanted = number_of_springs if of_springs else number_of_rotors
+            given = len(getattr(self, name))
+            if given not in (0, wanted):
+                raise ValueError(
+                    f'{given} deviations of {name} do not fit a chain of {wanted} '
+                    f'{"springs" if of_springs else "rotors"}; give one for each, or none'
+                )
+
+
+_NAMES = tuple(f.name for f in fields(Deviations))
+_OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
+NO_DEVIATIONS = Deviations()
+
+
+def drawn_deviations(
+    number_of_rotors: int, seed: int, periodic: bool = False, **fractions: float
+) -> Deviations:
+    """Draw independent normal deviations, given the standard deviation of each by name.
+
+    The draw of one quantity does not depend on which others are drawn, and that for a given
+    seed scales with the fraction. Raises ValueError for a name that is none of `Deviations`, a
+    fraction that is negative or so large that something is left with nothing.
+    """
+    springs = number_of_rotors if periodic else number_of_rotors - 1
+    drawn = {}
+    for name, fraction in fractions.items():
+        if name not in _NAMES:
+            raise ValueError(f'deviation of {name!r} must be of one of {", ".join(_NAMES)}')
+        if not (math.isfinite(fraction) and fraction >= 0):
+            raise ValueError(
+                f'fraction of {name} = {fraction} must be a finite number of 0 or more'
+            )
+        generator = np.random.Generator(np.random.PCG64([seed, _NAMES.index(name)]))
+        count = springs if name in _OF_SPRINGS else number_of_rotors
+        drawn[name] = tuple((fraction * generator.standard_normal(count)).tolist())
+    return Deviations(**drawn)
