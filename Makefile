@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep benchmark format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -22,6 +22,15 @@ check: build  ## formatting, lint and strict typing
 
 shell: build  ## a shell where the nodes start by their name
 	@setup/shell.sh
+
+figures: build  ## draw the figures of the paper and its table into out/figures; ARGS='--quick'
+	@$(enter) figures config/studies/figures.yaml --output out/figures $(ARGS)
+
+films: build  ## film the motions of the paper into out/films; ARGS='--quick'
+	@$(enter) films config/studies/films.yaml --output out/films $(ARGS)
+
+sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/studies/...'
+	@$(enter) sweep $(or $(ARGS),config/studies/phase_diagram.yaml)
 
 benchmark: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)

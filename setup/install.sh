@@ -142,6 +142,7 @@ install_beside_ros() {
     add rosbags apsw backports.zstd lz4 rosbags ruamel.yaml typing_extensions
     add pytest exceptiongroup iniconfig packaging pluggy pygments pytest
     add hypothesis hypothesis sortedcontainers
+    add mpmath mpmath
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
     echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
     pip_install --no-deps --target .python "${packages[@]}"

@@ -3,6 +3,8 @@
 
 from setuptools import setup
 
+STUDIES = ['figures', 'films', 'sweep']
+
 setup(
     name='soliton_linkage',
     version='0.1.0',
@@ -10,12 +12,15 @@ setup(
     maintainer='soliton_linkage maintainers',
     maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
-    packages=['soliton_linkage'],
+    packages=['soliton_linkage', 'soliton_linkage.studies'],
     package_data={'soliton_linkage': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
         ('share/soliton_linkage', ['package.xml']),
     ],
-    install_requires=['matplotlib', 'numpy', 'scipy'],
+    install_requires=['matplotlib', 'numpy', 'pyyaml', 'scipy'],
+    entry_points={
+        'console_scripts': [f'{name} = soliton_linkage.studies.{name}:main' for name in STUDIES],
+    },
     zip_safe=False,
 )

@@ -29,7 +29,7 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.matching import wait_for_subscriber
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
-from soliton_linkage_nodes.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 
 _POLL_INTERVAL = 0.02
 _LONGEST_DELIVERY = 10.0

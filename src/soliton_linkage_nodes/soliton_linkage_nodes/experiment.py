@@ -39,7 +39,7 @@ from soliton_linkage_nodes.child_processes import ChildProcesses
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import initialise, stop_on_signals
-from soliton_linkage_nodes.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _RECORDED_TOPICS = {

@@ -7,8 +7,8 @@ import io
 
 import pytest
 
-from soliton_linkage_nodes import progress
-from soliton_linkage_nodes.progress import ProgressLine
+from soliton_linkage import progress
+from soliton_linkage.progress import ProgressLine
 
 
 class Screen(io.StringIO):
