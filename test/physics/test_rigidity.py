@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import decimal
 from decimal import Decimal
 
@@ -12,26 +13,39 @@ from chains import (
     EPS,
     EXAMPLES,
     FLIPPER,
+    SPINNER,
     STRONG_WOBBLER,
     WIDE_SPINNER,
+    WOBBLER,
     any_chain,
     any_configuration,
     chain_of,
+)
+from deviating_chains import (
+    any_deviating_configuration,
+    deviating,
+    reach,
+    rounding,
+    shortest_length,
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from linkage_motion import closed_orbit, site
 
 from soliton_linkage.bands import couplings, winding_number
-from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.rigidity import (
+    dynamical_matrix,
     mode_centre,
     mode_towards_last,
     rigidity_bands,
     rigidity_matrix,
+    states_of_self_stress,
     zero_mode,
+    zero_modes,
 )
 from soliton_linkage.soliton import find_solitons
+from soliton_linkage.statics import rest_state
 
 SMALLEST = float(np.finfo(np.float64).tiny)
 
@@ -45,6 +59,41 @@ def leftovers(chain: Chain, angles: Array, mode: Array) -> Array:
     return np.abs(terms.sum(axis=0))[seen] / sizes[seen]
 
 
+def exact_zero_mode(chain: Chain, angles: Array) -> Array:
+    """Zero mode of the rounded levers from thirty digits, over its largest component."""
+    exact = [Decimal(1)]
+    with decimal.localcontext() as context:
+        context.prec, context.Emin, context.Emax = 30, -(10**8), 10**8
+        for first, second in np.stack(rigidity_bands(chain, angles), axis=1).tolist():
+            exact.append(-exact[-1] * Decimal(first) / Decimal(second))
+        largest = max(exact, key=abs)
+        return np.array([float(component / largest) for component in exact])
+
+
+def walls_at(chain: Chain, *places: float) -> Array:
+    """Angles of walls at the given places [rotor spacings], leaning right before the first."""
+    rotors = np.arange(chain.number_of_rotors)
+    fields = [-np.tanh((rotors - place) / 3) for place in places]
+    return staggered(chain.rest_angle * np.prod(fields, axis=0))
+
+
+def pointing(chain: Chain, angles: Array, rotor: int, neighbour: int) -> float:
+    """Angle at which a rotor points at its neighbour's mass, so that it stretches no spring."""
+    across = chain.spacing * (neighbour - rotor) + chain.rotor_length * np.sin(angles[neighbour])
+    return float(np.arctan2(across, chain.rotor_length * np.cos(angles[neighbour])))
+
+
+def trapping(chain: Chain, m: int, n: int, seed: int) -> Array:
+    """Return a configuration with A_m = 0 and B_n = 0, random for the rest."""
+    angles = np.random.default_rng(seed).uniform(0.3, 1.2, chain.number_of_rotors)
+    if m == n:
+        angles[[m, m + 1]] = np.pi / 2, -np.pi / 2
+        return angles
+    angles[m] = pointing(chain, angles, m, m + 1)
+    angles[n + 1] = pointing(chain, angles, n + 1, n)
+    return angles
+
+
 def maximal_minors(chain: Chain, angles: Array) -> Array:
     """(-1)^n times the determinant of R without its column n, divided by their norm."""
     matrix = rigidity_matrix(chain, angles).toarray()
@@ -56,23 +105,23 @@ def maximal_minors(chain: Chain, angles: Array) -> Array:
     return np.array(minors) / np.linalg.norm(minors)
 
 
-@given(any_configuration())
+@given(st.one_of(any_configuration(), any_deviating_configuration()))
 def test_the_rigidity_matrix_is_the_gradient_of_the_springs_lengths(
     configuration: tuple[Chain, Array],
 ) -> None:
     chain, angles = configuration
-    size = chain.spacing + 2 * chain.rotor_length
-    shortest = (chain.spring_extensions(angles) + chain.rest_length).min()
-    curvature = size / shortest
-    assume(0 < curvature < 30)
+    size = reach(chain)
+    curvature = size / max(shortest_length(chain, angles), SMALLEST)
+    assume(curvature < 30)
     step = EPS ** (1 / 3) / curvature
     shifts = step * np.eye(chain.number_of_rotors)
     change = chain.spring_extensions(angles + shifts) - chain.spring_extensions(angles - shifts)
     # As for the torques: third derivatives under 10 size * curvature^2, rounding of e_n.
     truncation = 10 * size * curvature**2 * step**2
-    rounding = 16 * EPS * size * (chain.rotor_length / chain.rest_length + 1) / step
     matrix = rigidity_matrix(chain, angles).toarray()
-    assert matrix == pytest.approx(change.T / (2 * step), rel=0, abs=truncation + rounding)
+    assert matrix == pytest.approx(
+        change.T / (2 * step), rel=0, abs=truncation + rounding(chain) / step
+    )
 
 
 @given(any_configuration())
@@ -166,13 +215,7 @@ def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(
     chain = chain_of(example, 10_000)
     angles = chain.uniform_state(-1) + np.random.default_rng(3).normal(scale=0.2, size=10_000)
     mode = zero_mode(chain, angles)
-    exact = [Decimal(1)]
-    with decimal.localcontext() as context:
-        context.prec, context.Emin, context.Emax = 30, -(10**8), 10**8
-        for first, second in np.stack(rigidity_bands(chain, angles), axis=1).tolist():
-            exact.append(-exact[-1] * Decimal(first) / Decimal(second))
-        largest = max(exact, key=abs)
-        ratios = np.array([float(component / largest) for component in exact])
+    ratios = exact_zero_mode(chain, angles)
     peak = int(np.argmax(np.abs(ratios)))
     seen = np.abs(ratios) > SMALLEST / EPS
     errors = np.abs(mode / mode[peak] / np.where(seen, ratios, 1) - 1)
@@ -281,3 +324,150 @@ def test_walls_move_on_by_a_spacing_towards_the_last_rotor_and_keep_every_length
     chords = np.diff(walls, axis=0)
     assert np.sum(modes * chords, axis=1).min() > 0
     assert np.linalg.norm(chords, axis=1).sum() == pytest.approx(arc, rel=0.05)
+
+
+@given(any_configuration(most=40), st.integers(0, 2**32), st.floats(0, 0.3))
+def test_the_zero_mode_of_deviating_rotors_changes_no_length(
+    configuration: tuple[Chain, Array], seed: int, largest: float
+) -> None:
+    even, angles = configuration
+    chain = deviating(even, seed, largest)
+    mode = zero_mode(chain, angles)
+    assert np.linalg.norm(mode) == pytest.approx(1, rel=4 * EPS)
+    assert leftovers(chain, angles, mode).max(initial=0) <= 4 * EPS
+
+
+@pytest.mark.parametrize('place', [0, 1, 2.5, 37_000.3, 99_997.5, 99_998, 99_999])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_zero_mode_of_a_hundred_thousand_rotors_sits_at_their_wall(
+    example: tuple[float, float], place: float
+) -> None:
+    chain = chain_of(example, 100_000)
+    angles = walls_at(chain, place)
+    mode = zero_mode(chain, angles)
+    assert abs(mode_centre(mode) - place) < 3 + chain.wall_width / chain.spacing
+    assert np.linalg.norm(mode) == pytest.approx(1, rel=8 * EPS)
+    seen = np.flatnonzero(np.abs(mode) > SMALLEST / EPS)
+    assert len(seen) > 100
+    assert (np.diff(seen) == 1).all()
+    # The ratio of each component to the next is that of the levers to rounding, and the rest
+    # would be too small to be told from 0 in any sum.
+    assert leftovers(chain, angles, mode).max() <= 4 * EPS
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 4 * EPS * chain.rotor_length
+
+
+@pytest.mark.parametrize('last', [79_999.0, 79_999.6, 80_000.6])
+@pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, WIDE_SPINNER])
+def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(
+    example: tuple[float, float], last: float
+) -> None:
+    chain = chain_of(example, 100_000)
+    angles = walls_at(chain, 19_999.2, 50_000, last)
+    mode, ratios = zero_mode(chain, angles), exact_zero_mode(chain, angles)
+    peak = int(np.argmax(np.abs(ratios)))
+    seen = np.abs(ratios) > SMALLEST / EPS
+    assert not seen[45_000:55_000].any()
+    assert seen[19_950:20_050].all()
+    assert seen[79_950:80_050].all()
+    errors = np.abs(mode / mode[peak] / np.where(seen, ratios, 1) - 1)
+    steps = np.abs(np.arange(100_000) - peak) + 1
+    assert (errors <= 4 * EPS * steps)[seen].all()
+    assert leftovers(chain, angles, mode).max() <= 4 * EPS
+
+
+def test_periodic_ends_are_refused_a_zero_mode_of_their_own() -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 6), periodic=True)
+    with pytest.raises(ValueError, match='periodic ends has as many springs as rotors'):
+        zero_mode(chain, chain.uniform_state(1))
+
+
+@given(any_deviating_configuration())
+def test_zero_modes_outnumber_states_of_self_stress_as_rotors_outnumber_springs(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    modes, stresses = zero_modes(chain, angles), states_of_self_stress(chain, angles)
+    missing = chain.number_of_rotors - chain.number_of_springs
+    assert modes.shape[1] - stresses.shape[1] == missing == (0 if chain.periodic else 1)
+    matrix = rigidity_matrix(chain, angles).toarray()
+    size = np.abs(matrix).max()
+    assert np.abs(matrix @ modes).max(initial=0) <= 4e-10 * size
+    assert np.abs(matrix.T @ stresses).max(initial=0) <= 4e-10 * size
+    for basis in (modes, stresses):
+        assert basis.T @ basis == pytest.approx(np.eye(basis.shape[1]), abs=32 * EPS)
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(('m', 'n'), [(0, 0), (3, 3), (0, 7), (2, 3), (1, 6)])
+def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion(
+    m: int, n: int, seed: int
+) -> None:
+    chain = chain_of((0.4, 0.8), 9)
+    angles = trapping(chain, m, n, seed)
+    first, second = rigidity_bands(chain, angles)
+    assert max(abs(first[m]), abs(second[n])) <= 8 * EPS * chain.rotor_length
+    assert zero_modes(chain, angles).shape[1] == 2
+    stresses = states_of_self_stress(chain, angles)
+    assert stresses.shape[1] == 1
+    outside = np.delete(stresses[:, 0], np.arange(m, n + 1))
+    assert np.abs(outside).max(initial=0) <= 1e-10
+    mode = zero_mode(chain, angles)
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 8 * EPS * chain.rotor_length
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(('m', 'n'), [(7, 0), (4, 2), (6, 1)])
+def test_rotors_that_point_inwards_trap_the_one_zero_mode(m: int, n: int, seed: int) -> None:
+    chain = chain_of((0.4, 0.8), 9)
+    angles = trapping(chain, m, n, seed)
+    modes = zero_modes(chain, angles)
+    assert modes.shape[1] == 1
+    assert states_of_self_stress(chain, angles).shape[1] == 0
+    outside = np.delete(modes[:, 0], np.arange(n + 1, m + 1))
+    assert np.abs(outside).max() <= 1e-10
+
+
+@given(any_chain(fewest=4, most=30), st.sampled_from([-1, 1]))
+def test_a_uniform_ring_has_neither_zero_modes_nor_states_of_self_stress(
+    chain: Chain, lean: int
+) -> None:
+    rotors = chain.number_of_rotors // 2 * 2
+    ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
+    plus, minus = couplings(ring)
+    assume(plus - abs(minus) > 1e-9 * (plus + abs(minus)))
+    for basis in (zero_modes, states_of_self_stress):
+        assert basis(ring, ring.uniform_state(lean)).shape[1] == 0
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('seed', range(3))
+def test_a_ring_that_is_its_own_mirror_image_has_one_of_each(
+    example: tuple[float, float], seed: int
+) -> None:
+    # There B_n = -A_{N-2-n}, so that det R = A_0 A_1 ... - B_0 B_1 ... vanishes.
+    ring = dataclasses.replace(chain_of(example, 8), periodic=True)
+    half = np.random.default_rng(seed).uniform(-3, 3, 4)
+    angles = np.concatenate([half, -half[::-1]])
+    assert zero_modes(ring, angles).shape[1] == 1
+    assert states_of_self_stress(ring, angles).shape[1] == 1
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_the_dynamical_matrix_is_the_stiffness_of_relaxed_springs_over_the_inertia(
+    example: tuple[float, float], periodic: bool
+) -> None:
+    even = dataclasses.replace(chain_of(example, 8), periodic=periodic)
+    chain = deviating(even, seed=2, largest=0.01)
+    angles = rest_state(chain, 1)
+    roots = np.sqrt(chain.moments_of_inertia)
+    matrix = dynamical_matrix(chain, angles).toarray()
+    estimates = []
+    for step in (4e-3, 2e-3):
+        shifts = step * np.eye(8)
+        change = chain.spring_torques(angles - shifts) - chain.spring_torques(angles + shifts)
+        estimates.append(change / (2 * step) / np.outer(roots, roots))
+    errors = [np.abs(estimate - matrix).max() for estimate in estimates]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
+    extrapolated = (4 * estimates[1] - estimates[0]) / 3
+    assert np.abs(extrapolated - matrix).max() <= 0.01 * errors[1]

@@ -17,11 +17,22 @@ lbar       rest_length             of each spring [m]
 phi        angles                  of the rotors from +z towards +x [rad]
 theta      staggered angles        phi on rotors 0, 2, ..., pi - phi on the others [rad]
 h, v       horizontal, vertical    position of a mass from its pivot, r sin phi and r cos phi
+I          moments_of_inertia      of each rotor about its pivot, M r^2 [kg m^2]
 d          lean_ratio              2 r sin(theta_bar) / a
+d_c        critical_lean_ratio     2 / sin(theta_bar), beyond which rotors spin
+ub         lean                    r sin(theta_bar) [m]
 q+, q-     couplings               change of a spring's length with the angles it joins
 ell        penetration_depth       of the zero mode from its edge [m]
 t          zero mode               unit vector with R t = 0
 R          rigidity matrix         change of the springs' lengths with the angles [m/rad]
+N_0, N_ss  zero modes, self-stress of a configuration: N_0 - N_ss = N - springs
+omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0
+c          speed_of_sound          of omega^2 = omega_0^2 + c^2 k^2 about the gap [m/s]
+Lambda     site_arc                arc of the zero-energy orbit from rotor to rotor [rad]
+gamma      lorentz_factor          1 / sqrt(1 - v^2 / c^2) of a wall of velocity v
+E_s        energy_scale            half of what an anti-kink costs at rest [J]
+Q          charge                  +1: right-leaning before the wall, free at rest; -1: anti-kink
+u          displacement            r sin(theta) [m]
 m          order field             +1 where the chain leans right, -1 where it leans left
 X, w       position, width         of a wall m = -tanh((x - X) / w) [m]
 ========== ======================= ==========================================================
