@@ -13,7 +13,7 @@ SOURCES = Path(__file__).parents[1] / 'src'
 PHYSICS = sorted((SOURCES / 'soliton_linkage/soliton_linkage').glob('**/*.py'))
 MODULES = sorted((SOURCES / 'soliton_linkage_nodes/soliton_linkage_nodes').glob('**/*.py'))
 ALLOWED_IN_PHYSICS = {'soliton_linkage', 'numpy', 'scipy', 'matplotlib', *sys.stdlib_module_names}
-ALLOWED_IN_STUDIES = ALLOWED_IN_PHYSICS | {'distributed', 'imageio_ffmpeg', 'yaml'}
+ALLOWED_IN_STUDIES = ALLOWED_IN_PHYSICS | {'distributed', 'imageio_ffmpeg', 'mpl_toolkits', 'yaml'}
 
 
 def imported(path: Path) -> set[str]:

@@ -1,7 +1,121 @@
 # SPDX-License-Identifier: Apache-2.0
-"""To be written."""
+"""Draw the figures of the paper, and some of our own, with their data and a table.
+
+Every figure is written as PNG and PDF with its data as CSV, and table.md sets side by side what
+the paper says, what the corrected theory says and what the simulated chain does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage.studies.cell_figures import figure_4
+from soliton_linkage.studies.linear_figures import figure_1
+from soliton_linkage.studies.motion_figures import snapshot_figure
+from soliton_linkage.studies.plates import Comparison, Plate, write_table
+from soliton_linkage.studies.profile_figures import figure_5, figure_6, figure_s1, figure_s2
+from soliton_linkage.studies.settings import Section, load_settings
+from soliton_linkage.studies.survey_figures import (
+    anti_kink_figure,
+    disorder_figure,
+    energy_figure,
+    rigid_limit_figure,
+)
+
+_STOPPED = 130
+
+FIGURES: dict[str, Callable[[Section, bool], Plate]] = {
+    'figure_1': figure_1,
+    'figure_2': snapshot_figure,
+    'figure_3': snapshot_figure,
+    'figure_4': figure_4,
+    'figure_5': figure_5,
+    'figure_6': figure_6,
+    'figure_s1': figure_s1,
+    'figure_s2': figure_s2,
+    'energy_against_speed': energy_figure,
+    'disorder_against_passage': disorder_figure,
+    'elastic_against_rigid': rigid_limit_figure,
+    'anti_kink_cost': anti_kink_figure,
+}
 
 
-def main() -> int:
-    """Do nothing yet."""
+def draw(name: str, config: Path, output: Path, quick: bool) -> list[Comparison]:
+    """Draw one figure into a folder and return its lines of the table."""
+    section = load_settings(config).section(name)
+    plate = FIGURES[name](section, quick)
+    plate.save(output, name)
+    return plate.comparisons
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the figures that the command line asks for."""
+    options = _parser().parse_args(arguments)
+    names = options.only or list(FIGURES)
+    try:
+        for name in names:
+            load_settings(options.config).section(name)
+        options.output.mkdir(parents=True, exist_ok=True)
+        lines = _draw_all(names, options)
+    except (OSError, ValueError, ArithmeticError) as error:
+        print(f'figures: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('figures: stopped; the figures that were finished stay', file=sys.stderr)
+        return _STOPPED
+    write_table(lines, options.output / 'table.md')
+    print(f'{len(names)} figures and table.md are in {options.output}')
     return 0
+
+
+def _draw_all(names: list[str], options: argparse.Namespace) -> list[tuple[str, Comparison]]:
+    """Draw figures side by side; their lines of the table, in the order of the names."""
+    progress = ProgressLine('figures', len(names))
+    done: dict[str, list[Comparison]] = {}
+    pool = ProcessPoolExecutor(
+        options.workers,
+        mp_context=multiprocessing.get_context('spawn'),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
+    with pool:
+        futures = {
+            pool.submit(draw, name, options.config, options.output, options.quick): name
+            for name in names
+        }
+        try:
+            for future in as_completed(futures):
+                done[futures[future]] = future.result()
+                waiting = [name for name in names if name not in done]
+                progress.show(len(done), f'to do: {", ".join(waiting)}' if waiting else '')
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in pool._processes.values():
+                process.terminate()
+            raise
+    progress.end(f'figures: {len(done)} drawn')
+    return [(name, line) for name in names for line in done[name]]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='figures', description=__doc__)
+    parser.add_argument('config', type=Path, help='settings, as config/studies/figures.yaml')
+    parser.add_argument('--output', type=Path, default=Path('out/figures'), help='folder')
+    parser.add_argument(
+        '--only', nargs='+', choices=FIGURES, metavar='NAME', help=', '.join(FIGURES)
+    )
+    parser.add_argument('--quick', action='store_true', help='fewer points, to try it out')
+    parser.add_argument('--workers', type=int, default=os.cpu_count(), help='processes')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

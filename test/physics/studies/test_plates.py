@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A figure is saved with every number in it, and the table says paper, theory and chain."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from soliton_linkage.studies.plates import Comparison, Plate, write_table
+
+
+def plate_with(points: list[tuple[float, float]]) -> Plate:
+    plate = Plate(Figure(figsize=(2, 2)))
+    axes = plate.figure.subplots()
+    across, up = np.transpose(points)
+    axes.plot(across, up)
+    plate.note('a', 'line', across, up)
+    return plate
+
+
+def test_data_are_kept_to_the_last_digit(tmp_path: Path) -> None:
+    points = [(0.1, 1 / 3), (math.pi, -2e-300), (5e20, math.nan)]
+    plate_with(points).save(tmp_path, 'line')
+    with (tmp_path / 'line.csv').open(newline='', encoding='utf-8') as file:
+        rows = list(csv.DictReader(file))
+    kept = [(float(row['x']), float(row['y'])) for row in rows]
+    assert np.array_equal(kept, points, equal_nan=True)
+    assert {(row['panel'], row['series']) for row in rows} == {('a', 'line')}
+
+
+def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
+    for name in ('once', 'again'):
+        plate_with([(0, 1), (1, 3)]).save(tmp_path, name)
+    for suffix in ('png', 'pdf', 'csv'):
+        once, again = (tmp_path / f'{name}.{suffix}' for name in ('once', 'again'))
+        assert once.read_bytes() == again.read_bytes()
+    assert (tmp_path / 'once.png').read_bytes().startswith(b'\x89PNG')
+    assert (tmp_path / 'once.pdf').read_bytes().startswith(b'%PDF')
+
+
+def test_points_that_do_not_pair_are_refused() -> None:
+    with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
+        Plate(Figure()).note('a', 'line', [1, 2], [3])
+
+
+@pytest.mark.parametrize(
+    ('measured', 'expected', 'error'),
+    [
+        (1.02, 1.0, '+2 %'),
+        (0.5, 2.0, '-75 %'),
+        (-1.1, -1.0, '+10 %'),
+        (3e-9, 0.0, '3.0e-09'),
+        (7.0, math.nan, ''),
+    ],
+)
+def test_the_error_is_relative_to_theory(measured: float, expected: float, error: str) -> None:
+    assert Comparison('gap', 'w', 'w', measured, expected).error == error
+
+
+def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path) -> None:
+    plate = plate_with([(0, 0)])
+    plate.compare('gap', '|r|', 'q', 2.0, 1.0)
+    plate.compare('overshoot', 'd³', 'none', 0.25)
+    path = tmp_path / 'table.md'
+    write_table([('figure', comparison) for comparison in plate.comparisons], path)
+    lines = path.read_text(encoding='utf-8').splitlines()
+    assert len(lines) == 4
+    assert {line.count('|') for line in lines} == {7}
+    assert 'q = 1 | 2 | +1e+02 %' in lines[2]
+    assert 'none | 0.25 |  |' in lines[3]
