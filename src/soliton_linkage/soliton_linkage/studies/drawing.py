@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of one chain, its zero mode and its configuration space on matplotlib axes.
+
+Pivots are crosses, rotors black bars, masses blue dots, springs dashed red lines (solid where
+they are rigid bars), and the zero mode is green arrows at the masses (paper, Fig. 1). Where
+rotors reach over their neighbours every other one is grey, and each has a white border.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from matplotlib.quiver import Quiver
+
+from soliton_linkage.chain import Array, Chain
+
+# Colours that the colour-blind can tell apart, after Okabe and Ito.
+BLACK = '#000000'
+GREY = '#7f7f7f'
+BLUE = '#0072b2'
+RED = '#d55e00'
+GREEN = '#009e73'
+LEAN_COLOURS = 'PuOr'
+"""Colour map of u: orange where the rotors lean left, purple where they lean right."""
+
+_MARGIN = 0.35
+_ROW = 0.3
+_ARROW = 1.2
+
+
+def pivot_points(chain: Chain) -> Array:
+    """Places of the pivots [m], (x, z) of each, shape (N, 2)."""
+    offsets = np.cumsum(chain.spacings[: chain.number_of_rotors - 1])
+    along = np.concatenate([[0.0], offsets])
+    return np.column_stack([along, np.zeros_like(along)])
+
+
+def mass_points(chain: Chain, angles: Array) -> Array:
+    """Places of the masses [m], (x_n + r sin(phi_n), r cos(phi_n)), shape (N, 2)."""
+    return pivot_points(chain) + np.column_stack(chain.positions(angles))
+
+
+def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
+    """Velocities of the masses in a mode, r t_n (cos(phi_n), -sin(phi_n)), shape (N, 2).
+
+    In [m] for a mode in [rad], perpendicular to the rotors.
+    """
+    horizontal, vertical = chain.positions(angles)
+    return np.column_stack([mode * vertical, -mode * horizontal])
+
+
+def limits(chain: Chain, projections: bool = False) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top [m] of what a chain can reach, and a margin."""
+    margin = _MARGIN * chain.spacing
+    reach = float(chain.rotor_lengths.max()) + margin
+    bottom = float(_rows(chain).min()) - margin / 2 if projections else -reach
+    return -reach, float(chain.spacings.sum()) + reach, bottom, reach
+
+
+def lean_scale(chain: Chain) -> float:
+    """Return u at the ends of `LEAN_COLOURS` [m]; beyond rest, whose colours would be black."""
+    return 1.3 * chain.rotor_length * math.sin(chain.rest_angle)
+
+
+class ChainPicture:
+    """The artists of one chain on axes, which `update` moves; the limits of the axes fit it."""
+
+    def __init__(
+        self,
+        axes: Axes,
+        chain: Chain,
+        angles: Array,
+        mode: Array | None = None,
+        *,
+        rigid: bool = False,
+        projections: bool = False,
+        arrow_length: float | None = None,
+    ) -> None:
+        """Draw a chain at angles [rad] with its mode [1], if one is given, shape (N,) each.
+
+        A component 1 of the mode is an arrow of `arrow_length` [m], for all rotors and times.
+        """
+        self.chain = chain
+        self.axes = axes
+        self._arrow_length = arrow_length
+        self.springs, self.rotors = _bars(axes, chain, rigid)
+        self.pivots, self.masses = _points(axes, chain)
+        self.arrows = None
+        if mode is not None:
+            self.arrows = draw_mode(axes, chain, angles, mode, arrow_length)
+        self.projections = draw_projections(axes, chain, angles) if projections else None
+        self.update(angles, mode)
+        left, right, bottom, top = limits(chain, projections)
+        axes.set(xlim=(left, right), ylim=(bottom, top))
+        axes.set_aspect('equal', adjustable='box')
+        axes.set_axis_off()
+
+    @property
+    def artists(self) -> list[Artist]:
+        """Everything that `update` may move, from back to front."""
+        moving = (
+            self.springs,
+            self.rotors,
+            self.pivots,
+            self.arrows,
+            self.projections,
+            self.masses,
+        )
+        return [artist for artist in moving if artist is not None]
+
+    def update(self, angles: Array, mode: Array | None = None, tilt: float = 0.0) -> None:
+        """Move to angles [rad] and a mode [1], shape (N,); arrows hide where none is given.
+
+        A tilt [rad] turns the chain about its middle and lowers its last rotor.
+        """
+        chain = self.chain
+        pivots, masses = pivot_points(chain), mass_points(chain, angles)
+        turned, centre = _turned(tilt), (pivots[0] + pivots[-1]) / 2
+        pivots, masses = ((points - centre) @ turned + centre for points in (pivots, masses))
+        beyond = masses[:1] + [float(chain.spacings.sum()), 0.0] @ turned
+        joined = np.concatenate([masses, beyond])
+        springs = chain.number_of_springs
+        self.pivots.set_data(*pivots.T)
+        self.masses.set_data(*masses.T)
+        self.rotors.set_segments(list(np.stack([pivots, masses], axis=1)))
+        ends = np.stack([joined[:springs], joined[1 : springs + 1]], axis=1)
+        self.springs.set_segments(list(ends))
+        if self.arrows is not None:
+            self.arrows.set_visible(mode is not None)
+        if self.arrows is not None and mode is not None:
+            vectors = _stretched(chain, angles, mode, self._arrow_length) @ turned
+            self.arrows.set_offsets(masses)
+            self.arrows.set_UVC(*vectors.T)
+        if self.projections is not None:
+            horizontal, _ = chain.positions(angles)
+            self.projections.set_UVC(horizontal, np.zeros_like(horizontal), horizontal)
+
+
+def draw_chain(axes: Axes, chain: Chain, angles: Array, *, rigid: bool = False) -> ChainPicture:
+    """Draw a chain at angles [rad], shape (N,), and return its artists (paper, Fig. 1b)."""
+    return ChainPicture(axes, chain, angles, rigid=rigid)
+
+
+def draw_mode(
+    axes: Axes, chain: Chain, angles: Array, mode: Array, arrow_length: float | None = None
+) -> Quiver:
+    """Draw a mode [1], shape (N,), as arrows at the masses (paper, Fig. 1b).
+
+    They are the velocities of the masses times one factor, which makes an arrow of
+    `arrow_length` [m] of a component 1; by itself 1.2 times the longer of a and r.
+    """
+    vectors = _stretched(chain, angles, mode, arrow_length)
+    return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
+
+
+def draw_projections(axes: Axes, chain: Chain, angles: Array) -> Quiver:
+    """Draw u_n = r sin(phi_n) [m] as an arrow beneath each rotor (paper, Figs. 1d, 2 and 3).
+
+    Purple arrows lean right, orange ones left. Where rotors are longer than the spacing, their
+    arrows take turns in several rows.
+    """
+    horizontal, _ = chain.positions(angles)
+    places = pivot_points(chain) + np.column_stack([np.zeros_like(horizontal), _rows(chain)])
+    vectors = np.column_stack([horizontal, np.zeros_like(horizontal)])
+    arrows = _quiver(axes, places, vectors, 0.9 * _thickness(chain), None)
+    arrows.set_cmap(LEAN_COLOURS)
+    arrows.set_clim(-lean_scale(chain), lean_scale(chain))
+    arrows.set_array(horizontal)
+    return arrows
+
+
+def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
+    """Draw configurations of a unit cell, staggered angles [rad] of shape (K, 2) a curve.
+
+    The square is the torus of both angles, its opposite sides one; triangles are the ground
+    states, red ones lean right and green ones left (paper, Fig. 4c).
+    """
+    for curve in curves:
+        axes.plot(*broken_at_turns(curve).T, color=BLUE, linewidth=2.5, zorder=2)
+    rest = chain.rest_angle
+    for states, marker, colour, label in (
+        ((rest, math.pi - rest), '>', RED, 'leans right'),
+        ((-rest, rest - math.pi), '<', GREEN, 'leans left'),
+    ):
+        axes.plot(
+            states,
+            states,
+            marker,
+            color=colour,
+            markersize=13,
+            markeredgecolor='white',
+            label=label,
+            zorder=4,
+        )
+    ticks = [-math.pi, -math.pi / 2, 0, math.pi / 2, math.pi]
+    names = ['−π', '−π/2', '0', 'π/2', 'π']
+    axes.set(xlim=(-math.pi, math.pi), ylim=(-math.pi, math.pi), aspect='equal')
+    axes.set_xticks(ticks, names)
+    axes.set_yticks(ticks, names)
+    axes.set(xlabel='θ₁ [rad]', ylabel='θ₂ [rad]')
+
+
+def broken_at_turns(curve: Array) -> Array:
+    """Angles within -pi to pi [rad], shape (K + breaks, 2), a NaN where a curve leaves them."""
+    wrapped = np.asarray(np.mod(curve + np.pi, 2 * np.pi) - np.pi)
+    jumps = np.flatnonzero((np.abs(np.diff(wrapped, axis=0)) > np.pi).any(axis=1)) + 1
+    return np.insert(wrapped, jumps, np.nan, axis=0)
+
+
+def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCollection]:
+    """Springs and rotors without a place."""
+    thickness = _thickness(chain)
+    springs = LineCollection(
+        [],
+        colors=RED,
+        linewidths=0.75 * thickness,
+        linestyles='solid' if rigid else [(0, (2.5, 1.2))],
+        zorder=2,
+    )
+    overlapping = chain.rotor_length > chain.spacing
+    rotors = LineCollection(
+        [],
+        colors=[BLACK, GREY] if overlapping else BLACK,
+        linewidths=thickness,
+        capstyle='round',
+        path_effects=[withStroke(linewidth=thickness + 1.6, foreground='white')],
+        zorder=3,
+    )
+    axes.add_collection(springs, autolim=False)
+    axes.add_collection(rotors, autolim=False)
+    return springs, rotors
+
+
+def _points(axes: Axes, chain: Chain) -> tuple[Line2D, Line2D]:
+    """Pivots and masses without a place."""
+    thickness = _thickness(chain)
+    size = 3 * thickness
+    (pivots,) = axes.plot(
+        [], [], 'x', color=BLACK, markersize=size, markeredgewidth=0.6 * thickness, zorder=4
+    )
+    (masses,) = axes.plot(
+        [], [], 'o', color=BLUE, markersize=size, markeredgecolor='white', zorder=6
+    )
+    return pivots, masses
+
+
+def _quiver(
+    axes: Axes, places: Array, vectors: Array, thickness: float, colour: str | None
+) -> Quiver:
+    return axes.quiver(
+        *places.T,
+        *vectors.T,
+        angles='xy',
+        units='inches',
+        scale_units='xy',
+        scale=1,
+        width=thickness / 72,
+        headwidth=3.5,
+        headlength=4,
+        headaxislength=3.6,
+        color=colour,
+        clip_on=False,
+        zorder=5,
+    )
+
+
+def _stretched(chain: Chain, angles: Array, mode: Array, arrow_length: float | None) -> Array:
+    longest = arrow_length or _ARROW * max(chain.rotor_length, chain.spacing)
+    return longest / chain.rotor_length * mode_arrows(chain, angles, mode)
+
+
+def _thickness(chain: Chain) -> float:
+    """Of a rotor [points]."""
+    return min(max(50 / chain.number_of_rotors, 0.8), 5.0)
+
+
+def _rows(chain: Chain) -> Array:
+    """Height of the projection of each rotor [m], beneath all that the rotors reach, (N,)."""
+    rows = math.ceil(chain.rotor_length / chain.spacing)
+    row = np.arange(chain.number_of_rotors) % rows
+    reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing
+    return np.asarray(-reach - _ROW * chain.spacing * (row + 0.5))
+
+
+def _turned(tilt: float) -> Array:
+    """Matrix that points (x, z) are multiplied by to lower the end at x > 0, (2, 2)."""
+    sine, cosine = math.sin(tilt), math.cos(tilt)
+    return np.array([[cosine, -sine], [sine, cosine]])

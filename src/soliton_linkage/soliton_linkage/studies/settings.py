@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of studies, read from YAML; what is wrong in a file is said by file, key and value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.quantities import described_fields
+
+_CHAIN_KEYS = (
+    'number_of_rotors',
+    'rotor_length_ratio',
+    'rest_angle',
+    'spacing',
+    'mass',
+    'stiffness',
+    'damping',
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Part of a file of settings; reading raises ValueError for what a key must not be."""
+
+    file: str
+    """Path of the file, for messages."""
+    name: str
+    """Keys that lead to the section, joined by dots; empty for the whole file."""
+    values: Mapping[str, object]
+
+    def complaint(self, key: str, what: str) -> ValueError:
+        """Return an error that names the file, the key and, where there is one, its value."""
+        place = f'{self.file}: {self._full(key)}'
+        value = f' = {self.values[key]!r}' if key in self.values else ''
+        return ValueError(f'{place}{value} {what}')
+
+    def allow(self, *keys: str) -> None:
+        """Refuse keys that nobody reads, which would be typing errors."""
+        for key in self.values:
+            if key not in keys:
+                raise self.complaint(key, f'is not known; it may hold {", ".join(keys)}')
+
+    def section(self, key: str) -> Section:
+        """Part of the section below a key."""
+        value = self._value(key, 'a section of keys')
+        if not isinstance(value, Mapping):
+            raise self.complaint(key, 'must be a section; indent its keys beneath it')
+        return _section(self.file, self._full(key), value)
+
+    def sections(self) -> dict[str, Section]:
+        """Return every value of the section as a section, by key."""
+        return {key: self.section(key) for key in self.values}
+
+    def number(
+        self, key: str, minimum: float, maximum: float, default: float | None = None
+    ) -> float:
+        """Finite number in a range, bounds included; the default where the key is absent."""
+        if default is not None and key not in self.values:
+            return default
+        wanted = f'a number in the range {minimum:g} to {maximum:g}'
+        return self._checked(key, self._value(key, wanted), minimum, maximum, wanted)
+
+    def whole_number(
+        self, key: str, minimum: int, maximum: int, default: int | None = None
+    ) -> int:
+        """Whole number in a range, bounds included; the default where the key is absent."""
+        if default is not None and key not in self.values:
+            return default
+        wanted = f'a whole number in the range {minimum} to {maximum}'
+        value = self._value(key, wanted)
+        number = self._checked(key, value, minimum, maximum, wanted)
+        if not isinstance(value, int):
+            raise self.complaint(key, f'must be {wanted}; leave out the decimal point')
+        return int(number)
+
+    def numbers(self, key: str, minimum: float, maximum: float) -> tuple[float, ...]:
+        """List of one or more numbers, each in a range, bounds included."""
+        wanted = f'a list of numbers in the range {minimum:g} to {maximum:g}'
+        values = self._value(key, wanted)
+        if not isinstance(values, Sequence) or isinstance(values, str) or not values:
+            raise self.complaint(key, f'must be {wanted}; write [1.0, 2.0]')
+        return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
+
+    def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
+        """Text, one of the choices where there are any; the default where the key is absent."""
+        if default is not None and key not in self.values:
+            return default
+        wanted = f'one of {", ".join(choices)}' if choices else 'a text'
+        value = self._value(key, wanted)
+        if not isinstance(value, str) or (choices and value not in choices):
+            raise self.complaint(key, f'must be {wanted}')
+        return value
+
+    def _value(self, key: str, wanted: str) -> object:
+        if key not in self.values:
+            raise self.complaint(key, f'is missing; give {wanted}')
+        return self.values[key]
+
+    def _checked(
+        self, key: str, value: object, minimum: float, maximum: float, wanted: str
+    ) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            hint = '; write exponents as 1.0e-3' if isinstance(value, str) else ''
+            raise self.complaint(key, f'must be {wanted}{hint}')
+        if not (math.isfinite(value) and minimum <= value <= maximum):
+            raise self.complaint(key, f'must be {wanted}; choose one in it')
+        return float(value)
+
+    def _full(self, key: str) -> str:
+        return f'{self.name}.{key}' if self.name else key
+
+
+def load_settings(path: Path | str) -> Section:
+    """Read a YAML file; raises ValueError where it cannot be read or holds no section."""
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f'{path}: cannot be read ({error}); give a file of settings') from error
+    except yaml.YAMLError as error:
+        where = ' '.join(str(error).split())
+        raise ValueError(f'{path}: is not YAML ({where}); mend it there') from error
+    if not isinstance(content, Mapping):
+        raise ValueError(
+            f'{path}: holds {type(content).__name__} {str(content)[:40]!r} where sections of '
+            'keys and values must be; write key: value'
+        )
+    return _section(str(path), '', content)
+
+
+def chain_from(section: Section) -> Chain:
+    """Chain of a section, with r/a as `rotor_length_ratio`; other keys as fields of `Chain`.
+
+    The ratio, `rest_angle` [rad] and `number_of_rotors` must be given; `spacing` [m], `mass`
+    [kg], `stiffness` [N/m] and `damping` [N m s/rad] need not.
+    """
+    section.allow(*_CHAIN_KEYS)
+    limits = {
+        name: (described.minimum or 0.0, described.maximum or math.inf)
+        for name, described in described_fields(Chain).items()
+    }
+    fewest, most = limits['number_of_rotors']
+    number_of_rotors = section.whole_number('number_of_rotors', int(fewest), int(most))
+    ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
+    rest_angle = section.number('rest_angle', *limits['rest_angle'])
+    spacing, mass, stiffness = (
+        section.number(key, *limits[key], getattr(Chain, key))
+        for key in ('spacing', 'mass', 'stiffness')
+    )
+    damping = section.number('damping', 0.0, 1e6, 0.0)
+    try:
+        return Chain(
+            number_of_rotors, spacing, ratio * spacing, rest_angle, mass, stiffness, damping
+        )
+    except ValueError as error:
+        raise ValueError(
+            f'{section.file}: {section.name} gives {error}; change rotor_length_ratio or spacing'
+        ) from error
+
+
+def _section(file: str, name: str, values: Mapping[object, object]) -> Section:
+    for key in values:
+        if not isinstance(key, str):
+            where = f'{name}: ' if name else ''
+            raise ValueError(f'{file}: {where}key {key!r} must be a text; put it in quotes')
+    return Section(file, name, {str(key): value for key, value in values.items()})
