@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of the chain: geometry, energy and torques against naive twins, symmetries, bad input."""
+"""Laws of the chain: geometry, energy and torques against naive twins, symmetries, bad input.
+
+Here all rotors and springs are alike; those that differ have laws of their own.
+"""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ from soliton_linkage.chain import Array, Chain
 from soliton_linkage.recording import Recording
 from soliton_linkage.simulation import Simulation
 
-# No spring vibrates faster than 2 / time_unit, for which DOP853 is stable in steps of 3 units. A
-# chain at rest asks for no accuracy, and longer steps would make a motion of rounding errors.
-_LONGEST_STEP = 2.5
+# In units of the fastest rate; DOP853 is stable in steps of 6. A chain at rest asks for no
+# accuracy, and longer steps would make a motion of rounding errors.
+_LONGEST_STEP = 5
 
 
 class ElasticSimulation(Simulation):
@@ -47,10 +47,16 @@ class ElasticSimulation(Simulation):
         rotors = chain.number_of_rotors
         of_angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
         of_energy = [self.tolerance * chain.stiffness * chain.rest_length**2] * self._damped
-        lightest = float((chain.moments_of_inertia / chain.rotor_lengths**2).min())
-        fastest = math.sqrt(lightest / float(chain.stiffnesses.max()))
         tolerances = np.concatenate([of_angles, of_angles / chain.time_unit, of_energy])
-        return tolerances, _LONGEST_STEP * fastest
+        return tolerances, _LONGEST_STEP / self._fastest_rate()
+
+    def _fastest_rate(self) -> float:
+        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, c / (M r^2) [rad/s]."""
+        chain = self.chain
+        of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
+        of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
+        decay = float((chain.dampings / chain.moments_of_inertia).max())
+        return max(math.sqrt(of_springs + of_gravity), decay)
 
     def _after_step(self) -> None:
         """Leave the state of springs as it is."""

@@ -15,13 +15,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.linalg import eigvals_banded
 
 from soliton_linkage.chain import Array
-from soliton_linkage.rigidity import zero_mode
+from soliton_linkage.rigidity import rigidity_bands, zero_mode
 from soliton_linkage.simulation import Simulation
-from soliton_linkage.statics import unstretched
+from soliton_linkage.statics import banded_products, unstretched
 
 _LOOSEST_BAR = 1e-6
+_JAMMED = 1e-5
 _LONGEST_STEP = 100
 _MENDINGS = 3
 
@@ -106,13 +108,20 @@ class RigidSimulation(Simulation):
                     chain, angles + mode * (chain.time_unit * excess * force / gradient)
                 )
         except ValueError as error:
-            raise self._stuck(f'the bars jam ({error})') from error
+            raise self._stuck(str(error)) from error
         return angles, speed, dissipated
 
     def _excess_energy(self, angles: Array, speed: float, dissipated: float) -> float:
         potential = float(self.gravity.energy(self.chain, angles))
         work = self._work + float(self.torques @ (angles - self._held_from))
         return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
+
+    def _stuck(self, complaint: str) -> ArithmeticError:
+        """Say so where the bars jam: where R has next to a second null vector."""
+        bands = rigidity_bands(self.chain, self._solver.y[:-2])
+        squares = eigvals_banded(banded_products(*bands), select='i', select_range=(0, 0))
+        jammed = squares[0] <= (_JAMMED * self.chain.rotor_length) ** 2
+        return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
         """What energies are made of: the motion, and a radian against gravity and torques [J]."""

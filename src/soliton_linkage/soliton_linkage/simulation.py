@@ -137,7 +137,8 @@ class Simulation(ABC):
         """Take one step of the solver towards the next frame; the current one stays as it is."""
         complaint = self._solver.step()
         self._steps += 1
-        if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / self.chain.time_unit):
+        time_unit = min(self.chain.time_unit, self._solver.max_step)
+        if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
             raise self._stuck(complaint)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.rigidity import rigidity_bands, rigidity_matrix
@@ -44,9 +44,9 @@ def unstretched(chain: Chain, angles: Array) -> Array:
     spring = int(np.argmax(np.abs(extensions)))
     raise ValueError(
         f'spring {spring} stays {extensions[spring]:.3g} m beyond its length at rest of '
-        f'{chain.rest_lengths[spring]:.6g} m, between rotors {spring} and {spring + 1}: no '
-        'configuration near the given angles relaxes every spring; start nearer to one, or '
-        'lower the deviations of the chain'
+        f'{chain.rest_lengths[spring]:.6g} m, between rotors {spring} and '
+        f'{(spring + 1) % chain.number_of_rotors}: no configuration near the given angles '
+        'relaxes every spring; start nearer to one, or lower the deviations of the chain'
     )
 
 
@@ -65,22 +65,29 @@ def smallest_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     smallest eigenvalue is on the scale of the squared gap. Raises ValueError where the springs
     cannot change so, in a configuration that has a state of self-stress.
     """
-    first, second = rigidity_bands(chain, angles)
-    if chain.periodic:
-        matrix = rigidity_matrix(chain, angles)
-        solved = np.asarray(spsolve((matrix @ matrix.T).tocsc(), lengthening))
-        return np.asarray(matrix.T @ solved)
-    banded = np.zeros((2, chain.number_of_springs))
-    banded[0, 1:] = second[:-1] * first[1:]
-    banded[1] = first**2 + second**2
     try:
-        solved = solveh_banded(banded, lengthening)
-    except LinAlgError:
+        if chain.periodic:
+            matrix = rigidity_matrix(chain, angles)
+            return np.asarray(matrix.T @ splu((matrix @ matrix.T).tocsc()).solve(lengthening))
+        first, second = rigidity_bands(chain, angles)
+        solved = solveh_banded(banded_products(first, second), lengthening)
+    except (LinAlgError, RuntimeError):
         raise ValueError(
-            f'the chain is stuck at {np.array2string(angles, precision=3, threshold=6)} rad, '
-            'where its springs carry a state of self-stress; move it away from there'
+            f'the chain is stuck at {_shown(angles)} rad, where its springs carry a state of '
+            'self-stress; move it away from there'
         ) from None
     return chain.gathered(first * solved, second * solved)
+
+
+def banded_products(first: Array, second: Array) -> Array:
+    """R R^T of free ends in the upper form of LAPACK, its diagonal last [m^2], (2, springs).
+
+    A single spring has no neighbour: then the shape is (1, 1), without a band for one.
+    """
+    banded = np.zeros((2, len(first)))
+    banded[0, 1:] = second[:-1] * first[1:]
+    banded[1] = first**2 + second**2
+    return banded[-len(first) :]
 
 
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
@@ -120,10 +127,25 @@ def balanced(chain: Chain, angles: Array) -> Array:
         torques = chain.spring_torques(state)
         if float(np.abs(torques).max()) <= _ROUNDING * scale:
             return state
-        step = np.asarray(spsolve(stiffness_matrix(chain, state), torques))
+        step = _yielding(chain, state, torques)
         state += step * min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
     rotor = int(np.argmax(np.abs(torques)))
     raise ValueError(
         f'rotor {rotor} keeps a torque of {torques[rotor]:.3g} N m: the springs have no balance '
         'near the given angles; start nearer to one'
     )
+
+
+def _yielding(chain: Chain, angles: Array, torques: Array) -> Array:
+    """Change of the angles under torques [rad], to first order, shape (N,)."""
+    try:
+        return np.asarray(splu(stiffness_matrix(chain, angles)).solve(torques))
+    except RuntimeError:
+        raise ValueError(
+            f'the chain yields without end at {_shown(angles)} rad, where its springs resist '
+            'some motion not at all; start from other angles'
+        ) from None
+
+
+def _shown(angles: Array) -> str:
+    return np.array2string(angles, precision=3, threshold=6)
