@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from soliton_linkage.actuation import Edge
 from soliton_linkage.chain import Array, Chain
@@ -25,6 +25,9 @@ from soliton_linkage.statics import unstretched
 
 _MOST_SAMPLES = 1_000_000
 _COINCIDENT = 1e-3
+_DEGREE = 7
+_COARSEST = 0.25
+_RESOLUTION = 1e-10
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,7 @@ class Orbit:
     @cached_property
     def directions(self) -> Array:
         """+1 where the wall of a sample runs on towards the last rotor, else -1, shape (K,)."""
-        towards = [
-            mode_towards_last(self.chain, each) @ zero_mode(self.chain, each)
-            for each in self.angles
-        ]
-        return np.sign(towards)
+        return np.array([float(_direction(self.chain, each)) for each in self.angles])
 
     @cached_property
     def reflections(self) -> tuple[tuple[float, Edge], ...]:
@@ -67,7 +66,7 @@ class Orbit:
         turning = np.flatnonzero(np.diff(self.directions))
         return tuple(
             (
-                float(self.arcs[sample] + self.arcs[sample + 1]) / 2,
+                self._turning_arc(int(sample)),
                 Edge.LAST if self.directions[sample] > 0 else Edge.FIRST,
             )
             for sample in turning
@@ -82,25 +81,36 @@ class Orbit:
         between = unstretched(self.chain, np.asarray(self._spline(within)))
         return between + 2 * math.pi * cycles * self.turns
 
+    def _turning_arc(self, sample: int) -> float:
+        """Arc length between a sample and the next where the direction changes [rad]."""
+        before, after = self.arcs[sample : sample + 2].tolist()
+        while after - before > _RESOLUTION:
+            between = (before + after) / 2
+            if _direction(self.chain, self.configuration(between)) == self.directions[sample]:
+                before = between
+            else:
+                after = between
+        return float(before + after) / 2
+
     @cached_property
-    def _spline(self) -> CubicHermiteSpline:
-        tangents = [_tangent(self.chain, each) for each in self.angles]
-        return CubicHermiteSpline(self.arcs, self.angles, np.array(tangents))
+    def _spline(self) -> BSpline:
+        return make_interp_spline(self.arcs, self.angles, k=_DEGREE)
 
 
 def closed_orbit(chain: Chain, start: Array, spacing: float = 0.05) -> Orbit:
     """Follow the linkage from a configuration until it returns, in samples of arc length [rad].
 
     Starts in the direction of the zero mode; the samples are evenly spaced but for the last.
-    Raises ValueError for a spacing that is not above 0, and as `RigidSimulation` does.
+    Raises ValueError for a spacing that is not above 0 or too coarse to draw a curve, and as
+    `RigidSimulation` does.
     """
-    if not (math.isfinite(spacing) and spacing > 0):
-        raise ValueError(f'spacing = {spacing} rad must be a finite number above 0')
+    if not 0 < spacing <= _COARSEST:
+        raise ValueError(f'spacing = {spacing} rad must lie above 0 and up to {_COARSEST}')
     begin = unstretched(chain, start)
     tangent = _tangent(chain, begin)
     simulation = RigidSimulation(chain, begin, tangent, period=spacing)
     samples, left = [simulation.angles], -math.inf
-    while not 0 <= left + _COINCIDENT * spacing <= spacing:
+    while not abs(left) <= spacing / 2:
         if len(samples) > _MOST_SAMPLES:
             raise ValueError(
                 f'the orbit did not close within {_MOST_SAMPLES} samples {spacing} rad apart; '
@@ -108,10 +118,11 @@ def closed_orbit(chain: Chain, start: Array, spacing: float = 0.05) -> Orbit:
             )
         simulation.advance()
         samples.append(simulation.angles)
-        left = _to_go(chain, samples[-1], begin)
-    if left < _COINCIDENT * spacing:
+        left = _to_go(chain, samples[-1], begin, spacing)
+    if left < spacing / 2:
         left += spacing
         samples.pop()
+    left = _arc_between(chain, samples[-1], begin, left)
     turns = np.round((samples[-1] - begin) / (2 * math.pi))
     arcs = spacing * np.arange(len(samples), dtype=np.float64)
     closed = [*samples, begin + 2 * math.pi * turns]
@@ -132,6 +143,11 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     return 2 * towards - float(angles[rotor])
 
 
+def _direction(chain: Chain, angles: Array) -> int:
+    """+1 where the wall moves along the zero mode towards the last rotor, else -1."""
+    return 1 if float(mode_towards_last(chain, angles) @ zero_mode(chain, angles)) > 0 else -1
+
+
 def _tangent(chain: Chain, angles: Array) -> Array:
     """Unit vector along the orbit in the metric sum_n (I_n / I) dphi_n^2, shape (N,)."""
     mode = zero_mode(chain, angles)
@@ -139,10 +155,26 @@ def _tangent(chain: Chain, angles: Array) -> Array:
     return np.asarray(mode / math.sqrt(float(weights @ mode**2)))
 
 
-def _to_go(chain: Chain, angles: Array, goal: Array) -> float:
-    """Arc length to a configuration that is close, up to turns of rotors; else infinite [rad]."""
+def _arc_between(chain: Chain, angles: Array, goal: Array, about: float) -> float:
+    """Arc length from a configuration to another, of which an estimate is known [rad]."""
+    simulation = RigidSimulation(chain, angles, _tangent(chain, angles), period=about)
+    simulation.advance()
+    along, _ = _apart(chain, simulation.angles, goal)
+    return about + along
+
+
+def _to_go(chain: Chain, angles: Array, goal: Array, spacing: float) -> float:
+    """Arc length to a configuration that lies within a few spacings, else infinite [rad].
+
+    It is off by the curvature of the orbit, to third order.
+    """
+    along, distance = _apart(chain, angles, goal)
+    return along if distance < 1.5 * abs(along) + _COINCIDENT * spacing else math.inf
+
+
+def _apart(chain: Chain, angles: Array, goal: Array) -> tuple[float, float]:
+    """How far a configuration is along the orbit, and in all, up to turns of rotors [rad]."""
     difference = np.remainder(goal - angles + math.pi, 2 * math.pi) - math.pi
     weights = chain.moments_of_inertia / chain.moment_of_inertia
-    distance = math.sqrt(float(weights @ difference**2))
     along = float((weights * _tangent(chain, angles)) @ difference)
-    return along if distance < 1.5 * abs(along) else math.inf
+    return along, math.sqrt(float(weights @ difference**2))

@@ -22,9 +22,10 @@ from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.rigidity import mode_towards_last, rigidity_bands, zero_mode
 
-_DEPTHS_BESIDE = 38
-_MOST_BESIDE = 40_000
-_MOST_STEPS = 10_000
+_DEPTHS_BESIDE = 19
+_MOST_BESIDE = 49_000
+_MOST_STEPS = 1000
+_TRANSITION = 1e-9
 _TOLERANCE = 1e-13
 _ARRIVED = 1e-6
 
@@ -39,12 +40,18 @@ def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) 
     by the side on which the rotors in the wall turn over. Turned is the image phi -> pi - phi,
     as of a chain that was assembled upside down. In a chain with deviations the rotor nearest
     to the wall is as without, and all others follow by their own bars. Raises ValueError for a
-    place within half a spacing of an end, for a leg that there is not, and where bars are too
-    short or too long to reach.
+    chain of two rotors or with periodic ends, a place within half a spacing of an end, a leg that
+    there is not, where bars are too short or too long to reach, and as `site_arc` does.
     """
     rotors = chain.number_of_rotors
     legs = 2 if chain.motion is Motion.SPINNER else 4
-    if rotors < 3 or not 0.5 <= place <= rotors - 1.5:
+    if rotors < 3 or chain.periodic:
+        raise ValueError(
+            f'a wall does not fit a chain of {rotors} rotors with '
+            f'{"periodic" if chain.periodic else "free"} ends; give it 3 rotors or more and free '
+            'ends'
+        )
+    if not 0.5 <= place <= rotors - 1.5:
         raise ValueError(
             f'place = {place} must lie from 0.5 to the number of rotors less 1.5 = {rotors - 1.5}'
         )
@@ -59,7 +66,9 @@ def site_arc(chain: Chain) -> float:
     """Arc length of the zero-energy orbit from one rotor to the next [rad], Lambda.
 
     sqrt(sum_n dphi_n^2) along the way of a wall through one spacing, without deviations; a slow
-    wall moves at v = a |phi_dot| / Lambda and has the mass M_eff = M r^2 Lambda^2 / a^2.
+    wall moves at v = a |phi_dot| / Lambda and has the mass M_eff = M r^2 Lambda^2 / a^2. Raises
+    ValueError for d within 1e-9 d_c of d_c, where the ways of flippers and spinners meet, and for
+    d below 2e-4, where a wall is too wide to follow.
     """
     return _passage(_undeviating(chain), 0, False).arc
 
@@ -121,7 +130,7 @@ def _sides(chain: Chain, leg: int, turned: bool) -> tuple[Array, Array]:
     _, second = rigidity_bands(chain, _ground_state(chain, -1, turned))
     left_sides, right_sides = np.sign(first), np.sign(second)
     if chain.motion is not Motion.SPINNER:
-        from_left_leaning = 1 if chain.lean_ratio < 1 else -1
+        from_left_leaning = 1 if chain.lean_ratio <= 1 else -1
         left_sides[0] *= from_left_leaning * (-1 if leg in (2, 3) else 1)
         right_sides[-1] *= -1 if leg in (1, 2) else 1
     return left_sides, right_sides
@@ -171,12 +180,28 @@ def _undeviating(chain: Chain) -> Chain:
     return replace(chain, number_of_rotors=3, periodic=False, deviations=NO_DEVIATIONS)
 
 
+def _rotors_beside(chain: Chain) -> int:
+    """How many rotors on each side of a wall its zero mode reaches, to rounding in its norm."""
+    d, critical = chain.lean_ratio, chain.critical_lean_ratio
+    if abs(d - critical) < _TRANSITION * critical:
+        raise ValueError(
+            f'd = {d:.12g} is too near to d_c = {critical:.12g} to tell the way of a flipper from '
+            f'that of a spinner; take d further than {_TRANSITION:g} d_c from it'
+        )
+    beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
+    if beside > _MOST_BESIDE:
+        raise ValueError(
+            f'd = {d:.6g} makes a wall reach over {beside} rotors on each side, more than '
+            f'{_MOST_BESIDE}; take longer rotors or a larger rest angle'
+        )
+    return beside
+
+
 class _Passage:
     """A wall on its way past one rotor, from half a spacing before it to half a spacing beyond."""
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
-        depth = penetration_depth(chain) / chain.spacing
-        beside = min(math.ceil(_DEPTHS_BESIDE * depth) + 10, _MOST_BESIDE)
+        beside = _rotors_beside(chain)
         self._rotor = 2 * (beside // 2) + odd
         self._window = replace(chain, number_of_rotors=2 * self._rotor + 1)
         self._arrival = _symmetric_wall(self._window, self._rotor, leg)
@@ -224,4 +249,4 @@ class _Passage:
         return float(np.sin(self._arrival - angles) @ arrival)
 
 
-_passage = lru_cache(maxsize=64)(_Passage)
+_passage = lru_cache(maxsize=16)(_Passage)
