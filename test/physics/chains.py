@@ -13,7 +13,7 @@ from soliton_linkage.chain import Array, Chain
 
 EPS = float(np.finfo(np.float64).eps)
 
-# Ratio r / a and rest angle of chains whose numbers stand in the literature (physics.md).
+# Ratio r / a and rest angle of chains whose numbers stand in the literature (docs/physics.md).
 FLIPPER = (0.5, 0.97)
 WIDE_FLIPPER = (0.5, 0.3)
 WOBBLER = (1.0, 0.77)

@@ -15,6 +15,7 @@ from rclpy.publisher import Publisher
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bags import (
@@ -29,7 +30,6 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.matching import wait_for_subscriber
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
-from soliton_linkage.progress import ProgressLine
 
 _POLL_INTERVAL = 0.02
 _LONGEST_DELIVERY = 10.0

@@ -24,6 +24,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage.quantities import quantity
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes import interfaces
@@ -39,7 +40,6 @@ from soliton_linkage_nodes.child_processes import ChildProcesses
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import initialise, stop_on_signals
-from soliton_linkage.progress import ProgressLine
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _RECORDED_TOPICS = {

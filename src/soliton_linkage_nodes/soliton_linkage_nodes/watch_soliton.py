@@ -7,10 +7,10 @@ from typing import Any
 
 from rclpy.node import Node
 
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import Chain, SolitonState
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.process import run
-from soliton_linkage.progress import ProgressLine
 
 
 class WatchSoliton(Node):

@@ -35,6 +35,18 @@ LIMITS = {
 }
 
 
+def gone(group: int) -> bool:
+    """Whether a process group has ended within ten seconds; its last process tidies up."""
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
 @pytest.mark.parametrize('name', list(figures.FIGURES))
 def test_a_figure_is_written_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
     lines = figures.draw(name, CONFIG, tmp_path, quick=True)
@@ -93,5 +105,4 @@ def test_ctrl_c_ends_it_at_once_and_leaves_no_process(tmp_path: Path) -> None:
     assert process.returncode == 130
     assert 'stopped; the figures that were finished stay' in said
     assert 'Traceback' not in said
-    with pytest.raises(ProcessLookupError):
-        os.killpg(process.pid, 0)
+    assert gone(process.pid)

@@ -20,14 +20,17 @@ _FRAMES = 600
 _SLACK = 1.1
 
 
-def kick_rates(chain: Chain, angles: Array, kick: float, edge: Edge = Edge.LAST) -> Array:
-    """Rates that send the wall at an edge into the chain [rad/s], shape (N,).
+def kick_rates(
+    chain: Chain, angles: Array, kick: float, edge: Edge = Edge.LAST, anywhere: bool = False
+) -> Array:
+    """Rates that send the wall away from an edge [rad/s], shape (N,).
 
     phi_dot = (a / r) sqrt(k_e / M) v0 e with e the unit zero mode: the kick v0 is the speed of
-    the masses, r |phi_dot|, in units of a sqrt(k_e / M).
+    the masses, r |phi_dot|, in units of a sqrt(k_e / M). Raises ValueError where the wall is
+    nearer the other edge, unless it may be anywhere.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
-    return speed * edge_mode(chain, angles, edge)
+    return speed * edge_mode(chain, angles, edge, anywhere)
 
 
 def kicked(chain: Chain, kick: float, duration: float, frames: int) -> Recording:

@@ -8,12 +8,10 @@ the paper says, what the corrected theory says and what the simulated chain does
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
@@ -29,6 +27,7 @@ from soliton_linkage.studies.survey_figures import (
     energy_figure,
     rigid_limit_figure,
 )
+from soliton_linkage.studies.workers import interrupts_held, local_processes
 
 _STOPPED = 130
 
@@ -80,27 +79,16 @@ def _draw_all(names: list[str], options: argparse.Namespace) -> list[tuple[str, 
     """Draw figures side by side; their lines of the table, in the order of the names."""
     progress = ProgressLine('figures', len(names))
     done: dict[str, list[Comparison]] = {}
-    pool = ProcessPoolExecutor(
-        options.workers,
-        mp_context=multiprocessing.get_context('spawn'),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
-    )
-    with pool:
-        futures = {
-            pool.submit(draw, name, options.config, options.output, options.quick): name
-            for name in names
-        }
-        try:
-            for future in as_completed(futures):
-                done[futures[future]] = future.result()
-                waiting = [name for name in names if name not in done]
-                progress.show(len(done), f'to do: {", ".join(waiting)}' if waiting else '')
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in pool._processes.values():
-                process.terminate()
-            raise
+    with local_processes(min(options.workers, len(names))) as executor:
+        with interrupts_held():
+            futures = {
+                executor.submit(draw, name, options.config, options.output, options.quick): name
+                for name in names
+            }
+        for future in as_completed(futures):
+            done[futures[future]] = future.result()
+            waiting = [name for name in names if name not in done]
+            progress.show(len(done), f'to do: {", ".join(waiting)}' if waiting else '')
     progress.end(f'figures: {len(done)} drawn')
     return [(name, line) for name in names for line in done[name]]
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import multiprocessing
 import os
 import signal
@@ -12,8 +11,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, wait
 from dataclasses import dataclass, replace
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
@@ -34,6 +33,7 @@ from soliton_linkage.studies.chain_films import (
 from soliton_linkage.studies.film_files import SHRINKING, FileKind, file_kind, write_film
 from soliton_linkage.studies.scenes import STYLE, Format, Scene
 from soliton_linkage.studies.settings import Section, load_settings
+from soliton_linkage.studies.workers import interrupts_held, local_processes
 
 _KINDS: dict[str, tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]] = {
     'insulator': (Insulation.read, InsulatorScene),
@@ -116,11 +116,13 @@ def make_films(films: Sequence[Film], output: Path, kind: FileKind) -> None:
         tempfile.TemporaryDirectory(
             prefix='.unfinished-', dir=output, ignore_cleanup_errors=True
         ) as scratch,
-        ProcessPoolExecutor(workers, context, _prepare, (done,)) as pool,
-        _ended_on_failure(),
+        local_processes(workers, _prepare, (done,)) as executor,
     ):
         longest_first = sorted(films, key=lambda film: -film.shape.frames)
-        futures = [pool.submit(_make, film, Path(scratch), output, kind) for film in longest_first]
+        with interrupts_held():
+            futures = [
+                executor.submit(_make, film, Path(scratch), output, kind) for film in longest_first
+            ]
         _follow(futures, done, total)
         for future in futures:
             future.result()
@@ -175,17 +177,6 @@ def _follow(futures: Sequence[Future[None]], done: Synchronized[int], total: int
         remark = f'{left:.0f} s left' if frames else 'simulating'
         progress.show(frames, f'{frames} of {total} frames, {remark}')
     progress.end(f'{len(futures)} films, {total} frames in {time.monotonic() - started:.0f} s')
-
-
-@contextlib.contextmanager
-def _ended_on_failure() -> Iterator[None]:
-    """End the processes at once when the body fails, so that nobody waits for films to finish."""
-    try:
-        yield
-    except BaseException:
-        for child in multiprocessing.active_children():
-            child.terminate()
-        raise
 
 
 def _prepare(done: Synchronized[int]) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.actuation import Edge
 from soliton_linkage.bands import penetration_depth
 from soliton_linkage.chain import Array, Chain, Motion
 from soliton_linkage.elastic_simulation import ElasticSimulation
@@ -17,6 +17,7 @@ from soliton_linkage.passage import blocked_bonds, follow_wall, motion_of_bonds
 from soliton_linkage.quantities import check_quantities, quantity
 from soliton_linkage.recording import Recording
 from soliton_linkage.statics import rest_state
+from soliton_linkage.studies.experiments import kick_rates
 from soliton_linkage.track import Crossing, Track, find_crossings, follow
 
 BLOCKED = 'blocked'
@@ -108,8 +109,7 @@ def send_wall(chain: Chain, trial: Trial) -> tuple[Recording, Track, tuple[Cross
     the time limit where the wall does not return.
     """
     angles = rest_state(chain, 1)
-    rate = trial.kick * chain.spacing / (chain.rotor_length * chain.time_unit)
-    rates = rate * edge_mode(chain, angles, Edge.LAST, anywhere=True)
+    rates = kick_rates(chain, angles, trial.kick, anywhere=True)
     simulation = ElasticSimulation(chain, angles, rates, chain.time_unit, trial.tolerance)
     recording = simulation.record(0)
     track = follow(chain, recording)

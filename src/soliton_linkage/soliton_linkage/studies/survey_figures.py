@@ -15,14 +15,14 @@ from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.continuum import FlipperTheory, SpinnerTheory, WallTheory
 from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.elastic_simulation import simulate
-from soliton_linkage.passage import find_obstacles, follow_wall
 from soliton_linkage.rigid_simulation import RigidSimulation
-from soliton_linkage.statics import balanced, rest_state
+from soliton_linkage.statics import balanced
 from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, RED
-from soliton_linkage.studies.experiments import kick_rates, moving_wall, slow_crossing, wall_places
+from soliton_linkage.studies.experiments import kick_rates, moving_wall, wall_places
+from soliton_linkage.studies.measures import OUTCOMES, Trial, measure_survival
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
-from soliton_linkage.track import find_crossings, follow
+from soliton_linkage.track import follow
 
 _COLOURS = (BLUE, RED, GREEN)
 _MARKERS = 'os^'
@@ -85,13 +85,12 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
             for fraction in (fractions[::2] if quick else fractions)
         ]
         shown = np.array(fractions[::2] if quick else fractions)
-        rigid = np.array([np.mean([_passes_rigid(one) for one in row]) for row in drawn])
-        elastic = np.array([np.mean([_passes_elastic(one, kick) for one in row]) for row in drawn])
         label = f'{name}: {_name(chain)}, N = {chain.number_of_rotors}'
-        for axes, letter, shares in ((panels[0], 'rigid', rigid), (panels[1], 'springs', elastic)):
+        for axes, mechanics in zip(panels, ('rigid', 'elastic'), strict=True):
+            shares = [np.mean([_returns(one, kick, mechanics) for one in row]) for row in drawn]
             axes.plot(100 * shown, shares, marker + '-', color=colour, label=label)
-            axes.set_title(f'{letter}: crosses and returns', loc='left')
-            plate.note(letter, label, shown, shares)
+            axes.set_title(f'{mechanics}: crosses and returns', loc='left')
+            plate.note(mechanics, label, shown, shares)
     for axes in panels:
         axes.set(xlabel='deviation of r, a and kₑ [%]', ylim=(-0.05, 1.05))
     panels[0].set_ylabel(f'share of {seeds} chains')
@@ -207,24 +206,13 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
     return replace(chain, deviations=drawn)
 
 
-def _passes_rigid(chain: Chain) -> bool:
-    if not find_obstacles(chain):
-        return True
+def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
+    """Whether the wall crosses a chain and comes back; it does not where there is no rest."""
     try:
-        return all(leg.crossed for leg in follow_wall(chain))
+        found = measure_survival(chain, Trial(kick=kick, mechanics=mechanics))
     except (ArithmeticError, ValueError):
         return False
-
-
-def _passes_elastic(chain: Chain, kick: float) -> bool:
-    """Whether the wall of the kicked chain of springs crosses it and comes back."""
-    try:
-        rest = rest_state(chain, 1)
-    except ValueError:
-        return False
-    slow = slow_crossing(chain, kick) * chain.time_unit
-    recording = simulate(chain, rest, kick_rates(chain, rest, kick), 4 * slow, slow / 100, 1e-8)
-    return len(find_crossings(chain, follow(chain, recording))) >= 2
+    return found['outcome'] == OUTCOMES[0]
 
 
 def _draw_order(plate: Plate, axes: Axes, factors: Array, apart: Array) -> None:

@@ -5,25 +5,21 @@ from __future__ import annotations
 
 import importlib
 import math
-import multiprocessing
-import os
-import signal
-import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from soliton_linkage.studies.sweep_config import Study
+from soliton_linkage.studies.workers import interrupts_held, local_processes
 
 _SECONDS_A_CHUNK = 1.0
 _GROWTH = 4
 _CHUNKS_A_WORKER = 2
 _CONNECTION_TIMEOUT = 10
-_THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 
 Chunk = tuple[list[list[str]], list[int], float]
 
@@ -47,7 +43,7 @@ class Workers:
             while waiting and len(running) < _CHUNKS_A_WORKER * self.count:
                 fair = math.ceil(len(waiting) / self.count)
                 chunk = [waiting.popleft() for _ in range(min(size, fair))]
-                with _interrupts_held():
+                with interrupts_held():
                     running.add(self.executor.submit(measure_rows, study, chunk))
             done, running = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
@@ -74,28 +70,9 @@ def measure_rows(study: Study, rows: list[int]) -> Chunk:
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """Processes on this machine, each of one thread; where the sweep fails they end at once."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    others = set(multiprocessing.active_children())
-    os.environ.update(dict.fromkeys(_THREADS, '1'))
-    executor = ProcessPoolExecutor(
-        count, multiprocessing.get_context('spawn'), initializer=_end_with_parent
-    )
-    try:
+    """Processes on this machine; where the sweep fails they end at once."""
+    with local_processes(count) as executor:
         yield Workers(executor, count)
-    except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - others:
-            process.kill()
-            process.join()
-        raise
-    finally:
-        executor.shutdown()
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager
@@ -123,25 +100,3 @@ def cluster_workers(address: str) -> Iterator[Workers]:
         if not count:
             raise ValueError(f'--scheduler {address} has no worker; start one with dask worker')
         yield Workers(client.get_executor(), count)
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back, also from processes that are started meanwhile, whose parent gets it."""
-    held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, held)
-
-
-def _end_with_parent() -> None:
-    """End this process as soon as its parent has ended, however it did."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_outlive, args=(parent,), daemon=True).start()
-
-
-def _outlive(parent: multiprocessing.process.BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
