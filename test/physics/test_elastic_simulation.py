@@ -26,7 +26,7 @@ def nudged(
 ) -> tuple[Chain, Array, Array]:
     """Return a chain, its left-leaning state [rad] and the rates [rad/s] after a kick.
 
-    The speed of the masses, r |phi_dot|, is in units of a / time_unit, as in physics.md.
+    The speed of the masses, r |phi_dot|, is in units of a / time_unit, as in docs/physics.md.
     """
     chain = chain_of(example, rotors)
     angles = chain.uniform_state(-1)

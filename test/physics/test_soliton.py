@@ -40,7 +40,8 @@ BIAS = {
     SPINNER: 0.02,
     WIDE_SPINNER: 0.001,
 }
-# Rms error of such a fit at angles with a noise of 0.01 rad, from physics.md [rotor spacings].
+# Rms error of such a fit at angles with a noise of 0.01 rad, measured by an independent program
+# [rotor spacings].
 ERROR = {
     FLIPPER: 0.0103,
     WOBBLER: 0.0097,

@@ -30,7 +30,7 @@ NOTHING = np.empty(0)
 
 
 def nudged(chain: Chain, speed: float, duration: float, period: float) -> Recording:
-    """Motion after a kick from the left-leaning state; speed, times in units of physics.md."""
+    """Motion after a kick from the left-leaning state, in the units of docs/physics.md."""
     start = chain.uniform_state(-1)
     rate = speed * chain.spacing / chain.rotor_length / chain.time_unit
     rates = rate * mode_towards_last(chain, start)
