@@ -9,10 +9,11 @@ import pytest
 from graphs import Graph
 from std_msgs.msg import Header
 
+from soliton_linkage import progress
 from soliton_linkage.chain import Chain
 from soliton_linkage.soliton import find_solitons
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes import interfaces, progress
+from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import (
     NamedChain,
     chain_to_msg,
