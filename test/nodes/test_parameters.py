@@ -52,6 +52,8 @@ class Examples:
     loud: bool = quantity(False, 'whether it is loud')
     topics: tuple[str, ...] = quantity((), 'topics of it')
     gain: float = quantity(1.0, 'gain of it', '', 0.0, adjustable=True)
+    hidden: float = 2.0
+    """Without a description, and so no parameter."""
 
 
 class Declarer(Node):
@@ -68,6 +70,8 @@ def of_node(node: str) -> dict[str, Any]:
     declared = {}
     for prefix, dataclass_type in OF_NODE[node].items():
         for field in fields(dataclass_type):
+            if 'quantity' not in field.metadata:
+                continue
             declared[(prefix if prefix == 'chain.' else '') + field.name] = field
     return declared
 

@@ -5,24 +5,36 @@ Away from the edges a wall looks the same at every second rotor. The closed orbi
 is just long enough for a wall to know nothing of either edge therefore holds all that a long
 chain does: its swings at the edges, and in the middle of each leg a passage that is repeated,
 shifted by an even number of rotors. Time and memory to make it do not depend on N.
+
+The orbit is followed from the middle of one leg to that of the next, where the wall is known
+exactly, and only past the last rotor: its mirror image runs past the first.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
+from scipy.integrate import DOP853, DenseOutput
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
 from soliton_linkage.bands import penetration_depth
 from soliton_linkage.chain import Array, Chain, Motion
-from soliton_linkage.orbit import Orbit, closed_orbit
+from soliton_linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.rigidity import mode_towards_last, rigidity_bands, zero_mode
 from soliton_linkage.static_wall import site_arc, static_wall
 
-_DEPTHS_BESIDE = 12
+_DEPTHS_BESIDE = 15
 _ROTORS_BESIDE = 6
+_TOLERANCE = 1e-9
+_SAMPLES_A_STEP = 3
+_DEGREE = 7
+_MOST_STEPS = 100_000
+_ARRIVED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -34,40 +46,48 @@ class Stretch:
     angles: Array
     """Actual angles [rad], shape (n,)."""
     tangent: Array
-    """Change of the angles with the arc length [1], shape (n,); below rounding on all others."""
+    """Change of the angles with the arc length [1], shape (n,); below 1e-6 on all others."""
 
 
 class Cycle:
-    """The closed orbit of a chain without deviations, as a curve in its arc length.
+    """The closed orbit of a chain, as a curve in its arc length.
 
     The arc [rad] is 0 where the wall is reflected at the first rotor and leg 0 begins, in which
     no edge rotor of a flipper has toggled; it grows towards the last rotor in even legs and back
     in odd ones, up to the length of the whole cycle, and may be any number. The chain is the
     one whose uniform right-leaning state is theta = theta_bar; that which was assembled upside
-    down is its image phi -> pi - phi. Raises ValueError as `static_wall` and `closed_orbit` do.
+    down is its image phi -> pi - phi. Angles are known up to whole turns, and to 1e-7 rad.
+
+    It takes half a second to make, and longer next to d_c, as the orbit does: 3 s at 0.97 d_c.
+    Deviations of the chain do not count: it is the cycle of the chain without them. Raises
+    ValueError for a chain of two rotors or with periodic ends, and as `site_arc` does.
     """
 
-    def __init__(self, chain: Chain, spacing: float = 0.1) -> None:
-        """Follow the short chain once round its orbit, in samples of arc length [rad]."""
-        self.chain = chain
+    def __init__(self, chain: Chain) -> None:
+        """Follow the short chain once round its orbit."""
+        if chain.number_of_rotors < 3 or chain.periodic:
+            raise ValueError(
+                f'a chain of {chain.number_of_rotors} rotors with '
+                f'{"periodic" if chain.periodic else "free"} ends has no cycle of a wall; give it '
+                '3 rotors or more and free ends'
+            )
+        self.chain = replace(chain, deviations=NO_DEVIATIONS)
         self.number_of_legs = 2 if chain.motion is Motion.SPINNER else 4
         self.site_arc = site_arc(chain)
-        depth = penetration_depth(chain) / chain.spacing
-        beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
-        fewest = 2 * beside + chain.number_of_rotors % 2
-        self._short = replace(chain, number_of_rotors=min(chain.number_of_rotors, fewest))
+        self._short = _short_chain(self.chain)
         self._repeats = (chain.number_of_rotors - self._short.number_of_rotors) // 2
-        self._orbit = _from_the_middle(self._short, spacing)
-        self._middles = self._arcs_of_middles()
-        self._begins = self._arcs_of_reflections()
+        self._orbit = _ShortOrbit(self._short, self.number_of_legs)
+        self._middles: list[float] = self._orbit.middles[:-1]
+        turning = self._orbit.reflections
+        self._begins: list[float] = [turning[-1] - self._orbit.length, *turning[:-1]]
         extra = 2 * self._repeats * self.site_arc
-        inner = np.diff([*self._begins, self._begins[0] + self._orbit.length])
-        self._starts = np.concatenate([[0.0], np.cumsum(inner + extra)])
+        inner = np.diff([self._begins[0], *turning])
+        self._starts: list[float] = [0.0, *np.cumsum(inner + extra).tolist()]
 
     @property
     def length(self) -> float:
         """Arc length of the whole cycle [rad]."""
-        return float(self._starts[-1])
+        return self._starts[-1]
 
     @property
     def middle(self) -> float:
@@ -77,60 +97,54 @@ class Cycle:
     @property
     def reach(self) -> float:
         """Arc length [rad] of a way past all the rotors that know of a wall."""
-        rotors = self._short.number_of_rotors
-        return rotors * self.site_arc + self._edge_swing
+        swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
+        return self._short.number_of_rotors * self.site_arc + swing
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Arc lengths [rad] at which a leg begins and ends."""
-        return float(self._starts[leg]), float(self._starts[leg + 1])
+        return self._starts[leg], self._starts[leg + 1]
 
     def leg(self, arc: float) -> int:
         """Leg of the cycle at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
-        within = arc % self.length
-        return min(
-            int(np.searchsorted(self._starts, within, 'right')) - 1, self.number_of_legs - 1
-        )
+        return min(bisect_right(self._starts, arc % self.length), self.number_of_legs) - 1
 
     def place(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
         leg = self.leg(arc)
-        halfway = self._starts[leg] + self._middles[leg] - self._begins[leg]
-        beyond = float(arc % self.length - halfway) / self.site_arc - self._repeats
+        beyond = (arc % self.length - self._halfway(leg)) / self.site_arc
         place = self.middle + beyond if leg % 2 == 0 else self.middle - beyond
         return min(max(place, 0.0), self.chain.number_of_rotors - 1.0)
 
     def arc_at(self, place: float, leg: int) -> float:
         """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
         beyond = place - self.middle if leg % 2 == 0 else self.middle - place
-        halfway = self._starts[leg] + self._middles[leg] - self._begins[leg]
-        return float(halfway + (beyond + self._repeats) * self.site_arc)
+        return self._halfway(leg) + beyond * self.site_arc
 
     def stretch(self, arc: float) -> Stretch:
         """Rotors about the wall at an arc length; all others are as in `background`."""
-        leg = self.leg(arc)
-        beyond = arc % self.length - self._starts[leg]
-        before = self._middles[leg] - self._begins[leg]
-        repeats = (beyond - before) / (2 * self.site_arc)
+        within, leg = arc % self.length, self.leg(arc)
+        beyond = within - self._starts[leg]
+        repeats = (beyond - (self._middles[leg] - self._begins[leg])) / (2 * self.site_arc)
         whole = min(max(math.floor(repeats), 0), self._repeats)
-        within = self._begins[leg] + beyond - 2 * whole * self.site_arc
         offset = 2 * (whole if leg % 2 == 0 else self._repeats - whole)
         # Edge rotors of the short chain stand where the long one has none, but at its ends.
         low = 0 if offset == 0 else 1
         rotors = self._short.number_of_rotors
         high = rotors if offset == 2 * self._repeats else rotors - 1
-        angles, tangent = self._orbit.sample(within)
-        return Stretch(offset + low, angles[low:high], tangent[low:high])
+        sampled = self._orbit.sample(self._begins[leg] + beyond - 2 * whole * self.site_arc)
+        return Stretch(offset + low, sampled[low:high], sampled[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
         """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
 
         Uniform, but for the edge rotors of flippers, which have toggled or not.
         """
-        leg = self.leg(arc)
-        sides = [self.chain.uniform_state(1), self._left_leaning.copy()]
-        edges = self._orbit.configuration(self._middles[leg])
-        sides[0][0], sides[1][-1] = edges[0], edges[-1]
-        return sides[0], sides[1]
+        left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
+        if self.chain.motion is Motion.SPINNER:
+            right = self.chain.uniform_state(1) + math.pi
+        edges = self._orbit.walls[self.leg(arc)]
+        left[0], right[-1] = edges[0], edges[-1]
+        return left, right
 
     def configuration(self, arc: float) -> Array:
         """Angles of the whole chain at an arc length [rad], shape (N,)."""
@@ -141,46 +155,171 @@ class Cycle:
         angles[about.first : beyond] = about.angles
         return angles
 
-    @cached_property
-    def _edge_swing(self) -> float:
-        """Arc length of a leg beyond that from the first rotor to the last [rad], delta."""
-        leg = float(self._starts[1] - self._starts[0])
-        return leg - (self.chain.number_of_rotors - 1) * self.site_arc
-
-    @cached_property
-    def _left_leaning(self) -> Array:
-        if self.chain.motion is Motion.SPINNER:
-            return self.chain.uniform_state(1) + math.pi
-        return self.chain.uniform_state(-1)
-
-    def _arcs_of_middles(self) -> Array:
-        """Arc of the short orbit at which each leg has its wall in the middle, (legs,)."""
-        middle = (self._short.number_of_rotors - 1) / 2
-        walls = [static_wall(self._short, middle, leg) for leg in range(self.number_of_legs)]
-        arcs = [_arc_of(self._orbit, wall) for wall in walls]
-        arcs[0] = 0.0
-        return np.array(arcs)
-
-    def _arcs_of_reflections(self) -> Array:
-        """Arc of the short orbit at which each leg begins, the first below 0, (legs,)."""
-        turns = [arc for arc, _ in self._orbit.reflections]
-        return np.array([turns[-1] - self._orbit.length, *turns[:-1]])
+    def _halfway(self, leg: int) -> float:
+        """Arc length [rad] at which the wall is in the middle of the chain."""
+        before = self._middles[leg] - self._begins[leg]
+        return self._starts[leg] + before + self._repeats * self.site_arc
 
 
-def _from_the_middle(chain: Chain, spacing: float) -> Orbit:
-    """Orbit that starts with the wall in the middle of leg 0, towards the last rotor."""
-    start = static_wall(chain, (chain.number_of_rotors - 1) / 2)
-    orbit = closed_orbit(chain, start, spacing)
-    return orbit if orbit.directions[0] > 0 else orbit.reversed()
+@dataclass(frozen=True)
+class _Piece:
+    """The orbit from the middle of a leg to that of the next, in samples."""
+
+    arcs: Array
+    """Arc lengths from the start of the piece [rad], shape (K,)."""
+    angles: Array
+    """Actual angles [rad], without jumps, shape (K, N)."""
+    tangents: Array
+    """Change of the angles with the arc length [1], shape (K, N)."""
+
+    def mirrored(self, chain: Chain) -> _Piece:
+        """Return the mirror image, n -> N - 1 - n and phi -> -phi, run through the other way.
+
+        Where that is the orbit of the chain assembled upside down, phi -> pi + phi brings it
+        back: in a chain with an odd number of spinners or an even one of flippers. It also turns
+        spinners from one leg to the other, so that they run the same way again.
+        """
+        spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
+        angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
+        if spinner and odd:
+            return _Piece(self.arcs, angles + math.pi, tangents)
+        arcs = self.arcs[-1] - self.arcs[::-1]
+        if spinner or odd:
+            return _Piece(arcs, -angles[::-1], tangents[::-1])
+        return _Piece(arcs, angles[::-1] + math.pi, -tangents[::-1])
 
 
-def _arc_of(orbit: Orbit, angles: Array) -> float:
-    """Arc length [rad] at which an orbit has a configuration that is on it, up to turns."""
-    nearest = int(np.argmax(np.cos(orbit.angles - angles).sum(axis=1)))
-    spacing = float(orbit.arcs[1])
+class _ShortOrbit:
+    """The orbit of a chain, from the middle of leg 0 through all legs and back, as a spline."""
 
-    def ahead(arc: float) -> float:
-        there, tangent = orbit.sample(arc)
-        return float(np.sin(angles - there) @ tangent)
+    def __init__(self, chain: Chain, legs: int) -> None:
+        self._chain = chain
+        middle = (chain.number_of_rotors - 1) / 2
+        self.walls = [static_wall(chain, middle, leg) for leg in range(legs)]
+        towards = mode_towards_last(chain, self.walls[0]) @ zero_mode(chain, self.walls[0])
+        self._sense = math.copysign(1.0, float(towards))
+        pieces = self._pieces()
+        self.middles: list[float] = [
+            0.0,
+            *np.cumsum([piece.arcs[-1] for piece in pieces]).tolist(),
+        ]
+        self.length: float = self.middles[-1]
+        self._spline = _closed_spline(pieces, self.middles)
+        self.reflections = [self._reflection(leg) for leg in range(legs)]
 
-    return float(brentq(ahead, orbit.arcs[nearest] - spacing, orbit.arcs[nearest] + spacing))
+    def sample(self, arc: float) -> Array:
+        """Angles [rad], up to whole turns, and after them their tangent [1], shape (2 N,)."""
+        return np.asarray(self._spline(arc % self.length))
+
+    def _pieces(self) -> list[_Piece]:
+        """All pieces in the order of the cycle, of which those past the first are mirrored.
+
+        Toggled is meant against the left-leaning state at both ends, whose coupling A_0 is not
+        that of the mirrored right-leaning one for d > 1: there the mirror image of leg 0 is leg
+        2 for flippers, while that of leg 1 is leg 3 for d < 1.
+        """
+        legs = len(self.walls)
+        last = [self._followed(leg) for leg in range(0, legs, 2)]
+        first = [piece.mirrored(self._chain) for piece in last]
+        if self._chain.lean_ratio <= 1:
+            first.reverse()
+        return [piece for both in zip(last, first, strict=True) for piece in both]
+
+    def _followed(self, leg: int) -> _Piece:
+        """Follow the zero mode to the middle of the next leg."""
+        chain, start = self._chain, self.walls[leg]
+        arcs, angles = [np.zeros(1)], [start[None]]
+        for begin, end, dense in self._steps(start, self.walls[(leg + 1) % len(self.walls)]):
+            arcs.append(np.linspace(begin, end, _SAMPLES_A_STEP + 1)[1:])
+            angles.append(dense(arcs[-1]).T)
+        joined = np.concatenate(angles)
+        tangents = np.array([self._sense * zero_mode(chain, each) for each in joined])
+        return _Piece(np.concatenate(arcs), joined, tangents)
+
+    def _steps(self, start: Array, goal: Array) -> Iterator[tuple[float, float, DenseOutput]]:
+        """Steps of the solver, the last one only as far as the goal: begin, end [rad], angles."""
+        chain, sense = self._chain, self._sense
+        solver = DOP853(
+            lambda _, angles: sense * zero_mode(chain, angles),
+            0.0,
+            start,
+            np.inf,
+            rtol=_TOLERANCE / 1e3,
+            atol=_TOLERANCE / math.sqrt(len(start)),
+        )
+        to_goal = sense * zero_mode(chain, goal)
+        for _ in range(_MOST_STEPS):
+            complaint = solver.step()
+            if complaint:
+                break
+            dense = solver.dense_output()
+            end = _arrival(dense, goal, to_goal)
+            yield solver.t_old, solver.t if end is None else end, dense
+            if end is not None:
+                return
+        raise ArithmeticError(
+            f'a wall of a chain with d = {chain.lean_ratio:.9g} and d_c = '
+            f'{chain.critical_lean_ratio:.9g} did not come back from its edge within an arc of '
+            f'{solver.t:.3g} rad; take parameters further from the transition'
+        )
+
+    def _reflection(self, leg: int) -> float:
+        """Arc length at which a leg ends [rad], where its wall turns back."""
+        begin, end = self.middles[leg : leg + 2]
+        return float(brentq(self._turn, begin, end, args=(leg,), xtol=1e-12))
+
+    def _turn(self, arc: float, leg: int) -> float:
+        """Changes sign where the wall turns back at the end of a leg.
+
+        A flipper's edge rotor is then in line with its bar, and a spinner's sum of all
+        horizontal positions turns back.
+        """
+        angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
+        if self._chain.motion is Motion.SPINNER:
+            return float(np.cos(angles) @ tangent)
+        first, second = rigidity_bands(self._chain, angles)
+        return float(second[-1] if leg % 2 == 0 else first[0])
+
+
+def _short_chain(chain: Chain) -> Chain:
+    """The chain, or the shortest like it in whose middle a wall knows nothing of the edges."""
+    depth = penetration_depth(chain) / chain.spacing
+    beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
+    fewest = 2 * beside + chain.number_of_rotors % 2
+    return replace(chain, number_of_rotors=min(chain.number_of_rotors, fewest))
+
+
+def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
+    """Arc length [rad] within a step at which a configuration is reached, up to whole turns."""
+
+    def to_go(arc: float) -> float:
+        return float(np.sin(goal - dense(arc)) @ tangent)
+
+    if to_go(dense.t_old) < 0 or to_go(dense.t) > 0:
+        return None
+    arc = float(brentq(to_go, dense.t_old, dense.t, xtol=1e-14))
+    apart = np.abs(np.sin((dense(arc) - goal) / 2)).max()
+    return arc if apart < _ARRIVED else None
+
+
+def _closed_spline(pieces: list[_Piece], middles: list[float]) -> BSpline:
+    """Angles and tangents of pieces joined end to end, shape (2 N,), over one cycle.
+
+    It runs on into the next cycle and the last, so as to be smooth where they meet.
+    """
+    arcs, rows, end = [], [], pieces[0].angles[0]
+    for piece, middle in zip(pieces, middles[:-1], strict=True):
+        turns = 2 * math.pi * np.round((end - piece.angles[0]) / (2 * math.pi))
+        arcs.append(middle + piece.arcs[:-1])
+        rows.append(np.hstack([piece.angles + turns, piece.tangents])[:-1])
+        end = piece.angles[-1] + turns
+    around, samples = np.concatenate(arcs), np.concatenate(rows)
+    turned = np.zeros(samples.shape[1])
+    turned[: len(end)] = 2 * math.pi * np.round((end - pieces[0].angles[0]) / (2 * math.pi))
+    beyond = _DEGREE + 1
+    length = middles[-1]
+    return make_interp_spline(
+        np.concatenate([around[-beyond:] - length, around, around[:beyond] + length]),
+        np.concatenate([samples[-beyond:] - turned, samples, samples[:beyond] + turned]),
+        k=_DEGREE,
+    )

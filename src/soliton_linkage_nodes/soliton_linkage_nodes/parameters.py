@@ -44,17 +44,17 @@ _LARGEST_INTEGER = 2**63 - 1
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the described fields of a dataclass as parameters and return their values in it.
 
-    Raises ValueError, naming parameter, value, limit and remedy, where a value given for one is
+    Fields without a description keep their default. Raises ValueError, naming parameter, value, limit and remedy, where a value given for one is
     not allowed.
     """
-    values = {}
-    for field in dataclasses.fields(cast(Any, parameters)):
-        described = field.metadata['quantity']
-        values[field.name] = _declare_one(node, prefix + field.name, field.default, described)
+    quantities = described_fields(parameters)
+    values = {
+        field.name: _declare_one(node, prefix + field.name, field.default, quantities[field.name])
+        for field in dataclasses.fields(cast(Any, parameters))
+        if field.name in quantities
+    }
     adjustable = {
-        prefix + name: described
-        for name, described in described_fields(parameters).items()
-        if described.adjustable
+        prefix + name: described for name, described in quantities.items() if described.adjustable
     }
     if adjustable:
         node.add_on_set_parameters_callback(lambda changes: _judge(adjustable, changes))
