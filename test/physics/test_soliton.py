@@ -437,3 +437,25 @@ def test_what_is_no_frame_is_refused_by_name_and_value() -> None:
         find_solitons(chain, np.stack([angles, angles]))
     with pytest.raises(ValueError, match='rate of rotor 3 = inf must be a finite number'):
         find_solitons(chain, angles, np.array([0, 0, 0, math.inf]))
+
+
+def pair_on_a_ring(chain: Chain) -> Array:
+    """Angles of a ring that leans left from rotor 14.5 to 44.5 and right elsewhere."""
+    rotors, width = np.arange(chain.number_of_rotors), chain.wall_width / chain.spacing
+    lean = np.tanh((14.5 - rotors) / width) * np.tanh((44.5 - rotors) / width)
+    if chain.motion is Motion.SPINNER:
+        return chain.uniform_state(1) + np.arccos(lean)
+    return staggered(np.arcsin(lean * math.sin(chain.rest_angle)))
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_walls_on_a_ring_are_found_wherever_its_joint_is(example: tuple[float, float]) -> None:
+    ring = dataclasses.replace(chain_of(example, 60), periodic=True)
+    angles = pair_on_a_ring(ring)
+    for shift in range(0, 60, 2):
+        found = find_solitons(ring, np.roll(angles, shift), np.zeros(60))
+        assert [soliton.rotor for soliton in found] == sorted(soliton.rotor for soliton in found)
+        places = {soliton.charge: (soliton.rotor - shift) % 60 for soliton in found}
+        assert places == {1: pytest.approx(14.5, abs=0.02), -1: pytest.approx(44.5, abs=0.02)}
+        assert all(soliton.position == soliton.rotor * ring.spacing for soliton in found)
+        assert all(math.isnan(soliton.cycle_phase) for soliton in found)

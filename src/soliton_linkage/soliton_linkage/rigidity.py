@@ -23,7 +23,7 @@ def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
     """Rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
-    first, second = rigidity_bands(chain, angles)
+    first, second = rigidity_bands(chain, chain.check_angles(angles))
     springs = np.arange(chain.number_of_springs)
     rows = np.concatenate([springs, springs])
     columns = np.concatenate([springs, (springs + 1) % chain.number_of_rotors])
@@ -71,7 +71,8 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
             'a chain with periodic ends has as many springs as rotors and no zero mode of its '
             'own; free its ends, or look for accidental ones with zero_modes'
         )
-    first, second = (_without_zeros(band) for band in rigidity_bands(chain, angles))
+    checked = chain.check_angles(angles)
+    first, second = (_without_zeros(band) for band in rigidity_bands(chain, checked))
     mantissas, exponents = _cumulative_product(np.abs(first / second))
     mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
     rotors = np.arange(chain.number_of_rotors)

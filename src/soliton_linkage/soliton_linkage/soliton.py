@@ -13,11 +13,12 @@ where no tanh fits a wall.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import minimum_filter1d
 
 from soliton_linkage.bands import couplings
 from soliton_linkage.chain import Array, Chain, Motion, staggered, uprightness
@@ -54,7 +55,7 @@ class Soliton:
 
 
 def polarisation(chain: Chain, angles: Array) -> Array:
-    """Side on which the zero mode grows across each bond, shape (..., N-1).
+    """Side on which the zero mode grows across each bond, shape (..., springs).
 
     (A^2 - B^2) / (A^2 + B^2) in units of its value in the uniform right-leaning state: +1 there,
     -1 in the left-leaning state, whatever the turns that the rotors have made.
@@ -86,37 +87,77 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
     """Return the walls in a frame, in the order of their place; none is an empty tuple.
 
-    Angles [rad] and, where they are known, rates [rad/s], each of shape (N,).
+    Angles [rad] and, where they are known, rates [rad/s], each of shape (N,). On a ring places
+    run from 0 to N, and there is no cycle.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
     field, slope = order_field(chain, checked)
-    crossings = _polarisation_crossings(polarisation(chain, checked))
-    phase_known = len(crossings) == 1 and crossings[0][1] == 1
+    polarised = polarisation(chain, checked)
+    if chain.periodic:
+        return _walls_of_ring(chain, polarised, field, slope, moving)
+    walls = _walls(chain, polarised, field, slope)
+    alone = len(walls) == 1 and walls[0].charge == 1
+    phases = [_cycle_phase(chain, checked, wall) if alone else math.nan for wall in walls]
+    return tuple(
+        _soliton(chain, wall, moving, phase) for wall, phase in zip(walls, phases, strict=True)
+    )
+
+
+def _walls(chain: Chain, polarised: Array, field: Array, slope: Array) -> list[_Wall]:
+    crossings = _polarisation_crossings(polarised)
     places = [crossing for crossing, _ in crossings]
     between = [(place + following) / 2 for place, following in pairwise(places)]
-    found = []
     borders = pairwise([-math.inf, *between, math.inf])
-    for (crossing, charge), (low, high) in zip(crossings, borders, strict=False):
-        bounds = (max(low, crossing - 1), min(high, crossing + 1))
-        wall = _Wall(chain, field, slope, crossing, charge, bounds)
-        velocity, velocity_deviation = wall.velocity(moving)
-        width, width_deviation = wall.width()
-        spacing = chain.spacing
-        found.append(
-            Soliton(
-                rotor=wall.centre,
-                position=wall.centre * spacing,
-                velocity=velocity * spacing,
-                width=width * spacing,
-                charge=charge,
-                cycle_phase=_cycle_phase(chain, checked, wall) if phase_known else math.nan,
-                position_deviation=wall.deviation * spacing,
-                velocity_deviation=velocity_deviation * spacing,
-                width_deviation=width_deviation * spacing,
-            )
+    return [
+        _Wall(
+            chain,
+            field,
+            slope,
+            crossing,
+            charge,
+            (max(low, crossing - 1), min(high, crossing + 1)),
         )
-    return tuple(found)
+        for (crossing, charge), (low, high) in zip(crossings, borders, strict=False)
+    ]
+
+
+def _walls_of_ring(
+    chain: Chain, polarised: Array, field: Array, slope: Array, rates: Array | None
+) -> tuple[Soliton, ...]:
+    """Walls of a ring, which is opened at a spring in the middle of a domain, if there is one."""
+    rotors = chain.number_of_rotors
+    reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
+    clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
+    joint = int(np.argmax(clear)) + 1
+    opened = [np.roll(values, -joint) for values in (polarised, field, slope)]
+    moving = None if rates is None else np.roll(rates, -joint)
+    found = [
+        _soliton(chain, wall, moving, math.nan)
+        for wall in _walls(chain, opened[0][:-1], opened[1], opened[2])
+    ]
+    turned = []
+    for soliton in found:
+        place = (soliton.rotor + joint) % rotors
+        turned.append(replace(soliton, rotor=place, position=place * chain.spacing))
+    return tuple(sorted(turned, key=lambda soliton: soliton.rotor))
+
+
+def _soliton(chain: Chain, wall: _Wall, rates: Array | None, cycle_phase: float) -> Soliton:
+    velocity, velocity_deviation = wall.velocity(rates)
+    width, width_deviation = wall.width()
+    spacing = chain.spacing
+    return Soliton(
+        rotor=wall.centre,
+        position=wall.centre * spacing,
+        velocity=velocity * spacing,
+        width=width * spacing,
+        charge=wall.charge,
+        cycle_phase=cycle_phase,
+        position_deviation=wall.deviation * spacing,
+        velocity_deviation=velocity_deviation * spacing,
+        width_deviation=width_deviation * spacing,
+    )
 
 
 class _Wall:
@@ -132,7 +173,7 @@ class _Wall:
         bounds: tuple[float, float],
     ) -> None:
         self._chain = chain
-        self._charge = charge
+        self.charge = charge
         self._width = chain.wall_width / chain.spacing
         reach = _FIT_REACH * self._width + 1
         first, last = 0, chain.number_of_rotors - 1
@@ -175,9 +216,9 @@ class _Wall:
         centre, width = self.centre, self._width
         for _ in range(_FIT_ITERATIONS):
             argument = (self._rotors - centre) / width
-            by_centre = self._charge / width * _sech_squared(argument)
+            by_centre = self.charge / width * _sech_squared(argument)
             jacobian = np.stack([by_centre, by_centre * argument], axis=1)
-            residual = self._field + self._charge * np.tanh(argument)
+            residual = self._field + self.charge * np.tanh(argument)
             normal = jacobian.T @ jacobian
             if np.linalg.det(normal) <= 0:
                 return math.nan, math.nan
@@ -211,12 +252,12 @@ class _Wall:
 
     def _model(self, centre: float | None = None) -> Array:
         place = self.centre if centre is None else centre
-        return np.asarray(-self._charge * np.tanh((self._rotors - place) / self._width))
+        return np.asarray(-self.charge * np.tanh((self._rotors - place) / self._width))
 
     def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
         """First and second derivative of the model by the centre."""
         argument = (self._rotors - centre) / self._width
-        gradient = self._charge / self._width * _sech_squared(argument)
+        gradient = self.charge / self._width * _sech_squared(argument)
         return gradient, 2 * gradient * np.tanh(argument) / self._width
 
 

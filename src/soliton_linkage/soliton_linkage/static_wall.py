@@ -87,6 +87,10 @@ def hung_from(
     sign(B_n) = right_sides[n], each of shape (springs,). Raises ValueError where a bar cannot
     reach.
     """
+    if seed not in range(chain.number_of_rotors):
+        raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
+    if not math.isfinite(angle):
+        raise ValueError(f'angle of rotor {seed} = {angle} rad must be a finite number')
     angles = np.empty(chain.number_of_rotors)
     angles[seed] = angle
     for n in range(seed, chain.number_of_rotors - 1):

@@ -97,8 +97,9 @@ def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     grad grad l = grad grad e / (2 l) - grad l grad l^T / l. Where every spring is relaxed only
     the first term is left, R^T k_e R.
     """
-    extensions, first, second = chain.springs(angles)
-    horizontal, vertical = chain.positions(angles)
+    checked = chain.check_angles(angles)
+    extensions, first, second = chain.springs(checked)
+    horizontal, vertical = chain.positions(checked)
     left = np.arange(chain.number_of_springs)
     right = (left + 1) % chain.number_of_rotors
     products = horizontal[left] * horizontal[right] + vertical[left] * vertical[right]

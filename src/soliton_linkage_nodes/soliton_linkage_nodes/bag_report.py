@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from soliton_linkage.figures import draw_kymograph, draw_track
+from soliton_linkage.pictures import draw_kymograph, draw_track
 from soliton_linkage.recording import Recording
 from soliton_linkage.track import Crossing, Track, find_crossings, track_point
 from soliton_linkage_msgs.msg import SolitonState

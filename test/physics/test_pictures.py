@@ -13,7 +13,7 @@ from linkage_motion import site
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from soliton_linkage.figures import draw_kymograph, draw_track
+from soliton_linkage.pictures import draw_kymograph, draw_track
 from soliton_linkage.recording import Recording
 from soliton_linkage.track import Crossing, Track, follow
 
