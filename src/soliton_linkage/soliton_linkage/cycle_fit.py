@@ -10,17 +10,20 @@ estimate has a standard deviation below sigma / |dPhi/ds| = sigma, as the arc ha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from soliton_linkage.bands import penetration_depth
 from soliton_linkage.chain import Array
-from soliton_linkage.cycle import Cycle
+from soliton_linkage.cycle import Cycle, Stretch
 
-_ITERATIONS = 12
-_ENOUGH = 1e-10
+_ITERATIONS = 20
+_ENOUGH = 1e-8
 _LONGEST_STEP = 0.5
+_UNSEEN = 1e-6
 _SEARCH_STEP = 0.2
+_SAME = 1e-3
 
 
 @dataclass(frozen=True)
@@ -28,72 +31,152 @@ class CycleFit:
     """The nearest point of the orbit to a frame."""
 
     arc: float
-    """Arc length from the start of the cycle [rad], 0 to that of the whole cycle."""
+    """Arc length from the start of the cycle [rad]; NaN where no rotor at all is known."""
     information: float
     """Information on the arc in units of that of a noise of 1 rad [1]: 1 if all rotors are seen.
 
-    The standard deviation of the arc is sigma / sqrt(information) [rad].
+    The standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6 the arc is
+    not fitted, but is where it was looked for.
     """
     misfit: float
-    """Root mean square of what is left of the rotors about the wall [rad]."""
+    """Root mean square of what is left of the rotors about the wall [rad], NaN for one or none.
+
+    It estimates sigma: the sum of squares is divided by one less than the number of rotors.
+    """
+    lead: float = math.nan
+    """How much likelier the arc is than the next best one elsewhere on the cycle [1].
+
+    It is the difference of sum_n cos(phi_n - Phi_n); divided by sigma^2, the logarithm of the
+    odds. A flipper whose edge rotor is not seen may have toggled it or not: then it is near 0.
+    Infinite where nothing else comes close; NaN from `fit_near`, which does not look elsewhere.
+    """
 
 
 def fit_near(cycle: Cycle, angles: Array, arc: float) -> CycleFit:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
 
     Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
-    with differences counted from -pi to pi. The arc may leave the range of one cycle, so that a
-    series of fits counts cycles.
+    with differences counted from -pi to pi; where it turns back, it goes on in half the step.
+    The arc may leave the range of one cycle, so that a series of fits counts cycles. Raises
+    ValueError for angles of another shape or infinite ones, and for an arc that is not finite.
     """
-    for _ in range(_ITERATIONS):
-        about = cycle.stretch(arc)
-        seen = angles[about.first : about.first + len(about.angles)]
-        known = np.isfinite(seen)
-        difference = _wrapped(seen[known] - about.angles[known])
-        tangent = about.tangent[known]
-        information = float(tangent @ tangent)
-        if information == 0:
-            break
-        step = float(tangent @ difference) / information
-        arc += min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
-        if abs(step) < _ENOUGH:
-            break
-    count = max(int(known.sum()) - 1, 1)
-    return CycleFit(arc, information, math.sqrt(float(difference @ difference) / count))
+    if not math.isfinite(arc):
+        raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
+    return _fit_near(cycle, _checked(cycle, angles), arc)
 
 
 def fit_anywhere(cycle: Cycle, angles: Array) -> CycleFit:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
 
     Finds the largest likeness sum_n cos(phi_n - Phi_n(s)), which is blind to whole turns, along
-    the cycle, and refines it. Where the wall is, to within what a wall is wide, is first told by
-    the rotors that are uniform on either side of it: O(N).
+    the cycle, and refines it and the next largest. Where the wall is, to within what a wall is
+    wide, is first told by the rotors that are uniform on either side of it: O(N). The arc is
+    from 0 to that of the whole cycle; of frames without any known angle it is NaN, and the
+    information 0. Raises ValueError for angles of another shape or infinite ones.
     """
-    search = _Search(cycle, angles)
-    arcs = search.likely_arcs()
-    likeness = [search.likeness(arc) for arc in arcs]
-    return fit_near(cycle, angles, float(arcs[int(np.argmax(likeness))]))
+    frame = _checked(cycle, angles)
+    if np.isnan(frame).all():
+        return CycleFit(math.nan, 0.0, math.nan)
+    search = _Search(cycle, frame)
+    fits: list[CycleFit] = []
+    for arc in search.peaks():
+        fit = _fit_near(cycle, frame, arc)
+        if not any(abs(math.remainder(fit.arc - it.arc, cycle.length)) < _SAME for it in fits):
+            fits.append(fit)
+        if len(fits) == 2:
+            break
+    likeness = [search.likeness(fit.arc) for fit in fits]
+    best = int(np.argmax(likeness))
+    lead = abs(likeness[0] - likeness[1]) if len(fits) == 2 else math.inf
+    return replace(fits[best], arc=fits[best].arc % cycle.length, lead=lead)
+
+
+def _fit_near(cycle: Cycle, frame: Array, arc: float) -> CycleFit:
+    longest, before = _LONGEST_STEP, 0.0
+    for _ in range(_ITERATIONS):
+        difference, tangent = _compared(frame, cycle.stretch(arc))
+        information = float(tangent @ tangent)
+        if information < _UNSEEN:
+            break
+        step = float(tangent @ difference) / information
+        if step * before < 0:
+            longest = abs(before) / 2
+        before = min(max(step, -longest), longest)
+        arc += before
+        if abs(before) < _ENOUGH:
+            break
+    squares, known = float(difference @ difference), len(difference)
+    return CycleFit(arc, information, math.sqrt(squares / (known - 1)) if known > 1 else math.nan)
+
+
+def _compared(frame: Array, about: Stretch) -> tuple[Array, Array]:
+    """Differences from the orbit [rad], -pi to pi, and tangent [1] of the rotors that are known.
+
+    Only those about the wall, shape (known,) each.
+    """
+    difference = frame[about.first : about.first + len(about.angles)] - about.angles
+    difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
+    if math.isfinite(difference @ difference):
+        return difference, about.tangent
+    known = np.isfinite(difference)
+    return difference[known], about.tangent[known]
+
+
+def _checked(cycle: Cycle, angles: Array) -> Array:
+    """Angles as an array; ValueError where they are infinite or not one a rotor."""
+    frame = np.asarray(angles, dtype=np.float64)
+    rotors = cycle.chain.number_of_rotors
+    if frame.shape != (rotors,):
+        raise ValueError(
+            f'angles of shape {frame.shape} do not fit a chain of {rotors} rotors; give one a '
+            'rotor, NaN where it is unknown'
+        )
+    infinite = np.isinf(frame)
+    if infinite.any():
+        rotor = int(np.argmax(infinite))
+        raise ValueError(
+            f'angle of rotor {rotor} = {frame[rotor]} must be a finite number, or NaN where it '
+            'is unknown'
+        )
+    return frame
 
 
 class _Search:
     """Likeness of a frame to the configurations of a cycle."""
 
-    def __init__(self, cycle: Cycle, angles: Array) -> None:
+    def __init__(self, cycle: Cycle, frame: Array) -> None:
         self._cycle = cycle
-        self._angles = angles
+        self._frame = frame
         self._before, self._beyond = [], []
         for leg in range(cycle.number_of_legs):
             left, right = cycle.background(cycle.arc_at(cycle.middle, leg))
-            self._before.append(np.concatenate([[0.0], np.cumsum(_cosines(angles - left))]))
-            of_right = _cosines(angles - right)
+            self._before.append(np.concatenate([[0.0], np.cumsum(_cosines(frame - left))]))
+            of_right = _cosines(frame - right)
             self._beyond.append(np.concatenate([np.cumsum(of_right[::-1])[::-1], [0.0]]))
 
-    def likely_arcs(self) -> Array:
-        """Arc lengths to look at [rad]: in every leg those about the likeliest place."""
+    def peaks(self) -> list[float]:
+        """Arc lengths of the maxima of the likeness [rad], up to a step, the largest first."""
+        arcs = self._likely_arcs()
+        likeness = np.array([self.likeness(arc) for arc in arcs.tolist()])
+        peaks = (likeness >= np.roll(likeness, 1)) & (likeness >= np.roll(likeness, -1))
+        order = np.argsort(-likeness[peaks], kind='stable')
+        return [float(arc) for arc in arcs[peaks][order]]
+
+    def likeness(self, arc: float) -> float:
+        """Return sum_n cos(phi_n - Phi_n) over the rotors that are known."""
+        about = self._cycle.stretch(arc)
+        leg, beyond = self._cycle.leg(arc), about.first + len(about.angles)
+        seen = _cosines(self._frame[about.first : beyond] - about.angles)
+        ends = self._before[leg][about.first] + self._beyond[leg][beyond]
+        return float(ends + seen.sum())
+
+    def _likely_arcs(self) -> Array:
+        """Arc lengths to look at [rad], growing: in every leg those about the likeliest place."""
         cycle = self._cycle
         sums = np.array(self._before) + np.array(self._beyond)
         place = int(np.argmax(sums.max(axis=0))) - 0.5
-        step = min(_SEARCH_STEP, cycle.site_arc)
+        depth = penetration_depth(cycle.chain) / cycle.chain.spacing
+        step = min(_SEARCH_STEP, max(depth, 1.0) * cycle.site_arc)
         arcs = []
         for leg in range(cycle.number_of_legs):
             begin, end = cycle.leg_arcs(leg)
@@ -103,19 +186,9 @@ class _Search:
             arcs.append(np.arange(low, max(high, low + step), step))
         return np.concatenate(arcs)
 
-    def likeness(self, arc: float) -> float:
-        """Return sum_n cos(phi_n - Phi_n) over the rotors that are known."""
-        about = self._cycle.stretch(arc)
-        leg, beyond = self._cycle.leg(arc), about.first + len(about.angles)
-        seen = _cosines(self._angles[about.first : beyond] - about.angles)
-        ends = self._before[leg][about.first] + self._beyond[leg][beyond]
-        return float(ends + seen.sum())
-
 
 def _cosines(differences: Array) -> Array:
     """Cosines of differences [rad], 0 where they are not known."""
-    return np.asarray(np.where(np.isfinite(differences), np.cos(differences), 0.0))
-
-
-def _wrapped(differences: Array) -> Array:
-    return np.asarray(np.remainder(differences + math.pi, 2 * math.pi) - math.pi)
+    cosines = np.cos(differences)
+    cosines[np.isnan(cosines)] = 0.0
+    return np.asarray(cosines)

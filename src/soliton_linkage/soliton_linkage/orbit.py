@@ -153,11 +153,13 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     its neighbour. The bar between them has the same length, and a wall that is reflected leaves
     the edge rotor there.
     """
-    rotor, neighbour = (-1, -2) if edge is Edge.LAST else (0, 1)
-    offset = float(chain.spacings[rotor]) * (-1 if edge is Edge.LAST else 1)
-    horizontal, vertical = chain.positions(angles)
+    checked = chain.check_angles(angles)
+    last = edge.resolved(chain, checked) is Edge.LAST
+    rotor, neighbour = (-1, -2) if last else (0, 1)
+    offset = float(chain.spacings[rotor]) * (-1 if last else 1)
+    horizontal, vertical = chain.positions(checked)
     towards = math.atan2(offset + float(horizontal[neighbour]), float(vertical[neighbour]))
-    return 2 * towards - float(angles[rotor])
+    return 2 * towards - float(checked[rotor])
 
 
 def _direction(chain: Chain, angles: Array) -> int:
