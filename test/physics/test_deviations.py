@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -117,3 +118,23 @@ def test_a_number_of_fractions_that_does_not_fit_is_refused(name: str, count: in
     with pytest.raises(ValueError, match=complaint):
         Deviations(**{name: (0.0,) * count}).check_fit(5, 4)
     Deviations(**{name: (0.0,) * wanted}).check_fit(5, 4)
+
+
+@pytest.mark.parametrize('seed', [-1, 1.5, '3', None, math.nan])
+def test_a_seed_that_is_no_whole_number_is_refused(seed: Any) -> None:
+    complaint = re.escape(f'seed = {seed!r} must be a whole number; give one of 0 or more')
+    with pytest.raises(ValueError, match=complaint):
+        drawn_deviations(5, seed, mass=0.01)
+
+
+@pytest.mark.parametrize('rotors', [-1, 0, 1, 2.5])
+def test_a_number_of_rotors_that_no_chain_has_is_refused(rotors: Any) -> None:
+    complaint = f'number_of_rotors = {rotors} must be a whole number; give one of 2 or more'
+    with pytest.raises(ValueError, match=complaint):
+        drawn_deviations(rotors, 0, rest_length=0.01)
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
+    rotors: Any = np.int64(5)
+    seed: Any = np.uint32(3)
+    assert drawn_deviations(rotors, seed, mass=0.01) == drawn_deviations(5, 3, mass=0.01)

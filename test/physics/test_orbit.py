@@ -354,3 +354,10 @@ def test_a_ring_has_no_orbit() -> None:
     ring = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
     with pytest.raises(ValueError, match='periodic ends'):
         closed_orbit(ring, ring.uniform_state(1))
+
+
+@pytest.mark.parametrize('beyond', [0.0, 5e-10, -5e-10])
+def test_an_orbit_at_the_transition_to_spinners_is_refused(beyond: float) -> None:
+    chain = chain_of(((1 + beyond) / math.sin(0.77) ** 2, 0.77), 6)
+    with pytest.raises(ValueError, match=r'd = 2\.873.* too near to d_c = 2\.873.*; take d'):
+        closed_orbit(chain, chain.uniform_state(1))

@@ -235,3 +235,43 @@ def test_only_a_wall_that_turns_back_is_refused_with_its_bond_and_the_limit() ->
 def test_a_chain_without_obstacles_is_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr('soliton_linkage.passage.follow_wall')
     check_passable(deviating(chain_of(STRONG_WOBBLER, 1000), 0, 0.02))
+
+
+def test_the_frames_of_a_way_are_as_many_as_its_arc_however_little_rotors_lean(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frames, advance = 0, RigidSimulation.advance
+
+    def counted(simulation: RigidSimulation) -> None:
+        nonlocal frames
+        frames += 1
+        advance(simulation)
+
+    monkeypatch.setattr(RigidSimulation, 'advance', counted)
+    arcs = []
+    for rest_angle in (0.03, 0.01, 0.003):
+        frames = 0
+        legs = follow_wall(chain_of((0.5, rest_angle), 10))
+        assert [leg.crossed for leg in legs] == [True, True]
+        arcs.append(sum(leg.arc for leg in legs))
+        # 40 frames a radian, and as many for the way to the edge, which is shorter than a leg.
+        assert frames <= 40 * 1.5 * arcs[-1] + 3
+    # The rotors between the edges turn by 2 theta_bar in a leg, whose arc is that of the edges.
+    for arc, rest_angle in zip(arcs, (0.03, 0.01), strict=False):
+        assert arc == pytest.approx(arcs[-1], abs=2 * 2 * rest_angle * math.sqrt(10) + 0.1)
+
+
+@pytest.mark.parametrize('legs', [0, -1])
+def test_a_way_of_no_legs_is_refused(legs: int) -> None:
+    with pytest.raises(ValueError, match=f'legs = {legs} must be 1 or more; give 2'):
+        follow_wall(chain_of(FLIPPER, 5), legs=legs)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_ring_is_refused_for_want_of_edges(example: tuple[float, float]) -> None:
+    ring = dataclasses.replace(chain_of(example, 8), periodic=True)
+    complaint = 'Chain.periodic = True joins rotor 7 to rotor 0, .*; free the ends of the chain'
+    with pytest.raises(ValueError, match=complaint):
+        follow_wall(ring)
+    with pytest.raises(ValueError, match=complaint):
+        check_passable(ring)

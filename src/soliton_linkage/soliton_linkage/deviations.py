@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from numbers import Integral
 
 import numpy as np
 
@@ -64,9 +65,12 @@ def drawn_deviations(
     """Draw independent normal deviations, given the standard deviation of each by name.
 
     The draw of one quantity does not depend on which others are drawn, and that for a given
-    seed scales with the fraction. Raises ValueError for a name that is none of `Deviations`, a
-    fraction that is negative or so large that something is left with nothing.
+    seed scales with the fraction. Raises ValueError for fewer than 2 rotors, a seed that is not a
+    whole number of 0 or more, a name that is none of `Deviations`, and a fraction that is
+    negative or so large that something is left with nothing.
     """
+    _check_whole('number_of_rotors', number_of_rotors, 2)
+    _check_whole('seed', seed, 0)
     springs = number_of_rotors if periodic else number_of_rotors - 1
     drawn = {}
     for name, fraction in fractions.items():
@@ -80,3 +84,8 @@ def drawn_deviations(
         count = springs if name in _OF_SPRINGS else number_of_rotors
         drawn[name] = tuple((fraction * generator.standard_normal(count)).tolist())
     return Deviations(**drawn)
+
+
+def _check_whole(name: str, value: object, least: int) -> None:
+    if not isinstance(value, Integral) or value < least:
+        raise ValueError(f'{name} = {value!r} must be a whole number; give one of {least} or more')

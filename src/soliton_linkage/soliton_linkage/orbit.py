@@ -21,6 +21,7 @@ from soliton_linkage.actuation import Edge
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.rigid_simulation import RigidSimulation
 from soliton_linkage.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.static_wall import check_transition
 from soliton_linkage.statics import unstretched
 
 _MOST_SAMPLES = 1_000_000
@@ -118,11 +119,12 @@ def closed_orbit(chain: Chain, start: Array, spacing: float = 0.05) -> Orbit:
     """Follow the linkage from a configuration until it returns, in samples of arc length [rad].
 
     Starts in the direction of the zero mode; the samples are evenly spaced but for the last.
-    Raises ValueError for a spacing that is not above 0 or too coarse to draw a curve, and as
-    `RigidSimulation` does.
+    Raises ValueError for a spacing that is not above 0 or too coarse to draw a curve, for d
+    within 1e-9 d_c of d_c, where orbits meet, and as `RigidSimulation` does.
     """
     if not 0 < spacing <= _COARSEST:
         raise ValueError(f'spacing = {spacing} rad must lie above 0 and up to {_COARSEST}')
+    check_transition(chain)
     begin = unstretched(chain, start)
     tangent = _tangent(chain, begin)
     simulation = RigidSimulation(chain, begin, tangent, period=spacing)

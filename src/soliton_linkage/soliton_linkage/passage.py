@@ -22,6 +22,7 @@ from soliton_linkage.statics import rest_state
 
 _TOLERANCE = 1e-8
 _FRAMES_A_SPACING = 4
+_FRAMES_A_SWING = 40
 _DEPARTED = 1.5
 
 
@@ -117,8 +118,12 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     centre of the zero mode. A flipper's has reached an edge when the rotor there passes the line
     from its pivot to its neighbour's mass, where the mode is on this rotor alone; it goes to the
     nearest edge first. A spinner's has reached an edge when the mode is largest there. Raises
-    ValueError where there is no state to start from, ArithmeticError where the bars jam.
+    ValueError for periodic ends, for fewer legs than one and where there is no state to start
+    from, ArithmeticError where the bars jam.
     """
+    _check_ends(chain)
+    if legs < 1:
+        raise ValueError(f'legs = {legs} must be 1 or more; give 2 for a way there and back')
     angles = rest_state(chain, 1 if edge is Edge.LAST else -1)
     mode = edge_mode(chain, angles, edge, anywhere=True)
     spinner = chain.motion is Motion.SPINNER
@@ -134,7 +139,11 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
 
 
 def check_passable(chain: Chain) -> None:
-    """Raise ValueError where a wall does not pass through the chain and return."""
+    """Raise ValueError where a wall does not pass through the chain and return.
+
+    No wall passes through a chain with periodic ends, which has no edges.
+    """
+    _check_ends(chain)
     obstacles = find_obstacles(chain)
     if not obstacles:
         return
@@ -200,10 +209,21 @@ class _Walker:
 def _frame_arc(chain: Chain) -> float:
     """Arc [rad] in which a wall goes a fraction of a spacing, at a speed of 1 rad/s its time.
 
-    A flipper's rotors turn by 2 theta_bar while the wall goes by its width.
+    A flipper's rotors turn by 2 theta_bar while the wall goes by its width. However little that
+    is, an edge rotor swings by about a / r, or a radian, before the wall comes back.
     """
     spacings = 1 + chain.wall_width / chain.spacing
-    return chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
+    of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
+    swing = min(1.0, chain.spacing / chain.rotor_length)
+    return max(of_wall, swing / _FRAMES_A_SWING)
+
+
+def _check_ends(chain: Chain) -> None:
+    if chain.periodic:
+        raise ValueError(
+            f'Chain.periodic = True joins rotor {chain.number_of_rotors - 1} to rotor 0, so that '
+            'no wall can run from edge to edge; free the ends of the chain'
+        )
 
 
 def _joined(chain: Chain) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

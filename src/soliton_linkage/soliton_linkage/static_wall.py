@@ -73,6 +73,16 @@ def site_arc(chain: Chain) -> float:
     return _passage(_undeviating(chain), 0, False).arc
 
 
+def check_transition(chain: Chain) -> None:
+    """Raise ValueError for d within 1e-9 d_c of d_c, where flippers become spinners."""
+    d, critical = chain.lean_ratio, chain.critical_lean_ratio
+    if abs(d - critical) < _TRANSITION * critical:
+        raise ValueError(
+            f'd = {d:.12g} is too near to d_c = {critical:.12g} to tell the way of a flipper from '
+            f'that of a spinner; take d further than {_TRANSITION:g} d_c from it'
+        )
+
+
 def effective_mass(chain: Chain) -> float:
     """Mass of a slow wall [kg], M_eff = M r^2 Lambda^2 / a^2, so that T = M_eff v^2 / 2."""
     return chain.moment_of_inertia * (site_arc(chain) / chain.spacing) ** 2
@@ -186,17 +196,12 @@ def _undeviating(chain: Chain) -> Chain:
 
 def _rotors_beside(chain: Chain) -> int:
     """How many rotors on each side of a wall its zero mode reaches, to rounding in its norm."""
-    d, critical = chain.lean_ratio, chain.critical_lean_ratio
-    if abs(d - critical) < _TRANSITION * critical:
-        raise ValueError(
-            f'd = {d:.12g} is too near to d_c = {critical:.12g} to tell the way of a flipper from '
-            f'that of a spinner; take d further than {_TRANSITION:g} d_c from it'
-        )
+    check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
         raise ValueError(
-            f'd = {d:.6g} makes a wall reach over {beside} rotors on each side, more than '
-            f'{_MOST_BESIDE}; take longer rotors or a larger rest angle'
+            f'd = {chain.lean_ratio:.6g} makes a wall reach over {beside} rotors on each side, '
+            f'more than {_MOST_BESIDE}; take longer rotors or a larger rest angle'
         )
     return beside
 

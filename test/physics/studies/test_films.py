@@ -18,6 +18,7 @@ import pytest
 import yaml
 from chains import EXAMPLES, WIDE_FLIPPER, chain_of
 from linkage_motion import distance, wall_between
+from matplotlib.quiver import Quiver
 from PIL import Image
 
 from soliton_linkage.bands import couplings, gap
@@ -65,6 +66,53 @@ def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
     decoded = subprocess.run(command, capture_output=True, check=True, timeout=60)
     assert decoded.stderr == b''
     return len(decoded.stdout) / (3 * width * height)
+
+
+@pytest.mark.parametrize('module', ['figures', 'films', 'sweep'])
+def test_each_study_is_a_command(module: str) -> None:
+    command = [sys.executable, '-m', f'soliton_linkage.studies.{module}', '--help']
+    shown = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert shown.stdout.startswith(f'usage: {module} ')
+    assert '--workers' in shown.stdout
+    assert shown.stderr == ''
+
+
+def test_films_are_made_by_as_many_processes_as_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts = []
+    processes = program.local_processes
+
+    def counted(count: int, *rest: Any) -> Any:
+        counts.append(count)
+        return processes(count, *rest)
+
+    monkeypatch.setattr(program, 'local_processes', counted)
+    command = [str(CONFIG), '--output', str(tmp_path), '--quick', '--only', 'S6', 'S7']
+    for workers in ('1', '2', '5'):
+        assert main([*command, '--workers', workers]) == 0
+    assert counts == [1, 2, 2]
+
+
+@pytest.mark.parametrize('count', ['0', '-1', 'two', '1001'])
+def test_workers_are_counted(count: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(['any.yaml', f'--workers={count}'])
+    assert f"'{count}' must be a whole number from 1 to 1000" in capsys.readouterr().err
+
+
+def test_the_projections_of_a_tilted_linkage_are_those_of_its_rotors() -> None:
+    with mpl.rc_context(STYLE):
+        scene = scene_of(resized(chosen(ALL, ['S2'])[0], 320, 180, 9))
+    assert isinstance(scene, TiltScene)
+    (strip,) = (each for each in scene.figure.axes if each.get_title('left').startswith('u = '))
+    (arrows,) = (each for each in strip.collections if isinstance(each, Quiver))
+    for frame in (0, 4, 8):
+        scene.show(frame)
+        chain = chosen(ALL, ['S2'])[0].motion.chain
+        expected = chain.rotor_length * np.sin(scene.angles[frame])
+        assert np.asarray(arrows.U) == pytest.approx(expected)
+        assert np.asarray(arrows.get_array()) == pytest.approx(expected)
 
 
 def test_the_papers_movies_are_all_there() -> None:

@@ -8,13 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
 
+from soliton_linkage.studies import sweep
 from soliton_linkage.studies.sweep import main
+from soliton_linkage.studies.sweep_config import Study
 
 LONGEST_WAIT = 60.0
 SMALL = """
@@ -184,6 +186,50 @@ def test_what_is_wrong_is_one_line(
     error = capsys.readouterr().err
     assert 'holds rows of another configuration, which differs in seeds' in error
     assert error.count('\n') == 1
+
+
+def test_every_rate_is_that_since_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, remarks = 0.0, []
+
+    class Slow:
+        count = 1
+
+        def __enter__(self) -> Slow:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def measured(self, study: Study, rows: list[int]) -> Iterator[list[list[str]]]:
+            nonlocal now
+            # Processes take 5 s to start; the second chunk comes with the first.
+            for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
+                now += seconds
+                yield [study.cells(row) for row in chunk]
+
+    class Line:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def show(self, _done: float, remark: str) -> None:
+            remarks.append(remark)
+
+        def end(self, remark: str) -> None:
+            remarks.append(remark)
+
+    monkeypatch.setattr(sweep.time, 'monotonic', lambda: now)
+    monkeypatch.setattr(sweep, 'ProgressLine', Line)
+    monkeypatch.setattr(sweep, 'local_workers', lambda _count: Slow())
+    config = written(tmp_path / 'mine.yaml', 'measure: motion\nsweep: {rest_angle: [1, 0.5, 0.7]}')
+    assert main([str(config), '--output', str(tmp_path / 'out')]) == 0
+    assert remarks == [
+        '1 of 3 points, 0.2 a second, 10 s left',
+        '2 of 3 points, 0.4 a second, 2 s left',
+        '3 of 3 points, 0.15 a second, 0 s left',
+        'mine: 3 points in 20.0 s, 0.15 a second',
+    ]
 
 
 @pytest.mark.parametrize('count', ['0', '-1', 'two', '1001'])

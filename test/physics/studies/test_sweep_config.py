@@ -182,6 +182,10 @@ def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
             'sweep.rotor_length_ratio = 2.0 gives Chain.rotor_length = 2000.0 must lie in the '
             'range 1e-06 to 1000 m; change one of them',
         ),
+        (
+            'measure: motion\nchain: {periodic: true}\n' + GRID,
+            'chain.periodic = True is not known; sweeps are of chains with free ends, leave it',
+        ),
         (f'measure: motion\nseeds: 0\n{GRID}', 'seeds = 0 must be a whole number in the range 1'),
         (f'measure: motion\nseeds: [1, 1]\n{GRID}', 'must be one seed or more, each once'),
         (f'measure: motion\nseeds: []\n{GRID}', 'must be one seed or more, each once'),

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from soliton_linkage.chain import Chain, Motion
+from soliton_linkage.studies.drawing import BLUE, RED
 from soliton_linkage.studies.sweep_config import Axis, Study
-from soliton_linkage.studies.sweep_pictures import draw_sweep, numbers, shares
+from soliton_linkage.studies.sweep_pictures import draw_sweep, numbers, share_error, shares
 
 RATIOS = Axis('rotor_length_ratio', tuple(np.geomspace(0.3, 6, 9).tolist()), logarithmic=True)
 ANGLES = Axis('rest_angle', tuple(np.linspace(0.2, 1.3, 7).tolist()))
@@ -161,3 +164,55 @@ def test_one_axis_of_classes_makes_a_curve_of_the_share_of_each(
 def test_more_than_two_axes_are_not_drawn(tmp_path: Path) -> None:
     study = Study('cube', 'motion', {}, (RATIOS, ANGLES, Axis('spacing', (0.1, 0.2))), (0,))
     assert draw_sweep(study, [], tmp_path) == ()
+
+
+def test_shares_are_shown_from_0_to_1_with_their_errors_in_colours_that_differ(
+    drawn: list[Figure], tmp_path: Path
+) -> None:
+    mechanics = Axis('mechanics', ('elastic', 'rigid'))
+    scales = Axis('deviations.scale', KICKS.values)
+    study = Study('curves', 'survival', {}, (mechanics, scales), tuple(range(8)))
+    rows = []
+    for row in range(study.rows):
+        values, seed = study.place(row)
+        good = values['mechanics'] == 'elastic' or seed < 2
+        rows.append({'outcome': 'returns' if good else 'lost'})
+    draw_sweep(study, rows, tmp_path)
+    axes = drawn[0].axes[0]
+    assert axes.get_ylim() == (0, 1)
+    assert [line.get_color() for line in axes.lines] == [BLUE, RED]
+    for bars, line, share in zip(axes.collections, axes.lines, (1.0, 0.25), strict=True):
+        assert tuple(bars.get_colors()[0][:3]) == pytest.approx(to_rgb(line.get_color()))
+        assert len(bars.get_segments()) == len(KICKS.values)
+        for place, ((left, low), (right, high)) in zip(
+            KICKS.values, bars.get_segments(), strict=True
+        ):
+            assert left == right == place
+            assert 0 <= low <= share <= high <= 1
+    assert 'standard error' in axes.get_ylabel()
+
+
+@given(st.integers(1, 1000), st.floats(0, 1))
+def test_a_share_is_one_standard_error_from_its_limits(count: int, part: float) -> None:
+    share = round(part * count) / count
+    low, high = share_error(np.array(share), count)
+    assert -1e-15 <= low <= share + 1e-15
+    assert share - 1e-15 <= high <= 1 + 1e-15
+    assert high - low > 1 / (count + 1) - 1e-15
+    for limit in (low, high):
+        # A limit has the rounding of numbers near 1, which counts as a square near 0 and 1.
+        assert (limit - share) ** 2 == pytest.approx(limit * (1 - limit) / count, abs=1e-14)
+
+
+def test_no_pixel_of_a_map_shows_an_angle_that_there_is_not(
+    drawn: list[Figure], tmp_path: Path
+) -> None:
+    angles = Axis('rest_angle', tuple(np.linspace(0.05, 1.55, 8).tolist()))
+    study = Study('map', 'motion', {'number_of_rotors': 3}, (RATIOS, angles), (0,))
+    draw_sweep(study, rows_of(study), tmp_path)
+    axes = drawn[0].axes[0]
+    (mesh,) = axes.collections
+    heights = np.asarray(mesh.get_coordinates())[:, 0, 1]
+    middles = np.convolve(angles.values, [0.5, 0.5], 'valid')
+    assert heights == pytest.approx(np.array([0, *middles, np.pi / 2]))
+    assert axes.get_ylim() == pytest.approx((0, np.pi / 2))

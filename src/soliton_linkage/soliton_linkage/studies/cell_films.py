@@ -29,7 +29,16 @@ from soliton_linkage.studies.drawing import (
     pivot_points,
 )
 from soliton_linkage.studies.experiments import kick_rates
-from soliton_linkage.studies.scenes import BOTTOM, TOP, Format, Scene, describe
+from soliton_linkage.studies.scenes import (
+    BOTTOM,
+    LEFT,
+    TOP,
+    WIDTH,
+    Format,
+    Scene,
+    SpaceTime,
+    describe,
+)
 from soliton_linkage.studies.settings import Section, chain_from
 from soliton_linkage.unit_cell import configuration_curves
 
@@ -135,7 +144,10 @@ class Staggering:
 
 
 class StaggeredScene(Scene):
-    """Rigid bars and rotors that turn past each other, seen by a camera that turns as well."""
+    """Rigid bars and rotors that turn past each other, seen by a camera that turns as well.
+
+    Beneath them is their space-time picture.
+    """
 
     def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
         """Simulate the motion and draw its first frame."""
@@ -154,7 +166,9 @@ class StaggeredScene(Scene):
         self._bodies = LineCollection([[(0, 0), (0, 0)]], capstyle='round')
         self._bodies.set_clip_on(False)
         self._axes.add_collection3d(self._bodies)
-        self.add_moving([self._axes])
+        below = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.19))
+        self._space_time = SpaceTime(below, chain, self.angles, motion.duration)
+        self.add_moving([self._axes, *self._space_time.moving])
         self.show(0)
 
     def _move(self, frame: int) -> None:
@@ -169,6 +183,7 @@ class StaggeredScene(Scene):
         shown = [shade for body in order for shade in ('white', colours[body])]
         self._bodies.set_color(shown)
         self._axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(azimuth))
+        self._space_time.show(frame)
 
     def _looks(self) -> tuple[Array, list[str]]:
         """Line widths [points] and colours of the bodies, in the order of `layered`."""
@@ -185,10 +200,17 @@ class StaggeredScene(Scene):
     def _add_legend(self) -> None:
         lines = [Line2D([], [], color=colour, linewidth=width) for _, colour, width in _BODIES]
         names = [name for name, _, _ in _BODIES]
-        self.figure.legend(lines, names, loc='lower center', ncols=len(names), frameon=False)
+        self.figure.legend(
+            lines,
+            names,
+            loc='upper right',
+            bbox_to_anchor=(0.99, 0.905),
+            ncols=len(names),
+            frameon=False,
+        )
 
     def _add_axes(self) -> Any:
-        axes: Any = self.figure.add_axes((0.0, 0.04, 1.0, 0.9), projection='3d')
+        axes: Any = self.figure.add_axes((0.0, 0.17, 1.0, 0.9), projection='3d')
         left, right, bottom, top = limits(self._chain)
         deep = 2 * self._layer * self._chain.number_of_rotors
         axes.set(xlim=(left, right), ylim=(-self._layer, deep), zlim=(bottom, top))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.quiver import Quiver
 
 from soliton_linkage.bands import gap, penetration_depth
 from soliton_linkage.chain import Array, Chain
@@ -22,6 +23,7 @@ from soliton_linkage.studies.drawing import (
     GREEN,
     RED,
     ChainPicture,
+    draw_projections,
     limits,
     pivot_points,
 )
@@ -132,25 +134,31 @@ class TiltScene(Scene):
         super().__init__(title, subtitle, shape, motion.times[-1], chain.time_unit)
         self._tilts = np.interp(self.times, motion.times, motion.tilts)
         self.angles = _fallen(motion, self._tilts, self.period)
-        height = 0.52
+        height = 0.48
         above = self.figure.add_axes((LEFT, TOP - height, WIDTH, height))
         rest = self.angles[0]
         self._picture = ChainPicture(above, chain, rest, zero_mode(chain, rest), rigid=True)
         _make_room(above, chain, float(np.abs(self._tilts).max()))
-        free = TOP - height - 0.06 - BOTTOM
+        free = TOP - height - 0.11 - BOTTOM
         space = self.figure.add_axes((LEFT, BOTTOM, 0.6, free))
         self._space_time = SpaceTime(space, chain, self.angles, motion.times[-1])
+        strip = self.figure.add_axes((LEFT, BOTTOM + free + 0.04, 0.6, 0.03))
+        self._projections = _projected(strip, chain, rest, space.get_xlim())
         tilt = self.figure.add_axes((LEFT + 0.67, BOTTOM, WIDTH - 0.67, free))
         tilt.plot(np.degrees(self._tilts), self.times, color='0.75', linewidth=2)
         tilt.set(xlabel='tilt [°]', ylabel='t [s]', title='left end low | right end low')
         tilt.set(ylim=(0, motion.times[-1]))
         (self._now,) = tilt.plot([], [], 'o', color=BLACK, markersize=9)
-        self.add_moving([*self._picture.artists, *self._space_time.moving, self._now])
+        self.add_moving([*self._picture.artists, *self._space_time.moving])
+        self.add_moving([self._projections, self._now])
         self.show(0)
 
     def _move(self, frame: int) -> None:
         angles, tilt = self.angles[frame], float(self._tilts[frame])
-        self._picture.update(angles, zero_mode(self._picture.chain, angles), tilt)
+        chain = self._picture.chain
+        self._picture.update(angles, zero_mode(chain, angles), tilt)
+        leans, _ = chain.positions(angles)
+        self._projections.set_UVC(leans, np.zeros_like(leans), leans)
         self._space_time.show(frame)
         self._now.set_data([math.degrees(tilt)], [self.times[frame]])
 
@@ -167,6 +175,14 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
         simulation.advance()
         angles.append(simulation.angles)
     return np.array(angles)
+
+
+def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, float]) -> Quiver:
+    """Draw u of each rotor between two places along the chain [m], in axes of their own."""
+    axes.set(xlim=along, ylim=(limits(chain, projections=True)[2], limits(chain)[2]))
+    axes.set_axis_off()
+    axes.set_title('u = r sin φ of each rotor')
+    return draw_projections(axes, chain, angles)
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:

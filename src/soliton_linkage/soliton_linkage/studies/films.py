@@ -33,7 +33,7 @@ from soliton_linkage.studies.chain_films import (
 from soliton_linkage.studies.film_files import SHRINKING, FileKind, file_kind, write_film
 from soliton_linkage.studies.scenes import STYLE, Format, Scene
 from soliton_linkage.studies.settings import Section, load_settings
-from soliton_linkage.studies.workers import interrupts_held, local_processes
+from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
 
 _KINDS: dict[str, tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]] = {
     'insulator': (Insulation.read, InsulatorScene),
@@ -102,8 +102,10 @@ def scene_of(film: Film) -> Scene:
     return _KINDS[film.kind][1](film.title, film.motion, film.shape)
 
 
-def make_films(films: Sequence[Film], output: Path, kind: FileKind) -> None:
-    """Write films into a folder, in as many processes as there are cores.
+def make_films(
+    films: Sequence[Film], output: Path, kind: FileKind, workers: int | None = None
+) -> None:
+    """Write films into a folder, in a number of processes, by default one a core.
 
     Each appears under its name once it is finished; what was begun is deleted on failure.
     """
@@ -111,12 +113,12 @@ def make_films(films: Sequence[Film], output: Path, kind: FileKind) -> None:
     total = sum(film.shape.frames for film in films)
     context = multiprocessing.get_context('spawn')
     done: Synchronized[int] = context.Value('q', 0)
-    workers = min(len(films), os.cpu_count() or 1)
+    processes = min(len(films), workers or os.cpu_count() or 1)
     with (
         tempfile.TemporaryDirectory(
             prefix='.unfinished-', dir=output, ignore_cleanup_errors=True
         ) as scratch,
-        local_processes(workers, _prepare, (done,)) as executor,
+        local_processes(processes, _prepare, (done,)) as executor,
     ):
         longest_first = sorted(films, key=lambda film: -film.shape.frames)
         with interrupts_held():
@@ -140,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not kind.ffmpeg:
             films = [resized(film, *_shrunk(film.shape)) for film in films]
         print(f'{len(films)} films as {kind.reason}', file=sys.stderr)
-        make_films(films, options.output, kind)
+        make_films(films, options.output, kind, options.workers)
     except KeyboardInterrupt:
         print('\nfilms: interrupted', file=sys.stderr)
         return 130
@@ -151,11 +153,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='films', description='Film the motions of chains.')
-    parser.add_argument('config', type=Path, metavar='CONFIG.yaml', help='what to film')
-    parser.add_argument('--output', type=Path, default=Path('out/films'), help='%(default)s')
-    parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help='films, as S3')
-    parser.add_argument('--quick', action='store_true', help='few and small frames, for a test')
+    parser = argparse.ArgumentParser(
+        prog='films',
+        description='Film the motions of chains as MP4, or as GIF where there is no ffmpeg.',
+    )
+    parser.add_argument(
+        'config', type=Path, metavar='CONFIG.yaml', help='films, as config/studies/films.yaml'
+    )
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/films'), help='folder for the films [%(default)s]'
+    )
+    parser.add_argument(
+        '--only',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='films to make, by name or what comes before its first _, as S3 [all]',
+    )
+    parser.add_argument(
+        '--workers',
+        type=process_count,
+        metavar='COUNT',
+        help='processes on this machine, each with a film at a time [one a core]',
+    )
+    width, height = _QUICK_SIZE
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help=f'{_QUICK_FRAMES} frames of {width} x {height} pixels a film, to try it out',
+    )
     return parser
 
 
@@ -200,3 +226,7 @@ def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
     with mpl.rc_context(STYLE):
         write_film(scene_of(film), film.shape.frame_rate, scratch / name, kind, _count)
     (scratch / name).replace(output / name)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

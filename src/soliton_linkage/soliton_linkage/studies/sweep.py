@@ -21,6 +21,7 @@ from soliton_linkage.studies.sweep_config import Study, read_study
 from soliton_linkage.studies.sweep_pictures import draw_sweep
 from soliton_linkage.studies.sweep_table import Table, read_rows
 from soliton_linkage.studies.sweep_workers import Workers, cluster_workers, local_workers
+from soliton_linkage.studies.workers import process_count
 
 _INTERRUPTED = 130
 
@@ -67,26 +68,22 @@ def _run(study: Study, folder: Path, workers: AbstractContextManager[Workers]) -
 def _fill(study: Study, table: Table, missing: list[int], workers: Workers) -> None:
     """Measure the rows that are missing and show how it goes.
 
-    The rate is that since the first rows came, without the start of the processes.
+    Rates are means since the start, that of the processes included.
     """
     line = ProgressLine(study.name, study.rows)
-    begin, done = time.monotonic(), 0
-    first_at, first_done = begin, 0
+    begin, done, elapsed, rate = time.monotonic(), 0, 0.0, 0.0
     for cells in workers.measured(study, missing):
         table.append(cells)
         done += len(cells)
-        if not first_done:
-            first_at, first_done = time.monotonic(), done
-            continue
-        rate = (done - first_done) / max(time.monotonic() - first_at, 1e-9)
+        elapsed = max(time.monotonic() - begin, 1e-9)
+        rate = done / elapsed
         total = study.rows - len(missing) + done
         line.show(
             total,
             f'{total} of {study.rows} points, {rate:.3g} a second, '
             f'{_spoken((len(missing) - done) / rate)} left',
         )
-    elapsed = max(time.monotonic() - begin, 1e-9)
-    line.end(f'{study.name}: {done} points in {elapsed:.1f} s, {done / elapsed:.3g} a second')
+    line.end(f'{study.name}: {done} points in {elapsed:.1f} s, {rate:.3g} a second')
 
 
 def _spoken(seconds: float) -> str:
@@ -103,20 +100,13 @@ def _parsed(arguments: list[str] | None) -> argparse.Namespace:
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         '--workers',
-        type=_count,
+        type=process_count,
         default=os.cpu_count() or 1,
         help='processes on this machine [one a core]',
     )
     where.add_argument('--scheduler', help='address of a Dask cluster, tcp://host:8786')
     parser.add_argument('--quick', action='store_true', help='thin the grid to a first look')
     return parser.parse_args(arguments)
-
-
-def _count(text: str) -> int:
-    count = int(text) if text.isdecimal() else 0
-    if not 1 <= count <= 1000:
-        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to 1000')
-    return count
 
 
 if __name__ == '__main__':

@@ -173,6 +173,10 @@ def _parameters(settings: Section) -> dict[str, Value]:
         if name not in settings.values:
             continue
         section = settings.section(name)
+        if 'periodic' in section.values:
+            raise section.complaint(
+                'periodic', 'is not known; sweeps are of chains with free ends, leave it out'
+            )
         section.allow(*allowed)
         for key in section.values:
             parameters[prefix + key] = _value(section, key, prefix + key)

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +18,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator
 
 from soliton_linkage.chain import Array
+from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, RED
 from soliton_linkage.studies.measures import Value
 from soliton_linkage.studies.sweep_config import Axis, Study
 from soliton_linkage.unit_cell import flipper_limit, spinner_limit
@@ -24,7 +26,8 @@ from soliton_linkage.unit_cell import flipper_limit, spinner_limit
 _RESOLUTION = 150
 _MOST_CURVES = 5
 _COLOURS = ('#56b4e9', '#0072b2', '#e69f00', '#3a3a3a', '#009e73')
-"""After Okabe and Ito, told apart by the colour-blind and by their lightness."""
+"""Of classes, after Okabe and Ito, told apart by the colour-blind and by their lightness."""
+_CURVES = (BLUE, RED, GREEN, BLACK, '#cc79a7')
 _MARKERS = ('o', 's', '^', 'D', 'v')
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$'),
@@ -137,8 +140,15 @@ def _draw_curves(axes: Axes, study: Study, rows: Sequence[dict[str, str]]) -> No
         curves = [values[:, number, None] for number in range(len(names))]
     else:
         names, curves = [''], [values]
+    colours = _COLOURS if of_classes and not families else _CURVES
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        _draw_curve(axes, along, curve, name, number)
+        looks = {'color': colours[number % 5], 'marker': _MARKERS[number % 5], 'label': name}
+        if of_classes:
+            _draw_shares(axes, along, curve[:, 0], len(study.seeds), looks)
+        else:
+            _draw_curve(axes, along, curve, looks)
+    if of_classes:
+        axes.set_ylim(0, 1)
     axes.set_ylabel(_curve_label(study, bool(families)))
     _scale_axes(axes, along, None)
     if along.name == 'deviations.scale' and _scale_is_fraction(study):
@@ -147,10 +157,29 @@ def _draw_curves(axes: Axes, study: Study, rows: Sequence[dict[str, str]]) -> No
         axes.legend(frameon=False)
 
 
-def _draw_curve(axes: Axes, along: Axis, curve: Array, name: str, number: int) -> None:
+def share_error(share: Array, count: int) -> tuple[Array, Array]:
+    """Limits of a share of so many draws, one standard error from it, shape of the share each.
+
+    The probabilities p with |p - share| = sqrt(p (1 - p) / count), the score interval of Wilson,
+    which leaves room where all draws agree.
+    """
+    middle = (share + 0.5 / count) / (1 + 1 / count)
+    half = np.sqrt(share * (1 - share) / count + 0.25 / count**2) / (1 + 1 / count)
+    return middle - half, middle + half
+
+
+def _draw_shares(
+    axes: Axes, along: Axis, share: Array, seeds: int, looks: Mapping[str, Any]
+) -> None:
+    """Draw a share of the seeds as a line, and its statistical error as bars."""
+    places = _places(along)
+    axes.vlines(places, *share_error(share, seeds), color=looks['color'], alpha=0.6, linewidth=2)
+    axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **looks)
+
+
+def _draw_curve(axes: Axes, along: Axis, curve: Array, looks: Mapping[str, Any]) -> None:
     """Draw the median over the last axis as a line, its spread as a band, and all as dots."""
-    places = np.array(along.values) if _numeric(along) else np.arange(len(along.values))
-    colour, marker = _COLOURS[number % 5], _MARKERS[number % 5]
+    places, colour = _places(along), looks['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (
         np.array([quantile(one[np.isfinite(one)]) for one in curve[seen]])
@@ -159,7 +188,7 @@ def _draw_curve(axes: Axes, along: Axis, curve: Array, name: str, number: int) -
     axes.fill_between(places[seen], low, high, color=colour, alpha=0.25, linewidth=0)
     if curve.shape[-1] > 1:
         axes.plot(places, curve, '.', color=colour, markersize=3)
-    axes.plot(places[seen], middle, '-', marker=marker, markersize=4, color=colour, label=name)
+    axes.plot(places[seen], middle, '-', markersize=4, **looks)
 
 
 def _scale_is_fraction(study: Study) -> bool:
@@ -172,7 +201,8 @@ def _curve_label(study: Study, families: bool) -> str:
     measure = study.measure
     if not measure.classes:
         return measure.label
-    return f'share of walls: {measure.classes[0]}' if families else f'share, {measure.label}'
+    share = f'share of walls: {measure.classes[0]}' if families else f'share, {measure.label}'
+    return f'{share} (bars: standard error)'
 
 
 def _blended(each: Array) -> Array:
@@ -213,14 +243,23 @@ def _tick_plainly(axis: XAxis | YAxis) -> None:
 
 
 def _edges(axis: Axis) -> Array:
-    """Bounds of the pixels around the values of an axis, half way on its scale."""
+    """Bounds of the pixels around the values of an axis, half way on its scale.
+
+    No parameter is below 0, and no rest angle beyond pi / 2.
+    """
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
         values = np.log(values)
     middles = (values[1:] + values[:-1]) / 2
     first, last = 2 * values[0] - middles[0], 2 * values[-1] - middles[-1]
     edges = np.concatenate([[first], middles, [last]])
-    return np.asarray(np.exp(edges) if axis.logarithmic else edges)
+    highest = np.pi / 2 if axis.name == 'rest_angle' else np.inf
+    return np.asarray(np.clip(np.exp(edges) if axis.logarithmic else edges, 0, highest))
+
+
+def _places(axis: Axis) -> Array:
+    """Where the values of an axis are drawn."""
+    return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
 
 
 def _numeric(axis: Axis) -> bool:

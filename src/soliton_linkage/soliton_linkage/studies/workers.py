@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import multiprocessing
 import os
 import signal
@@ -13,6 +14,15 @@ from contextlib import contextmanager
 from typing import Any
 
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+_MOST = 1000
+
+
+def process_count(text: str) -> int:
+    """Number of processes that a command line says; raises ArgumentTypeError for what is none."""
+    count = int(text) if text.isdecimal() and text.isascii() else 0
+    if not 1 <= count <= _MOST:
+        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to {_MOST}')
+    return count
 
 
 @contextmanager
