@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy benchmark format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -14,8 +14,14 @@ help:  ## list the targets
 demo: scenario build
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo
 
+# Nodes are timed: their tests run one after the other, those of the physics side by side.
 test: build  ## run the tests; ARGS='-k nudge' goes to pytest
+ifdef ARGS
 	@$(enter) python3 -m pytest $(ARGS)
+else
+	@$(enter) python3 -m pytest --numprocesses auto test/physics
+	@$(enter) python3 -m pytest --ignore test/physics
+endif
 
 check: build  ## formatting, lint and strict typing
 	@. setup/environment.sh && ruff format --check . && ruff check . && mypy
@@ -31,6 +37,9 @@ films: build  ## film the motions of the paper into out/films; ARGS='--quick'
 
 sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/studies/...'
 	@$(enter) sweep $(or $(ARGS),config/studies/phase_diagram.yaml)
+
+accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
+	@$(enter) accuracy config/studies/accuracy.yaml --output out/accuracy $(ARGS)
 
 benchmark: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)

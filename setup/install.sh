@@ -143,6 +143,7 @@ install_beside_ros() {
     add pytest exceptiongroup iniconfig packaging pluggy pygments pytest
     add hypothesis hypothesis sortedcontainers
     add mpmath mpmath
+    add xdist execnet pytest-xdist
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
     echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
     pip_install --no-deps --target .python "${packages[@]}"

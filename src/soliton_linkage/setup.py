@@ -3,7 +3,7 @@
 
 from setuptools import setup
 
-STUDIES = ['figures', 'films', 'sweep']
+STUDIES = ['accuracy', 'figures', 'films', 'sweep']
 
 setup(
     name='soliton_linkage',

@@ -22,10 +22,10 @@ from scipy.integrate import DOP853, DenseOutput
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
-from soliton_linkage.bands import penetration_depth
+from soliton_linkage.bands import couplings, penetration_depth
 from soliton_linkage.chain import Array, Chain, Motion
 from soliton_linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.rigidity import mode_towards_last, rigidity_bands, zero_mode
+from soliton_linkage.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.static_wall import site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
@@ -56,9 +56,10 @@ class Cycle:
     no edge rotor of a flipper has toggled; it grows towards the last rotor in even legs and back
     in odd ones, up to the length of the whole cycle, and may be any number. The chain is the
     one whose uniform right-leaning state is theta = theta_bar; that which was assembled upside
-    down is its image phi -> pi - phi. Angles are known up to whole turns, and to 1e-7 rad.
+    down is its image phi -> pi - phi. Angles are known up to whole turns, and to 1e-6 rad.
 
-    It takes half a second to make, and longer next to d_c, as the orbit does: 3 s at 0.97 d_c.
+    To make it takes time as the orbit of the short chain is long, and as a wall is wide: below a
+    second but for wobbling flippers next to d_c and for walls that reach over 1000 rotors.
     Deviations of the chain do not count: it is the cycle of the chain without them. Raises
     ValueError for a chain of two rotors or with periodic ends, and as `site_arc` does.
     """
@@ -196,8 +197,10 @@ class _ShortOrbit:
         self._chain = chain
         middle = (chain.number_of_rotors - 1) / 2
         self.walls = [static_wall(chain, middle, leg) for leg in range(legs)]
-        towards = mode_towards_last(chain, self.walls[0]) @ zero_mode(chain, self.walls[0])
-        self._sense = math.copysign(1.0, float(towards))
+        self._scale = 1 / max(map(abs, couplings(chain)))
+        self._signs = (-1.0) ** np.arange(chain.number_of_rotors)
+        if mode_towards_last(chain, self.walls[0]) @ self._tangent(self.walls[0]) < 0:
+            self._signs *= -1
         pieces = self._pieces()
         self.middles: list[float] = [
             0.0,
@@ -210,6 +213,18 @@ class _ShortOrbit:
     def sample(self, arc: float) -> Array:
         """Angles [rad], up to whole turns, and after them their tangent [1], shape (2 N,)."""
         return np.asarray(self._spline(arc % self.length))
+
+    def _tangent(self, angles: Array) -> Array:
+        """Unit zero mode in the direction of the cycle [1], (N,), quicker than `zero_mode`.
+
+        t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}, in units of the larger coupling: as far as
+        the short chain reaches no product leaves the range of numbers but to vanish.
+        """
+        first, second = rigidity_bands(self._chain, angles)
+        mode = self._signs.copy()
+        mode[1:] *= np.cumprod(self._scale * first)
+        mode[:-1] *= np.cumprod(self._scale * second[::-1])[::-1]
+        return np.asarray(mode / math.sqrt(mode @ mode))
 
     def _pieces(self) -> list[_Piece]:
         """All pieces in the order of the cycle, of which those past the first are mirrored.
@@ -227,27 +242,26 @@ class _ShortOrbit:
 
     def _followed(self, leg: int) -> _Piece:
         """Follow the zero mode to the middle of the next leg."""
-        chain, start = self._chain, self.walls[leg]
+        start = self.walls[leg]
         arcs, angles = [np.zeros(1)], [start[None]]
         for begin, end, dense in self._steps(start, self.walls[(leg + 1) % len(self.walls)]):
             arcs.append(np.linspace(begin, end, _SAMPLES_A_STEP + 1)[1:])
             angles.append(dense(arcs[-1]).T)
         joined = np.concatenate(angles)
-        tangents = np.array([self._sense * zero_mode(chain, each) for each in joined])
+        tangents = np.array([self._tangent(each) for each in joined])
         return _Piece(np.concatenate(arcs), joined, tangents)
 
     def _steps(self, start: Array, goal: Array) -> Iterator[tuple[float, float, DenseOutput]]:
         """Steps of the solver, the last one only as far as the goal: begin, end [rad], angles."""
-        chain, sense = self._chain, self._sense
         solver = DOP853(
-            lambda _, angles: sense * zero_mode(chain, angles),
+            lambda _, angles: self._tangent(angles),
             0.0,
             start,
             np.inf,
             rtol=_TOLERANCE / 1e3,
             atol=_TOLERANCE / math.sqrt(len(start)),
         )
-        to_goal = sense * zero_mode(chain, goal)
+        to_goal = self._tangent(goal)
         for _ in range(_MOST_STEPS):
             complaint = solver.step()
             if complaint:
@@ -257,6 +271,7 @@ class _ShortOrbit:
             yield solver.t_old, solver.t if end is None else end, dense
             if end is not None:
                 return
+        chain = self._chain
         raise ArithmeticError(
             f'a wall of a chain with d = {chain.lean_ratio:.9g} and d_c = '
             f'{chain.critical_lean_ratio:.9g} did not come back from its edge within an arc of '

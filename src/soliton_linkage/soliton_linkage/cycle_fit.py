@@ -21,6 +21,7 @@ from soliton_linkage.cycle import Cycle, Stretch
 _ITERATIONS = 20
 _ENOUGH = 1e-8
 _LONGEST_STEP = 0.5
+_LEAST_SLOPE = 0.3
 _UNSEEN = 1e-6
 _SEARCH_STEP = 0.2
 _SAME = 1e-3
@@ -56,7 +57,8 @@ def fit_near(cycle: Cycle, angles: Array, arc: float) -> CycleFit:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
 
     Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
-    with differences counted from -pi to pi; where it turns back, it goes on in half the step.
+    with differences counted from -pi to pi; after the first step divided by the slope that the
+    last one met, which the curvature of the orbit makes other than 1 in a frame off the orbit.
     The arc may leave the range of one cycle, so that a series of fits counts cycles. Raises
     ValueError for angles of another shape or infinite ones, and for an arc that is not finite.
     """
@@ -92,18 +94,19 @@ def fit_anywhere(cycle: Cycle, angles: Array) -> CycleFit:
 
 
 def _fit_near(cycle: Cycle, frame: Array, arc: float) -> CycleFit:
-    longest, before = _LONGEST_STEP, 0.0
+    ahead_before, step = 0.0, 0.0
     for _ in range(_ITERATIONS):
         difference, tangent = _compared(frame, cycle.stretch(arc))
         information = float(tangent @ tangent)
         if information < _UNSEEN:
             break
-        step = float(tangent @ difference) / information
-        if step * before < 0:
-            longest = abs(before) / 2
-        before = min(max(step, -longest), longest)
-        arc += before
-        if abs(before) < _ENOUGH:
+        ahead = float(tangent @ difference) / information
+        slope = (ahead_before - ahead) / step if step else 1.0
+        step = ahead / min(max(slope, _LEAST_SLOPE), 1 / _LEAST_SLOPE)
+        step = min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        arc += step
+        ahead_before = ahead
+        if abs(step) < _ENOUGH:
             break
     squares, known = float(difference @ difference), len(difference)
     return CycleFit(arc, information, math.sqrt(squares / (known - 1)) if known > 1 else math.nan)

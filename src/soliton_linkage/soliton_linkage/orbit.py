@@ -82,19 +82,6 @@ class Orbit:
         between = unstretched(self.chain, np.asarray(self._spline(within)))
         return between + 2 * math.pi * cycles * self.turns
 
-    def sample(self, arc: float) -> tuple[Array, Array]:
-        """Angles [rad] and tangent [1] at an arc length, shape (N,) each, from a spline.
-
-        Bars have their length to the accuracy of the spline, the tangent unit length.
-        """
-        cycles, within = divmod(arc, self.length)
-        angles = np.asarray(self._spline(within)) + 2 * math.pi * cycles * self.turns
-        return angles, np.asarray(self._tangent_spline(within))
-
-    def reversed(self) -> Orbit:
-        """Return the same orbit, run through the other way."""
-        return Orbit(self.chain, self.length - self.arcs[::-1], self.angles[::-1])
-
     def _turning_arc(self, sample: int) -> float:
         """Arc length between a sample and the next where the direction changes [rad]."""
         before, after = self.arcs[sample : sample + 2].tolist()
@@ -109,10 +96,6 @@ class Orbit:
     @cached_property
     def _spline(self) -> BSpline:
         return make_interp_spline(self.arcs, self.angles, k=_DEGREE)
-
-    @cached_property
-    def _tangent_spline(self) -> BSpline:
-        return self._spline.derivative()
 
 
 def closed_orbit(chain: Chain, start: Array, spacing: float = 0.05) -> Orbit:

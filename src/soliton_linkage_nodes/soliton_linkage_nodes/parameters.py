@@ -44,8 +44,8 @@ _LARGEST_INTEGER = 2**63 - 1
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the described fields of a dataclass as parameters and return their values in it.
 
-    Fields without a description keep their default. Raises ValueError, naming parameter, value, limit and remedy, where a value given for one is
-    not allowed.
+    Fields without a description keep their default. Raises ValueError, naming parameter, value,
+    limit and remedy, where a value given for one is not allowed.
     """
     quantities = described_fields(parameters)
     values = {

@@ -24,6 +24,7 @@ from soliton_linkage.studies.drawing import (
     draw_projections,
     draw_torus,
     limits,
+    make_room,
     mass_points,
     mode_arrows,
 )
@@ -198,6 +199,27 @@ def test_the_limits_hold_whatever_is_drawn_in_equal_scales(
         points = np.concatenate([points, starts, starts + arrow_vectors(picture.projections)])
     assert (points > (left, bottom)).all()
     assert (points < (right, top)).all()
+
+
+@FEW
+@given(any_configuration(), any_configuration())
+def test_room_is_made_for_every_arrow_and_the_same_in_all_pictures(
+    one: tuple[Chain, Array], other: tuple[Chain, Array]
+) -> None:
+    pictures = [
+        ChainPicture(new_axes(), chain, angles, zero_mode(chain, angles))
+        for chain, angles in (one, other)
+    ]
+    before = [limits(picture.chain) for picture in pictures]
+    width, height = make_room(pictures)
+    for picture, (left, right, bottom, top) in zip(pictures, before, strict=True):
+        low, high = np.transpose([picture.axes.get_xlim(), picture.axes.get_ylim()])
+        assert (low <= (left, bottom)).all()
+        assert (high >= (right, top)).all()
+        assert high - low == pytest.approx((width, height), rel=1e-12)
+        tips = np.asarray(picture.arrows.get_offsets()) + arrow_vectors(picture.arrows)
+        assert (tips > low).all()
+        assert (tips < high).all()
 
 
 @FEW

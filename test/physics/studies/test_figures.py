@@ -15,6 +15,7 @@ import pytest
 
 from soliton_linkage.studies import figures
 from soliton_linkage.studies.settings import load_settings
+from soliton_linkage.studies.survey_figures import wilson_interval
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'
 
@@ -30,6 +31,7 @@ LIMITS = {
     'figure_6': 0.08,
     'figure_s2': 0.005,
     'energy_against_speed': 0.05,
+    'disorder_against_passage': 1e-9,
     'elastic_against_rigid': 0.15,
     'anti_kink_cost': 0.3,
 }
@@ -77,6 +79,29 @@ def test_the_command_draws_what_is_asked_for_and_the_table(
     assert set(names) == {'figure_1', 'figure_4'}
     assert (output / 'figure_4.pdf').exists()
     assert 'are in' in capsys.readouterr().out
+    assert figures.main([*arguments, 'figure_1']) == 0
+    assert (output / 'table.md').read_text(encoding='utf-8').splitlines() == table
+
+
+@pytest.mark.parametrize('workers', ['0', '-1', '1.5', '1001', 'two'])
+def test_a_number_of_processes_that_cannot_be_is_refused(
+    workers: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        figures.main([str(CONFIG), '--workers', workers])
+    assert f'{workers!r} must be a whole number from 1 to 1000' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('passed', 'count'), [(0, 10), (3, 10), (10, 10), (1, 1), (500, 1000)])
+def test_the_ends_of_an_interval_are_as_unlikely_as_they_should_be(
+    passed: int, count: int
+) -> None:
+    share = passed / count
+    low, high = wilson_interval(passed, count)
+    assert 0 <= low <= share <= high <= 1
+    for end in (low, high):
+        variance = end * (1 - end) / count
+        assert (share - end) ** 2 == pytest.approx(1.959964**2 * variance, rel=1e-5, abs=1e-15)
 
 
 def test_settings_that_cannot_be_drawn_are_named(

@@ -19,7 +19,7 @@ def plate_with(points: list[tuple[float, float]]) -> Plate:
     axes = plate.figure.subplots()
     across, up = np.transpose(points)
     axes.plot(across, up)
-    plate.note('a', 'line', across, up)
+    plate.note('a', 'line', ('time [s]', 'phi [rad]'), across, up)
     return plate
 
 
@@ -30,7 +30,8 @@ def test_data_are_kept_to_the_last_digit(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     kept = [(float(row['x']), float(row['y'])) for row in rows]
     assert np.array_equal(kept, points, equal_nan=True)
-    assert {(row['panel'], row['series']) for row in rows} == {('a', 'line')}
+    kinds = {(row['panel'], row['series'], row['x_name'], row['y_name']) for row in rows}
+    assert kinds == {('a', 'line', 'time [s]', 'phi [rad]')}
 
 
 def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
@@ -45,7 +46,7 @@ def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
 
 def test_points_that_do_not_pair_are_refused() -> None:
     with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
-        Plate(Figure()).note('a', 'line', [1, 2], [3])
+        Plate(Figure()).note('a', 'line', ('x', 'y'), [1, 2], [3])
 
 
 @pytest.mark.parametrize(
@@ -56,6 +57,9 @@ def test_points_that_do_not_pair_are_refused() -> None:
         (-1.1, -1.0, '+10 %'),
         (3e-9, 0.0, '3.0e-09'),
         (7.0, math.nan, ''),
+        (1 + 1e-12, 1.0, '0 %'),
+        (1 - 2e-11, 1.0, '-2e-09 %'),
+        (0.0, 0.0, '0'),
     ],
 )
 def test_the_error_is_relative_to_theory(measured: float, expected: float, error: str) -> None:
@@ -67,9 +71,24 @@ def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path)
     plate.compare('gap', '|r|', 'q', 2.0, 1.0)
     plate.compare('overshoot', 'd³', 'none', 0.25)
     path = tmp_path / 'table.md'
-    write_table([('figure', comparison) for comparison in plate.comparisons], path)
+    write_table({'figure': plate.comparisons}, path, ['figure'])
     lines = path.read_text(encoding='utf-8').splitlines()
     assert len(lines) == 4
     assert {line.count('|') for line in lines} == {7}
     assert 'q = 1 | 2 | +1e+02 %' in lines[2]
     assert 'none | 0.25 |  |' in lines[3]
+
+
+def test_rows_of_figures_that_were_not_drawn_again_stay_in_the_order_of_the_figures(
+    tmp_path: Path,
+) -> None:
+    order, path = ('b', 'a', 'd', 'c'), tmp_path / 'table.md'
+    first = {name: [Comparison(f'{name}{n}', '|r|', 'q', n) for n in range(3)] for name in 'ab'}
+    write_table(first, path, order)
+    again = [Comparison('new', 'p', 'q', 7.0)]
+    write_table({'c': again, 'a': again, 'd': []}, path, order)
+    whole = tmp_path / 'whole.md'
+    write_table({**first, 'c': again, 'a': again}, whole, order)
+    assert path.read_text(encoding='utf-8') == whole.read_text(encoding='utf-8')
+    rows = [row.split(' | ')[:2] for row in path.read_text(encoding='utf-8').splitlines()[2:]]
+    assert rows == [['| b', 'b0'], ['| b', 'b1'], ['| b', 'b2'], ['| a', 'new'], ['| c', 'new']]

@@ -14,7 +14,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.studies.drawing import (
     BLACK,
-    BLUE,
+    CURVE_COLOURS,
     GREEN,
     GREY,
     RED,
@@ -37,6 +37,8 @@ from soliton_linkage.unit_cell import (
 )
 
 _FINE = 40_000
+_SHAPE = 1.9
+_REGIONS = {'flippers': (0.22, 0.85), 'wobbling flippers': (1.75, 0.55), 'spinners': (4.5, 1.1)}
 _PHASES = ('#e8f1f8', '#f7e6c4', '#dcefe2')
 
 
@@ -68,16 +70,23 @@ def _draw_diagram(plate: Plate, axes: Axes, chains: list[Chain], points: int) ->
     rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
     classes = motion_of(ratios, rest_angles[:, None])
     axes.pcolormesh(ratios, rest_angles, classes, cmap=ListedColormap(_PHASES), rasterized=True)
-    axes.plot(flipper_limit(rest_angles), rest_angles, '-', color=BLUE, label='d = 1')
+    axes.plot(flipper_limit(rest_angles), rest_angles, '-', color=BLACK, label='$d = 1$')
     axes.plot(
-        spinner_limit(rest_angles), rest_angles, '-', color=GREEN, label='d = d_c = 2 / sin θ̄'
+        spinner_limit(rest_angles),
+        rest_angles,
+        '--',
+        color=BLACK,
+        label=r'$d = d_c = 2 / \sin\bar\theta$',
     )
-    plate.note('a', 'd = 1: theta_bar by r/a', flipper_limit(rest_angles), rest_angles)
-    plate.note('a', 'd = d_c: theta_bar by r/a', spinner_limit(rest_angles), rest_angles)
+    names = ('r/a [1]', 'theta_bar [rad]')
+    plate.note('a', 'd = 1', names, flipper_limit(rest_angles), rest_angles)
+    plate.note('a', 'd = d_c', names, spinner_limit(rest_angles), rest_angles)
     for chain in chains:
         place = chain.rotor_length / chain.spacing, chain.rest_angle
         axes.plot(*place, 'o', color=BLACK)
-        axes.annotate(chain.motion.value, place, (6, 6), textcoords='offset points')
+    axes.plot([], [], 'o', color=BLACK, label='cells of b, c and d')
+    for name, place in _REGIONS.items():
+        axes.text(*place, name, ha='center', va='center', fontsize=13)
     axes.set(
         xscale='log',
         xlim=(0.1, 10),
@@ -103,7 +112,10 @@ def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
         picture.masses.set_data(*(mass_points(cell, staggered(state)) + aside).T)
         picture.masses.set_color(GREEN if number % 2 else RED)
     high = chain.rotor_length * math.cos(chain.rest_angle) + 0.4 * chain.spacing
-    axes.set(xlim=(-0.6 * across, 1.8 * across), ylim=(-down - high, high))
+    half = max(0.85 * across, _SHAPE * (down / 2 + high))
+    middle = (across + chain.spacing) / 2
+    axes.set(xlim=(middle - half, middle + half))
+    axes.set(ylim=(-down / 2 - half / _SHAPE, -down / 2 + half / _SHAPE))
     ratio = chain.rotor_length / chain.spacing
     title = f'{letter}  {chain.motion.value}, r/a = {ratio:g}, θ̄ = {chain.rest_angle:g}'
     axes.set_title(title.lstrip(), loc='left', fontsize=10)
@@ -113,10 +125,14 @@ def _draw_curves(
     plate: Plate, axes: Axes, chain: Chain, curves: tuple[Array, ...], letter: str
 ) -> None:
     draw_torus(axes, chain, curves)
-    ratios = f'd = {chain.lean_ratio:.2f}, d_c = {chain.critical_lean_ratio:.2f}'
+    ratios = f'$d = {chain.lean_ratio:.2f}$, $d_c = {chain.critical_lean_ratio:.2f}$'
     axes.set_title(f'{letter}  {ratios}'.lstrip(), loc='left')
+    if letter:
+        axes.legend(loc='upper left', title='b, c', fontsize=9, markerscale=0.8)
     for number, curve in enumerate(curves):
-        plate.note(f'c {chain.motion.value}', f'component {number}', curve[:, 0], curve[:, 1])
+        names = ('theta_1 [rad]', 'theta_2 [rad]')
+        series = f'component {number + 1} of {chain.motion.value}'
+        plate.note('c', series, names, curve[:, 0], curve[:, 1])
 
 
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
@@ -125,7 +141,7 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
     axes.plot_surface(
         *_on_torus(around, across, 0.98), color=GREY, alpha=0.12, linewidth=0, rasterized=True
     )
-    for curve, colour in zip(curves, (BLUE, RED), strict=False):
+    for curve, colour in zip(curves, CURVE_COLOURS, strict=False):
         axes.plot(*_on_torus(curve[:, 0], curve[:, 1], 1.02), color=colour, linewidth=2)
     title = f'{letter}  {len(curves)} component{"s" if len(curves) > 1 else ""}'
     axes.set_title(title.lstrip(), loc='left')
@@ -149,14 +165,16 @@ def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
         float(len(curves)),
         2.0 if spinner else 1.0,
     )
-    turns = sum(abs(turn) for curve in curves for turn in windings(curve))
-    plate.compare(
-        f'turns of the curves about the torus, {name}',
-        'linked rings' if spinner else 'bounds a disc',
-        '(1, −1) each' if spinner else '(0, 0)',
-        float(turns),
-        4.0 if spinner else 0.0,
-    )
+    for number, curve in enumerate(curves):
+        expected = (1, -1) if spinner else (0, 0)
+        for angle, turns, wanted in zip('₁₂', windings(curve), expected, strict=True):
+            plate.compare(
+                f'turns of θ{angle} along component {number + 1}, {name}',
+                'linked rings' if spinner else 'bounds a disc',
+                'once about both, in opposite senses' if spinner else 'none',
+                float(turns),
+                float(wanted),
+            )
     states = component_of(chain, ground_states(chain))
     plate.compare(
         f'uniform states on the first component, {name}',

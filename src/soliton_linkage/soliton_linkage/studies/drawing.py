@@ -27,6 +27,9 @@ GREY = '#7f7f7f'
 BLUE = '#0072b2'
 RED = '#d55e00'
 GREEN = '#009e73'
+PURPLE = '#cc79a7'
+CURVE_COLOURS = (BLUE, PURPLE)
+"""Colours of the components of a configuration space."""
 LEAN_COLOURS = 'PuOr'
 """Colour map of u: orange where the rotors lean left, purple where they lean right."""
 
@@ -143,6 +146,26 @@ class ChainPicture:
             self.projections.set_UVC(horizontal, np.zeros_like(horizontal), horizontal)
 
 
+def make_room(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
+    """Widen the limits of pictures alike until the arrows of their modes lie within.
+
+    Returns the width and the height of what they show [m].
+    """
+    shown = [picture.axes for picture in pictures]
+    corners = [np.transpose([axes.get_xlim(), axes.get_ylim()]) for axes in shown]
+    for picture in pictures:
+        if picture.arrows is not None and picture.arrows.get_visible():
+            vectors = np.column_stack([picture.arrows.U, picture.arrows.V])
+            tips = np.asarray(picture.arrows.get_offsets()) + vectors
+            margin = _MARGIN * picture.chain.spacing
+            corners += [tips - margin, tips + margin]
+    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+    for axes in shown:
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    width, height = (high - low).tolist()
+    return width, height
+
+
 def draw_chain(axes: Axes, chain: Chain, angles: Array, *, rigid: bool = False) -> ChainPicture:
     """Draw a chain at angles [rad], shape (N,), and return its artists (paper, Fig. 1b)."""
     return ChainPicture(axes, chain, angles, rigid=rigid)
@@ -182,8 +205,9 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     The square is the torus of both angles, its opposite sides one; triangles are the ground
     states, red ones lean right and green ones left (paper, Fig. 4c).
     """
-    for curve in curves:
-        axes.plot(*broken_at_turns(curve).T, color=BLUE, linewidth=2.5, zorder=2)
+    for number, curve in enumerate(curves):
+        colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
+        axes.plot(*broken_at_turns(curve).T, color=colour, linewidth=2.5, zorder=2)
     rest = chain.rest_angle
     for states, marker, colour, label in (
         ((rest, math.pi - rest), '>', RED, 'leans right'),

@@ -2,7 +2,8 @@
 """Draw the figures of the paper, and some of our own, with their data and a table.
 
 Every figure is written as PNG and PDF with its data as CSV, and table.md sets side by side what
-the paper says, what the corrected theory says and what the simulated chain does.
+the paper says, what the corrected theory says and what the simulated chain does. Figures that
+are not drawn again keep their rows in it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from soliton_linkage.studies.survey_figures import (
     energy_figure,
     rigid_limit_figure,
 )
-from soliton_linkage.studies.workers import interrupts_held, local_processes
+from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
 
 _STOPPED = 130
 
@@ -70,13 +71,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print('figures: stopped; the figures that were finished stay', file=sys.stderr)
         return _STOPPED
-    write_table(lines, options.output / 'table.md')
+    write_table(lines, options.output / 'table.md', list(FIGURES))
     print(f'{len(names)} figures and table.md are in {options.output}')
     return 0
 
 
-def _draw_all(names: list[str], options: argparse.Namespace) -> list[tuple[str, Comparison]]:
-    """Draw figures side by side; their lines of the table, in the order of the names."""
+def _draw_all(names: list[str], options: argparse.Namespace) -> dict[str, list[Comparison]]:
+    """Draw figures side by side; their lines of the table by name."""
     progress = ProgressLine('figures', len(names))
     done: dict[str, list[Comparison]] = {}
     with local_processes(min(options.workers, len(names))) as executor:
@@ -90,7 +91,7 @@ def _draw_all(names: list[str], options: argparse.Namespace) -> list[tuple[str, 
             waiting = [name for name in names if name not in done]
             progress.show(len(done), f'to do: {", ".join(waiting)}' if waiting else '')
     progress.end(f'figures: {len(done)} drawn')
-    return [(name, line) for name in names for line in done[name]]
+    return done
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -101,7 +102,9 @@ def _parser() -> argparse.ArgumentParser:
         '--only', nargs='+', choices=FIGURES, metavar='NAME', help=', '.join(FIGURES)
     )
     parser.add_argument('--quick', action='store_true', help='fewer points, to try it out')
-    parser.add_argument('--workers', type=int, default=os.cpu_count(), help='processes')
+    parser.add_argument(
+        '--workers', type=process_count, default=os.cpu_count() or 1, help='processes [one a core]'
+    )
     return parser
 
 

@@ -28,6 +28,7 @@ from soliton_linkage.studies.drawing import (
     RED,
     ChainPicture,
     draw_chain,
+    make_room,
 )
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
@@ -45,10 +46,12 @@ def figure_1(section: Section, quick: bool) -> Plate:
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]
     plate = Plate(figure)
     rest = chain.uniform_state(1)
-    draw_chain(top[0], chain, rest, rigid=True)
+    uniform = draw_chain(top[0], chain, rest, rigid=True)
     wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
     moving = ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
     waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
+    make_room([uniform, moving])
+    waiting.axes.set_xlim(moving.axes.get_xlim())
     for arrows in (moving.arrows, waiting.projections):
         if arrows is not None:
             arrows.set_in_layout(False)
@@ -62,8 +65,9 @@ def figure_1(section: Section, quick: bool) -> Plate:
         strict=True,
     ):
         axes.set_title(title, loc='left')
-    plate.note('a', 'phi of rotor n [rad]', np.arange(chain.number_of_rotors), rest)
-    plate.note('c', 'phi of rotor n [rad]', np.arange(chain.number_of_rotors), wall)
+    names = ('rotor n', 'phi [rad]')
+    plate.note('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
+    plate.note('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
     _draw_depths(plate, figure.add_subplot(grid[3, 0]), [chain, *others])
     _draw_bands(plate, figure.add_subplot(grid[3, 1]), [chain, *others])
     for each in [chain, *others]:
@@ -79,7 +83,8 @@ def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
         depth = penetration_depth(chain) / chain.spacing
         axes.plot(from_edge, mode, marker, color=colour, label=_name(chain))
         axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
-        plate.note('e', f'zero mode of {_name(chain)}', from_edge, mode)
+        names = ('rotors from the last', 'zero mode |t| [1]')
+        plate.note('e', _name(chain), names, from_edge, mode)
     axes.set(
         yscale='log',
         ylim=(1e-7, 2),
@@ -103,11 +108,12 @@ def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
         placed = np.empty(rotors - 1)
         placed[ascending] = found
         axes.plot(steps, placed, marker, color=colour, label=_name(chain), markersize=4)
-        plate.note('f', f'omega of {_name(chain)}', steps, placed)
+        names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
+        plate.note('f', _name(chain), names, steps, placed)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set(
         xlabel='wave number k a, staggered angles',
-        ylabel='frequency ω √(M/kₑ)',
+        ylabel=r'frequency $\omega\,\sqrt{M/k_e}$',
         title='f  no phonon below the gap',
     )
     axes.legend()
@@ -125,13 +131,13 @@ def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
     plate.compare(
         f'gap ω₀ √(M/kₑ), {name}',
         f'r² sin 2θ̄ / l̄ = {paper_gap / spacing:.5g} (units of a)',
-        'abs(abs q₊ − abs q₋) / r √(kₑ/M)',
+        '||q₊| − |q₋|| / r',
         _extrapolated_gap(frequencies),
         gap(chain) * unit,
     )
     plate.compare(
         f'speed of sound c √(M/kₑ) / a, {name}',
-        'cos θ̄ √abs(4r² sin² θ̄ − a²) / l̄',
+        'cos θ̄ √|4r² sin² θ̄ − a²| / l̄',
         'the same, about the lowest frequency',
         _curvature(frequencies),
         speed_of_sound(chain) * unit / spacing,
@@ -139,13 +145,13 @@ def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
     plate.compare(
         f'largest group velocity √(M/kₑ) / a, {name}',
         'c, as if without a gap',
-        'min(abs q₊, abs q₋) / r √(kₑ/M)',
+        'min(|q₊|, |q₋|) / r',
         float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
         largest_group_velocity(chain) * unit / spacing,
     )
     plate.compare(
         f'penetration depth ℓ / a, {name}',
-        '1 / abs ln abs((2r sin θ̄ − a)/(2r sin θ̄ + a))',
+        '1 / ln((1 + d) / |1 − d|), d = 2r sin θ̄ / a',
         'the same',
         -1 / float(np.log(mode[-2] / mode[-1])),
         penetration_depth(chain) / spacing,

@@ -15,11 +15,14 @@ from soliton_linkage.recording import Recording
 from soliton_linkage.rigidity import zero_mode
 from soliton_linkage.soliton import order_field
 from soliton_linkage.static_wall import site_arc
-from soliton_linkage.studies.drawing import ChainPicture
+from soliton_linkage.studies.drawing import ChainPicture, make_room
 from soliton_linkage.studies.experiments import kicked
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 from soliton_linkage.track import Crossing, Track, find_crossings, follow
+
+_WIDTH = 9.0
+_TITLE = 0.4
 
 
 def snapshot_figure(section: Section, quick: bool) -> Plate:
@@ -37,25 +40,31 @@ def snapshot_figure(section: Section, quick: bool) -> Plate:
             'duration', f'is too short: {len(crossings)} crossings of 2; record for longer'
         )
     chosen = [0, *_turning_points(chain, recording, track, crossings)]
-    plate = Plate(Figure(figsize=(9, 9), layout='constrained'))
+    plate = Plate(Figure(layout='constrained'))
     panels = plate.figure.subplots(3, 1)
     states = ('before the kick', 'the wall half way to the first rotor', 'after one round trip')
+    pictures = [
+        draw_snapshot(axes, chain, recording.angles[frame])
+        for axes, frame in zip(panels, chosen, strict=True)
+    ]
+    width, height = make_room(pictures)
+    plate.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE))
     for axes, frame, letter, state in zip(panels, chosen, 'abc', states, strict=True):
         angles = recording.angles[frame]
-        draw_snapshot(axes, chain, angles)
         time = recording.times[frame] / chain.time_unit
-        axes.set_title(f'{letter}  {state}, t = {time:.0f} √(M/kₑ)', loc='left')
-        plate.note(letter, 'phi of rotor n [rad]', np.arange(len(angles)), angles)
+        axes.set_title(rf'{letter}  {state}, $t = {time:.0f}\,\sqrt{{M/k_e}}$', loc='left')
+        plate.note(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
     _compare(plate, chain, recording, kick, crossings[0].speed)
     return plate
 
 
-def draw_snapshot(axes: Axes, chain: Chain, angles: Array) -> None:
+def draw_snapshot(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:
     """Draw a chain of springs with its zero mode, and its projections beneath."""
     picture = ChainPicture(axes, chain, angles, zero_mode(chain, angles), projections=True)
     for arrows in (picture.arrows, picture.projections):
         if arrows is not None:
             arrows.set_in_layout(False)
+    return picture
 
 
 def _turning_points(

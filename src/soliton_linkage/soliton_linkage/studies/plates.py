@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 _RESOLUTION = 150
 _DIGITS = 5
+_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,9 @@ class Comparison:
         if not math.isfinite(self.expected):
             return ''
         if self.expected == 0:
-            return f'{self.measured:.1e}'
-        return f'{100 * (self.measured / self.expected - 1):+.2g} %'
+            return f'{self.measured:.1e}' if abs(self.measured) > _ROUNDING else '0'
+        error = self.measured / self.expected - 1
+        return f'{100 * error:+.2g} %' if abs(error) > _ROUNDING else '0 %'
 
 
 @dataclass
@@ -47,14 +49,19 @@ class Plate:
     """A figure in the making: panels to draw on, and the data that was drawn."""
 
     figure: Figure
-    rows: list[tuple[str, str, float, float]] = field(default_factory=list)
-    """Every point drawn, as (panel, series, x, y)."""
+    rows: list[tuple[str, str, float, float, str, str]] = field(default_factory=list)
+    """Every point drawn, as (panel, series, x, y, x_name, y_name)."""
     comparisons: list[Comparison] = field(default_factory=list)
 
-    def note(self, panel: str, series: str, x: ArrayLike, y: ArrayLike) -> None:
-        """Keep points for the table of the figure, x and y of the same shape (K,)."""
+    def note(
+        self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
+    ) -> None:
+        """Keep points for the data of the figure, x and y of the same shape (K,).
+
+        The names say what x and y are, with their units.
+        """
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
-            self.rows.append((panel, series, float(across), float(up)))
+            self.rows.append((panel, series, float(across), float(up), *names))
 
     def compare(
         self, quantity: str, paper: str, theory: str, measured: float, expected: float = math.nan
@@ -70,29 +77,52 @@ class Plate:
             self.figure.savefig(folder / f'{name}.{suffix}', dpi=_RESOLUTION, metadata=metadata)
         with (folder / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
-            writer.writerow(['panel', 'series', 'x', 'y'])
+            writer.writerow(['panel', 'series', 'x', 'y', 'x_name', 'y_name'])
             writer.writerows(
-                (panel, series, repr(x), repr(y)) for panel, series, x, y in self.rows
+                (panel, series, repr(x), repr(y), *names)
+                for panel, series, x, y, *names in self.rows
             )
 
 
-def write_table(comparisons: Sequence[tuple[str, Comparison]], path: Path) -> None:
-    """Write the comparisons of all figures, each with the name of its figure, as Markdown."""
+def write_table(
+    drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
+) -> None:
+    """Write the comparisons of figures, by the name of the figure, as Markdown.
+
+    Figures stand in the given order. Where the file is there, it keeps the rows of those that
+    were not drawn now.
+    """
+    rows = _rows_by_figure(path)
+    for name, comparisons in drawn.items():
+        rows[name] = [_row(name, comparison) for comparison in comparisons]
     lines = [
         '| figure | quantity | paper | corrected theory | measured here | error |',
         '| --- | --- | --- | --- | --- | --- |',
+        *(row for name in order for row in rows.get(name, ())),
     ]
-    for name, comparison in comparisons:
-        theory = comparison.theory
-        if math.isfinite(comparison.expected):
-            theory = f'{theory} = {comparison.expected:.{_DIGITS}g}'
-        cells = [
-            name,
-            comparison.quantity,
-            comparison.paper,
-            theory,
-            f'{comparison.measured:.{_DIGITS}g}',
-            comparison.error,
-        ]
-        lines.append('| ' + ' | '.join(cell.replace('|', '∣') for cell in cells) + ' |')
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+
+
+def _rows_by_figure(path: Path) -> dict[str, list[str]]:
+    """Rows of a table as they are, by their first cell."""
+    rows: dict[str, list[str]] = {}
+    if path.exists():
+        for line in path.read_text(encoding='utf-8').splitlines():
+            if line.startswith('| '):
+                rows.setdefault(line.split('|')[1].strip(), []).append(line)
+    return rows
+
+
+def _row(name: str, comparison: Comparison) -> str:
+    theory = comparison.theory
+    if math.isfinite(comparison.expected):
+        theory = f'{theory} = {comparison.expected:.{_DIGITS}g}'
+    cells = [
+        name,
+        comparison.quantity,
+        comparison.paper,
+        theory,
+        f'{comparison.measured:.{_DIGITS}g}',
+        comparison.error,
+    ]
+    return '| ' + ' | '.join(cell.replace('|', '∣') for cell in cells) + ' |'

@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from soliton_linkage.bands import penetration_depth, speed_of_sound
+from soliton_linkage.bands import largest_group_velocity, penetration_depth, speed_of_sound
 from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.continuum import FlipperTheory, SpinnerTheory, WallTheory
 from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.elastic_simulation import simulate
+from soliton_linkage.passage import blocked_bonds
 from soliton_linkage.rigid_simulation import RigidSimulation
 from soliton_linkage.statics import balanced
 from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, RED
@@ -28,7 +30,16 @@ _COLOURS = (BLUE, RED, GREEN)
 _MARKERS = 'os^'
 _MIDDLE = 0.3
 _REACH = 8
+_CONTINUUM = 0.3
+_ENERGIES = {
+    'a': 'whole energy / E_s [1]',
+    'b': 'elastic / kinetic energy [1]',
+    'c': 'energy behind the wall / whole energy [1]',
+}
 _SLOW = 0.87
+_PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
+_NORMAL = 1.959964
+_ASIDE = 0.15
 
 
 def energy_figure(section: Section, quick: bool) -> Plate:
@@ -36,6 +47,7 @@ def energy_figure(section: Section, quick: bool) -> Plate:
     section.allow('chains')
     plate = Plate(Figure(figsize=(13, 4.8), layout='constrained'))
     panels = plate.figure.subplots(1, 3)
+    theories = []
     for (name, each), colour, marker in zip(
         section.section('chains').sections().items(), _COLOURS, _MARKERS, strict=False
     ):
@@ -44,27 +56,53 @@ def energy_figure(section: Section, quick: bool) -> Plate:
         kicks = each.numbers('kicks', 1e-6, 100.0)
         label = f'{name}: {_name(chain)}'
         rows = [_energies(chain, kick) for kick in (kicks[::4] if quick else kicks)]
-        speed, kinetic, elastic, wake = np.array(rows).T
+        speed, kinetic, elastic, wake, echo = np.array(rows).T
         whole = (kinetic + elastic) / _theory(chain).energy_scale
-        for axes, letter, values in (
-            (panels[0], 'a', whole),
-            (panels[1], 'b', elastic / kinetic),
-            (panels[2], 'c', wake / (kinetic + elastic)),
-        ):
-            axes.plot(speed, values, marker + '-', color=colour, label=label, linewidth=0.6)
-            plate.note(letter, label, speed, values)
-        if chain.lean_ratio < 0.3:
-            _compare_energies(plate, chain, speed, whole, elastic / kinetic)
-    fine = np.linspace(0.01, 0.97, 300)
-    boost = 1 / np.sqrt(1 - fine**2)
-    panels[0].plot(fine, boost - 1, '--', color=BLACK, label='γ − 1')
-    panels[1].plot(fine, (boost - 1) / (boost + 1), '--', color=BLACK, label='(γ − 1)/(γ + 1)')
-    titles = ('a  whole energy / E_s', 'b  elastic / kinetic', 'c  share left behind the wall')
+        shares = elastic / kinetic
+        left = wake / (kinetic + elastic)
+        for axes, letter, values in zip(panels, 'abc', (whole, shares, left), strict=True):
+            plate.note(letter, label, ('v / c [1]', _ENERGIES[letter]), speed, values)
+            known = (echo == 0) | (letter != 'c')
+            axes.plot(
+                speed[known],
+                values[known],
+                marker + '-',
+                color=colour,
+                label=label,
+                linewidth=0.6,
+            )
+            axes.plot(speed[~known], values[~known], marker, color=colour, fillstyle='none')
+        if chain.lean_ratio < _CONTINUUM:
+            _compare_energies(plate, chain, speed, whole, shares)
+            theories.append(_theory(chain))
+    for theory in theories[:1]:
+        _draw_theory(panels, theory)
+    titles = ('a  whole energy / $E_s$', 'b  elastic / kinetic energy', 'c  share behind the wall')
     for axes, title in zip(panels, titles, strict=True):
         axes.set_title(title, loc='left')
         axes.set(xlabel='v / c', yscale='log')
+    panels[2].plot(
+        [],
+        [],
+        'o',
+        color=BLACK,
+        markerfacecolor='white',
+        label='may hold reflected phonons of the kick',
+    )
     panels[0].legend(fontsize=8)
+    panels[1].legend(handles=panels[1].lines[-1:], fontsize=8, loc='lower right')
+    panels[2].legend(handles=panels[2].lines[-1:], fontsize=8, loc='lower right')
     return plate
+
+
+def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
+    fine = np.linspace(0.05, 0.97, 300)
+    velocities = (fine * theory.speed_of_sound).tolist()
+    energies = np.array([theory.energy(velocity) for velocity in velocities])
+    shares = [theory.elastic_energy(each) / theory.kinetic_energy(each) for each in velocities]
+    whole = energies / theory.energy_scale
+    panels[0].plot(fine, whole, '--', color=BLACK, label=r'$(\gamma - 1)\,M_{eff}\,c^2 / E_s$')
+    panels[1].plot(fine, shares, '--', color=BLACK, label=r'$(\gamma - 1)/(\gamma + 1)$')
 
 
 def disorder_figure(section: Section, quick: bool) -> Plate:
@@ -74,28 +112,59 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
     seeds = section.whole_number('seeds', 1, 10_000)
     plate = Plate(Figure(figsize=(10, 4.6), layout='constrained'))
     panels = plate.figure.subplots(1, 2, sharey=True)
-    for (name, each), colour, marker in zip(
-        section.section('chains').sections().items(), _COLOURS, _MARKERS, strict=False
+    shown = np.array(fractions[::2] if quick else fractions)
+    count = 1 if quick else seeds
+    rigid: list[tuple[Array, Array]] = []
+    for number, ((name, each), colour, marker) in enumerate(
+        zip(section.section('chains').sections().items(), _COLOURS, _MARKERS, strict=False)
     ):
         each.allow('chain', 'kick')
         chain = chain_from(each.section('chain'))
         kick = each.number('kick', 1e-6, 100.0)
         drawn = [
-            [_deviating(chain, fraction, seed) for seed in range(1 if quick else seeds)]
-            for fraction in (fractions[::2] if quick else fractions)
+            [_deviating(chain, fraction, seed) for seed in range(count)] for fraction in shown
         ]
-        shown = np.array(fractions[::2] if quick else fractions)
+        open_ = np.array([[not blocked_bonds(one).any() for one in row] for row in drawn])
         label = f'{name}: {_name(chain)}, N = {chain.number_of_rotors}'
         for axes, mechanics in zip(panels, ('rigid', 'elastic'), strict=True):
-            shares = [np.mean([_returns(one, kick, mechanics) for one in row]) for row in drawn]
-            axes.plot(100 * shown, shares, marker + '-', color=colour, label=label)
+            passed = np.array([[_returns(one, kick, mechanics) for one in row] for row in drawn])
+            shares = passed.mean(axis=1)
+            ends = np.array([wilson_interval(int(row.sum()), count) for row in passed]).T
+            axes.errorbar(
+                100 * shown + _ASIDE * (number - 1),
+                shares,
+                np.abs(ends - shares),
+                fmt=marker + '-',
+                color=colour,
+                label=label,
+                capsize=3,
+                linewidth=1,
+            )
             axes.set_title(f'{mechanics}: crosses and returns', loc='left')
-            plate.note(mechanics, label, shown, shares)
+            names = ('standard deviation of r, a and k_e, relative [1]', 'share that pass [1]')
+            plate.note(mechanics, label, names, shown, shares)
+            for series, end in zip(('lower', 'upper'), ends, strict=True):
+                plate.note(mechanics, f'{label}, {series} end of 95 %', names, shown, end)
+            if mechanics == 'rigid':
+                rigid.append((open_, passed))
     for axes in panels:
-        axes.set(xlabel='deviation of r, a and kₑ [%]', ylim=(-0.05, 1.05))
-    panels[0].set_ylabel(f'share of {seeds} chains')
-    panels[0].legend(fontsize=8)
+        axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
+    panels[0].set_ylabel(f'share of {count} chains, 95 % intervals')
+    panels[0].legend(fontsize=7, handlelength=1.2, loc='lower left')
+    _compare_passage(plate, shown, *np.concatenate(rigid, axis=2))
     return plate
+
+
+def wilson_interval(passed: int, count: int) -> tuple[float, float]:
+    """Ends of the interval of Wilson for a share of a count, at 95 %.
+
+    They are the p of which the share s is as far off as s - p = +-1.96 sqrt(p (1 - p) / count).
+    """
+    share, pull = passed / count, _NORMAL**2 / count
+    middle = share + pull / 2
+    half = math.sqrt(pull * (share * (1 - share) + pull / 4))
+    low, high = (middle - half) / (1 + pull), (middle + half) / (1 + pull)
+    return min(max(low, 0.0), share), max(min(high, 1.0), share)
 
 
 def rigid_limit_figure(section: Section, quick: bool) -> Plate:
@@ -112,20 +181,21 @@ def rigid_limit_figure(section: Section, quick: bool) -> Plate:
     paths, distances = plate.figure.subplots(1, 2)
     apart = []
     shown = factors[:3] if quick else factors
-    for factor in shown:
+    for number, factor in enumerate(shown):
         stiff = replace(chain, stiffness=chain.stiffness * factor)
         elastic = simulate(stiff, rest, rates, duration, period)
         apart.append(float(np.abs(elastic.angles - rigid.angles).max()))
         times = elastic.times / chain.time_unit
-        if factor in shown[:3]:
+        if number < len(_COLOURS):
             track = follow(stiff, elastic)
-            paths.plot(times, track.rotors, label=f'kₑ × {factor:g}', linewidth=1)
-            plate.note('a', f'k_e times {factor:g}', times, track.rotors)
+            label, colour = f'$k_e \\times {factor:g}$', _COLOURS[number]
+            paths.plot(times, track.rotors, color=colour, label=label, linewidth=1.5)
+            plate.note('a', f'k_e times {factor:g}', _PATH, times, track.rotors)
     track = follow(chain, rigid)
     times = rigid.times / chain.time_unit
     paths.plot(times, track.rotors, '--', color=BLACK, label='rigid bars')
-    plate.note('a', 'rigid', times, track.rotors)
-    paths.set(xlabel='time [√(M/kₑ)]', ylabel='wall at rotor')
+    plate.note('a', 'rigid bars', _PATH, times, track.rotors)
+    paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='wall at rotor')
     paths.legend()
     _draw_order(plate, distances, np.array(shown), np.array(apart))
     return plate
@@ -143,10 +213,13 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
     costs = np.array([_anti_kink_cost(chain) for chain in chains])
     shares = costs / np.array([_theory(chain).energy(0.0, charge=-1) for chain in chains])
     axes.plot(shown, shares, 'o-', color=BLUE)
-    axes.axhline(1, color=BLACK, linestyle='--', label='continuum: (16/3) kₑ a ū³ / l̄²')
+    axes.axhline(
+        1, color=BLACK, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
+    )
     axes.set(xlabel='d = 2 r sin θ̄ / a', ylabel='anti-kink cost / continuum', ylim=(0.6, 1.05))
     axes.legend()
-    plate.note('', 'cost over continuum', shown, shares)
+    names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
+    plate.note('', 'anti-kink', names, shown, shares)
     for chain, cost in zip(chains, costs, strict=True):
         plate.compare(
             f'energy of an anti-kink at rest / (kₑ a²), d = {chain.lean_ratio:.3g}',
@@ -158,44 +231,51 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
     return plate
 
 
-def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float]:
+def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
     """Speed over that of sound, kinetic and elastic energy [J], and energy behind [J].
 
-    Means over the frames with the wall in the middle of the chain.
+    Means over the frames with the wall first in the middle of the chain. The kick is sudden and
+    makes phonons of its own, which overtake a slow wall, come back from the first rotor and are
+    then behind it: where the fastest can be there in a frame, the last value is 1, else 0.
     """
     recording, speed = moving_wall(chain, kick)
     places = wall_places(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.flatnonzero(np.abs(places - middle) < _MIDDLE * middle)
+    # A fast wall is reflected and comes through once more.
+    inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
     moving = 0.5 * chain.moments_of_inertia * rates**2
     reach = _REACH * penetration_depth(chain) / chain.spacing + 3
     behind = np.arange(chain.number_of_rotors) > places[inside, None] + reach
     wake = np.where(behind, moving, 0).sum() + np.where(behind[:, :-1], stretched, 0).sum()
+    fastest = largest_group_velocity(chain) / chain.spacing
+    back = 2 * (chain.number_of_rotors - 1) / (fastest + speed)
     sums = np.array([moving.sum(), stretched.sum(), wake]) / len(inside)
-    return speed * chain.spacing / speed_of_sound(chain), *sums.tolist()
+    echo = float(recording.times[inside[-1]] > back)
+    return speed * chain.spacing / speed_of_sound(chain), *sums.tolist(), echo
 
 
 def _compare_energies(
     plate: Plate, chain: Chain, speed: Array, whole: Array, share: Array
 ) -> None:
-    slow = speed < _SLOW
+    slow, theory = speed < _SLOW, _theory(chain)
     for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
-        boost = 1 / math.sqrt(1 - v**2)
+        velocity = float(v) * theory.speed_of_sound
         plate.compare(
             f'energy of a wall / E_s at v = {v:.3f} c, {_name(chain)}',
             'cost-free at rest; no energy given',
-            'γ − 1',
+            '(γ − 1) M_eff c² / E_s with the exact c (limit γ − 1)',
             float(energy),
-            boost - 1,
+            theory.energy(velocity) / theory.energy_scale,
         )
         plate.compare(
             f'elastic over kinetic energy at v = {v:.3f} c, {_name(chain)}',
             'not given',
             '(γ − 1)/(γ + 1)',
             float(ratio),
-            (boost - 1) / (boost + 1),
+            theory.elastic_energy(velocity) / theory.kinetic_energy(velocity),
         )
 
 
@@ -204,6 +284,27 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
         chain.number_of_rotors, seed, rotor_length=fraction, spacing=fraction, stiffness=fraction
     )
     return replace(chain, deviations=drawn)
+
+
+def _compare_passage(plate: Plate, fractions: Array, free: Array, passed: Array) -> None:
+    """Share of rigid chains that a wall passes, shape (F, K) each: all, and those it must."""
+    for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
+        name = f'deviations of {100 * fraction:g} %, rigid'
+        met, count = int(sufficient.sum()), len(passes)
+        plate.compare(
+            f'share of all {count} chains that pass, {name}',
+            'robust against disorder',
+            'falls with the share of chains that have a blocked bond',
+            float(passes.mean()),
+        )
+        if met:
+            plate.compare(
+                f'share that pass of the {met} chains without a blocked bond, {name}',
+                'not given',
+                'all: l̄ₙ > aₙ + |rₙ − rₙ₊₁| on every bond suffices',
+                float(passes[sufficient].mean()),
+                1.0,
+            )
 
 
 def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
@@ -218,10 +319,13 @@ def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
 def _draw_order(plate: Plate, axes: Axes, factors: Array, apart: Array) -> None:
     """Largest distance of an angle against stiffness, with a line of order 1."""
     axes.loglog(factors, apart, 'o', color=BLUE, label='springs from bars')
-    axes.loglog(factors, apart[-1] * factors[-1] / factors, '--', color=BLACK, label='∝ 1 / kₑ')
-    axes.set(xlabel='kₑ, over that of the figure at the left', ylabel='largest distance [rad]')
+    axes.loglog(
+        factors, apart[-1] * factors[-1] / factors, '--', color=BLACK, label=r'$\propto 1 / k_e$'
+    )
+    axes.set(xlabel='stiffness, times that of the chain', ylabel='largest distance [rad]')
     axes.legend()
-    plate.note('b', 'distance', factors, apart)
+    names = ('stiffness, times that of the chain [1]', 'largest distance of an angle [rad]')
+    plate.note('b', 'springs from bars', names, factors, apart)
     order = -float(np.polyfit(np.log(factors[-3:]), np.log(apart[-3:]), 1)[0])
     plate.compare(
         'order in 1/kₑ of the distance of springs from rigid bars',

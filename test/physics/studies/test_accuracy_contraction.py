@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed and width of walls from noisy angles are those of the walls, within what is stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, chain_of
+
+from soliton_linkage.bands import speed_of_sound
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.cycle import Cycle
+from soliton_linkage.studies.accuracy_contraction import (
+    followed,
+    measured_passage,
+    rest_width,
+)
+
+SPEED = 6.0
+NOISE = 0.02
+
+
+def steady(chain: Chain, frames: int = 400) -> tuple[Array, Array]:
+    """Times and angles of bars that do not give way, from edge to edge at `SPEED`."""
+    cycle = Cycle(chain)
+    times = np.linspace(0, (chain.number_of_rotors - 1) / SPEED, frames)
+    begin = cycle.arc_at(0.0, 0)
+    arcs = begin + SPEED * cycle.site_arc * times
+    return times, np.array([cycle.configuration(arc) for arc in arcs])
+
+
+def speed_over_sound(chain: Chain) -> float:
+    return SPEED * chain.spacing / speed_of_sound(chain)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_a_wall_that_moves_steadily_has_its_speed_and_its_width(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 24)
+    times, angles = steady(chain)
+    exact = measured_passage(chain, times, angles)
+    assert exact.speed == pytest.approx(speed_over_sound(chain), rel=1e-9)
+    # Means over different places between two rotors, on which the width depends.
+    assert exact.width == pytest.approx(rest_width(chain), rel=0.01)
+    noise = NOISE * np.random.default_rng(1).standard_normal(angles.shape)
+    noisy = measured_passage(chain, times, angles + noise)
+    assert 0 < abs(noisy.speed - exact.speed) < 4 * noisy.speed_deviation
+    assert noisy.speed_deviation < 0.01 * noisy.speed
+    # The width that fits best is biased by the square of its relative deviation in a frame.
+    assert abs(noisy.width - exact.width) < 4 * noisy.width_deviation + 2e-3
+
+
+def test_a_wall_is_followed_through_reflections() -> None:
+    chain = chain_of(FLIPPER, 12)
+    cycle = Cycle(chain)
+    arcs = np.arange(0.3, cycle.length + 1, 0.1)
+    frames = np.array([cycle.configuration(arc) for arc in arcs])
+    assert followed(cycle, frames) == pytest.approx(arcs, abs=1e-8)
+
+
+def test_a_wall_that_is_never_in_the_middle_is_refused() -> None:
+    chain = chain_of(FLIPPER, 24)
+    times, angles = steady(chain)
+    with pytest.raises(ValueError, match='in the middle of the chain in 0 frames, of which 10'):
+        measured_passage(chain, times[:50], angles[:50])
+
+
+def test_a_wide_wall_at_rest_has_the_width_of_the_continuum() -> None:
+    """The discrete chain takes off a share of the order of d^2."""
+    off = []
+    for rest_angle in (0.2, 0.4):
+        chain = chain_of((0.5, rest_angle), 80)
+        off.append(1 - rest_width(chain))
+    assert 0 < off[0] < 0.01
+    assert off[1] / off[0] == pytest.approx(4, rel=0.25)
