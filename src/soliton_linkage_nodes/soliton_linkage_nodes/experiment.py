@@ -174,6 +174,7 @@ class Experiment:
             and self._observer.nudge_publisher.get_subscription_count() == 2
             and self._observer.figures('edge_actuator').get('subscribers') == '2'
             and bool(self._observer.states)
+            and self._observer.rotors > 0
         )
 
     def _unready(self) -> str:
