@@ -91,6 +91,11 @@ class Observer(Node):
         self.reports.clear()
         self.states.clear()
 
+    @property
+    def informed(self) -> bool:
+        """Whether the chain and a state of it have been heard, in whatever order."""
+        return self.rotors > 0 and bool(self.states)
+
     def figures(self, node: str) -> dict[str, str]:
         """Return the figures of a node's latest report."""
         report = self.reports.get(node)
@@ -173,8 +178,7 @@ class Experiment:
             and heard >= _RECORDED_TOPICS
             and self._observer.nudge_publisher.get_subscription_count() == 2
             and self._observer.figures('edge_actuator').get('subscribers') == '2'
-            and bool(self._observer.states)
-            and self._observer.rotors > 0
+            and self._observer.informed
         )
 
     def _unready(self) -> str:

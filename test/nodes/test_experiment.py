@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The observer of an experiment knows where the ends of the chain are before it judges."""
+
+from __future__ import annotations
+
+from graphs import Graph
+from std_msgs.msg import Header
+
+from soliton_linkage.chain import Chain
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.conversions import (
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    solitons_to_msg,
+    time_to_msg,
+)
+from soliton_linkage_nodes.experiment import Observer
+
+CHAIN = Chain(number_of_rotors=8)
+
+
+def test_a_state_that_comes_before_the_chain_does_not_suffice(graph: Graph) -> None:
+    observer = graph.start(Observer)
+    stamp = time_to_msg(1)
+    states = graph.speak(interfaces.SOLITON_STATE)
+    states.publish(solitons_to_msg(CHAIN, (), Header(stamp=stamp)))
+    graph.until(lambda: observer.states, 'the state')
+    assert not observer.informed
+    chains = graph.speak(interfaces.CHAIN)
+    chains.publish(chain_to_msg(NamedChain(CHAIN, default_joint_names(8)), stamp))
+    graph.until(lambda: observer.rotors == 8, 'the chain')
+    assert observer.informed
+    observer.forget()
+    assert not observer.informed
