@@ -20,7 +20,7 @@ from decimals import DIGITS, sine_and_cosine
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.chain import Array, Chain, Motion, staggered, wrapped
 
 LEANS = (-1, 1)
 
@@ -351,3 +351,10 @@ def test_angles_that_do_not_fit_are_refused_with_their_shape(shape: tuple[int, .
 def test_a_value_that_is_not_finite_is_refused_by_rotor_and_name(value: float) -> None:
     with pytest.raises(ValueError, match=f'torque of rotor 2 = {value} must be a finite number'):
         chain_of(FLIPPER, 4).check_angles([0, 1, value, math.nan], 'torque')
+
+
+@given(st.floats(-3.1, 3.1), st.integers(-5, 5))
+def test_wrapped_differences_lose_whole_turns_and_nothing_else(angle: float, turns: int) -> None:
+    found = wrapped([angle + 2 * math.pi * turns, math.nan])
+    assert found[0] == pytest.approx(angle, abs=1e-13)
+    assert math.isnan(found[1])

@@ -262,6 +262,16 @@ def test_place_and_arc_are_inverse_to_each_other(
     assert cycle.place(arc) == pytest.approx(place, rel=0, abs=1e-11 * rotors)
 
 
+@pytest.mark.parametrize('rotors', [8, 1001])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_site_arc_is_the_way_of_the_arc_in_one_spacing(example: Example, rotors: int) -> None:
+    cycle = cycle_of(example, rotors)
+    for leg in range(cycle.number_of_legs):
+        before, after = (cycle.arc_at(cycle.middle + by, leg) for by in (-0.5, 0.5))
+        here = cycle.site_arc_at(cycle.arc_at(cycle.middle, leg))
+        assert abs(after - before) == pytest.approx(here, rel=1e-9)
+
+
 @pytest.mark.parametrize(('example', 'rotors'), ANY_LENGTH)
 def test_legs_follow_one_another_to_and_fro(example: Example, rotors: int) -> None:
     cycle = cycle_of(example, rotors)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from functools import lru_cache
 
@@ -16,11 +15,8 @@ from soliton_linkage.chain import Array
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.cycle_filter import CycleEstimate, CycleFilter, Status
 from soliton_linkage.cycle_fit import fit_near
-from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.elastic_simulation import ElasticSimulation
-from soliton_linkage.rigid_simulation import RigidSimulation
-from soliton_linkage.rigidity import mode_centre, mode_towards_last, zero_mode
-from soliton_linkage.statics import unstretched
+from soliton_linkage.rigidity import mode_towards_last, zero_mode
 
 PERIOD = 1e-3
 RATE = 9.6
@@ -35,7 +31,7 @@ def cycle_of(example: tuple[float, float], rotors: int) -> Cycle:
 class Stream:
     """Frames of a chain that goes round its cycle at a constant rate."""
 
-    def __init__(self, cycle: Cycle, noise: float, start: float = 3.0, seed: int = 1) -> None:
+    def __init__(self, cycle: Cycle, noise: float, start: float = 6.0, seed: int = 1) -> None:
         self.cycle = cycle
         self.noise = noise
         self.start = start
@@ -58,8 +54,8 @@ class Stream:
         return math.remainder(estimate.arc - self.arc(estimate.time), self.cycle.length)
 
 
-def tracked(seed: int = 1, frames: int = 400) -> tuple[Stream, CycleFilter]:
-    stream = Stream(cycle_of(FLIPPER, 14), 0.05, seed=seed)
+def tracked(seed: int = 1, frames: int = 400, rotors: int = 14) -> tuple[Stream, CycleFilter]:
+    stream = Stream(cycle_of(FLIPPER, rotors), 0.05, seed=seed)
     tracker = CycleFilter(stream.cycle, 0.05)
     stream.feed(tracker, PERIOD * np.arange(frames))
     return stream, tracker
@@ -73,18 +69,18 @@ def normalised(estimate: CycleEstimate, stream: Stream) -> Array:
     return np.linalg.solve(np.linalg.cholesky(np.array(spread)), errors)
 
 
-@pytest.mark.parametrize(('example', 'rotors'), [(FLIPPER, 40), (SPINNER, 14), (WOBBLER, 14)])
+@pytest.mark.parametrize(('example', 'rotors'), [(FLIPPER, 40), (SPINNER, 24), (WOBBLER, 24)])
 def test_the_whole_record_of_a_steady_wall_counts(
     example: tuple[float, float], rotors: int
 ) -> None:
-    frames = 1200
+    frames = 1000
     stream = Stream(cycle_of(example, rotors), 0.05)
     tracker = CycleFilter(stream.cycle, 0.05)
     estimate = stream.feed(tracker, PERIOD * np.arange(frames))
     # The end of a straight line through n points, and its slope; the prior is forgotten.
     assert estimate.arc_deviation == pytest.approx(2 * 0.05 / math.sqrt(frames), rel=0.01)
     slope = 0.05 * math.sqrt(12) / (frames**1.5 * PERIOD)
-    assert estimate.rate_deviation == pytest.approx(slope, rel=0.01)
+    assert slope < estimate.rate_deviation < 1.1 * slope
     assert np.abs(normalised(estimate, stream)).max() < 4.5
     assert estimate.place_deviation < 0.005
     assert estimate.velocity_deviation < 1e-3 * abs(estimate.velocity)
@@ -94,12 +90,12 @@ def test_the_whole_record_of_a_steady_wall_counts(
 
 
 def test_stated_deviations_are_true_and_errors_normal() -> None:
-    cycle = cycle_of(FLIPPER, 14)
+    cycle = cycle_of(FLIPPER, 40)
     times = 0.01 * np.arange(25)
     scores = []
     for run in range(60):
         noise, given = [(0.01, True), (0.05, True), (0.2, True), (0.05, False)][run % 4]
-        stream = Stream(cycle, noise, start=0.37 * run, seed=run)
+        stream = Stream(cycle, noise, start=5 + 0.37 * run, seed=run)
         tracker = CycleFilter(cycle, noise if given else None)
         scores.append(normalised(stream.feed(tracker, times), stream))
     scored = np.concatenate(scores)
@@ -121,15 +117,15 @@ def test_an_unknown_noise_is_estimated_on_the_way(noise: float) -> None:
 
 @pytest.mark.parametrize('share', [0.3, 0.6])
 def test_missing_rotors_cost_their_information_and_no_more(share: float) -> None:
-    cycle = cycle_of(FLIPPER, 14)
+    cycle = cycle_of(FLIPPER, 40)
     scores, ratios = [], []
     for run in range(12):
-        stream = Stream(cycle, 0.05, start=2.1 + 3 * run, seed=run)
+        stream = Stream(cycle, 0.05, start=5 + 2 * run, seed=run)
         tracker = CycleFilter(cycle, 0.05)
         times = PERIOD * np.arange(150)
         for time in times.tolist():
             frame = stream.frame(time)
-            frame[stream.random.random(14) < share] = np.nan
+            frame[stream.random.random(40) < share] = np.nan
             tracker.update(time, frame)
         estimate = tracker.estimate
         scores.append(normalised(estimate, stream))
@@ -183,15 +179,16 @@ def test_phase_and_cycles_go_on_evenly_through_reflections(
 
 
 def test_a_gap_is_coasted_over_with_the_uncertainty_of_the_rate() -> None:
-    stream, tracker = tracked()
+    stream, tracker = tracked(rotors=40)
     before = tracker.estimate
-    empty = np.full(14, np.nan)
+    empty = np.full(40, np.nan)
     for time in (before.time + 0.05 * np.arange(1, 21)).tolist():
         estimate = tracker.update(time, empty)
         assert estimate.status is Status.COASTING
     assert estimate.arc - before.arc == pytest.approx(before.rate * 1.0)
     expected = before.arc_deviation**2 + 2 * before.covariance + before.rate_deviation**2
-    assert estimate.arc_deviation == pytest.approx(math.sqrt(expected), rel=1e-6)
+    # A wall that need not be steady may have changed its rate meanwhile.
+    assert math.sqrt(expected) < estimate.arc_deviation < 3 * math.sqrt(expected)
     assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
     after = tracker.update(estimate.time + PERIOD, stream.frame(estimate.time + PERIOD))
     assert after.status is Status.TRACKING
@@ -325,28 +322,56 @@ def test_springs_are_followed_through_reflections_and_a_kick(
     assert rates[-1] / rates[kicked - 1] == pytest.approx(-0.5, abs=0.1)
 
 
-def test_a_chain_that_deviates_unknown_to_the_filter_is_followed_with_less_certainty() -> None:
-    cycle = cycle_of(FLIPPER, 14)
-    deviations = drawn_deviations(14, 0, spacing=0.05, rotor_length=0.05, rest_length=0.05)
-    chain = dataclasses.replace(cycle.chain, deviations=deviations)
-    start = unstretched(chain, cycle.configuration(10.0))
-    moving = RigidSimulation(chain, start, 10 * zero_mode(chain, start), 0.005)
-    random = np.random.default_rng(5)
-    tracker = CycleFilter(cycle, 0.01)
-    places, estimates = [], []
-    for step, exact in enumerate(moving.record(3.0).angles):
-        places.append(mode_centre(zero_mode(chain, exact)))
-        noisy = exact + 0.01 * random.standard_normal(14)
-        estimates.append(tracker.update(0.005 * step, noisy))
-    found = np.array([estimate.place for estimate in estimates])
-    stated = np.array([estimate.place_deviation for estimate in estimates])
-    inside = (np.array(places) > 2) & (np.array(places) < 11) & (np.arange(len(places)) > 50)
-    assert tracker.starts == 1
-    assert tracker.rejected == 0
-    assert np.abs(np.diff(found)).max() < 0.3
-    assert stated[inside].min() > 0.01
-    scores = (found - places)[inside] / stated[inside]
-    assert math.sqrt(np.mean(scores**2)) < 3
+def test_the_view_is_the_frame_beside_the_orbit() -> None:
+    stream, tracker = tracked()
+    time = tracker.estimate.time + PERIOD
+    frame = stream.frame(time)
+    frame[3] = np.nan
+    tracker.update(time, frame + 2 * math.pi)
+    view = tracker.view
+    assert view is not None
+    residuals = frame - stream.cycle.configuration(view.arc)
+    # To first order in the way from where the frame was looked for.
+    assert view.residuals == pytest.approx(residuals, abs=1e-3, nan_ok=True)
+    assert np.isnan(view.residuals).nonzero()[0].tolist() == [3]
+    tracker.update(time + PERIOD, np.full(14, np.nan))
+    assert tracker.view is None
+    tracker.update(0.0, np.full(14, np.nan))
+    assert CycleFilter(stream.cycle).view is None
+
+
+def test_the_misfit_tells_at_once_that_a_frame_is_off_the_orbit() -> None:
+    stream, tracker = tracked(frames=1500, rotors=40)
+    aside = 0.15 * np.where(np.arange(40) % 4 < 2, 1, -1)
+    start = tracker.estimate.time
+    for time in (start + PERIOD * np.arange(1, 251)).tolist():
+        estimate = tracker.update(time, stream.frame(time) + aside)
+        assert estimate.frame_misfit == pytest.approx(math.hypot(0.15, 0.05), rel=0.5)
+    assert estimate.misfit > 0.1
+    assert tracker.update(start + 1.0, np.full(40, np.nan)).frame_misfit is not None
+    assert math.isnan(tracker.estimate.frame_misfit)
+
+
+@pytest.mark.parametrize('unseen', [0, 13])
+def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen(unseen: int) -> None:
+    stream = Stream(cycle_of(FLIPPER, 14), 0.02)
+    tracker = CycleFilter(stream.cycle, 0.02)
+    for time in (PERIOD * np.arange(50)).tolist():
+        frame = stream.frame(time)
+        frame[unseen] = np.nan
+        assert not tracker.update(time, frame).leg_known
+    estimate = stream.feed(tracker, PERIOD * np.arange(50, 60))
+    assert estimate.leg_known
+    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+    tracker.update(0.1, np.full(14, np.nan))
+    assert tracker.estimate.leg_known
+
+
+def test_the_leg_of_a_spinner_is_told_by_its_wall() -> None:
+    stream = Stream(cycle_of(SPINNER, 24), 0.02)
+    frame = stream.frame(0.0)
+    frame[[0, -1]] = np.nan
+    assert CycleFilter(stream.cycle).update(0.0, frame).leg_known
 
 
 @pytest.mark.parametrize('noise', [0.0, -1.0, math.nan, math.inf])

@@ -20,7 +20,7 @@ from chains import (
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.chain import Array, Chain, Motion, staggered, wrapped
 from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.motion_class import (
     NO_EVIDENCE,
@@ -29,7 +29,6 @@ from soliton_linkage.motion_class import (
     motion_evidence,
     next_deviation,
     slope_of_next,
-    wrapped,
 )
 from soliton_linkage.rigidity import mode_towards_last
 from soliton_linkage.static_wall import site_arc, static_wall
@@ -287,6 +286,16 @@ def test_missing_angles_cost_certainty_but_no_truth(example: tuple[float, float]
         holed = np.where(random.random(ROTORS) < 0.2, math.nan, angles)
         found = observer.observe(holed + 0.003 * random.standard_normal(ROTORS), 0.003)
     assert found.motion is motion
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_frame_with_holes_tells_flippers_from_spinners(example: tuple[float, float]) -> None:
+    random, chain = np.random.default_rng(53), chain_of(example, 4)
+    for angles in walls(example):
+        holed = np.where(random.random(ROTORS) < 0.2, math.nan, angles)
+        evidence = motion_evidence(holed + 0.003 * random.standard_normal(ROTORS), 0.003)
+        assert (evidence.verdict().spinning > 0.9) == (chain.motion is Motion.SPINNER)
+        assert evidence.rest_angle == pytest.approx(chain.rest_angle, rel=0.03)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energies, topology, edge rotors, wobble and width of a state against closed forms."""
+"""Energies, topology and edge rotors of a state against closed forms."""
 
 from __future__ import annotations
 
@@ -8,49 +8,55 @@ import math
 
 import numpy as np
 import pytest
-from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
+from chains import EXAMPLES, FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 from continuum_theories import WIDEST_FLIPPER, theory_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import closed_orbit
-from scipy.optimize import brentq
+from numpy.typing import ArrayLike
 
-from soliton_linkage.bands import couplings, penetration_depth
+from soliton_linkage.bands import penetration_depth
 from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.continuum import FlipperTheory, topological_charge
-from soliton_linkage.cycle import Cycle
-from soliton_linkage.elastic_simulation import simulate
-from soliton_linkage.rigidity import mode_towards_last
-from soliton_linkage.soliton import find_solitons
+from soliton_linkage.rigidity import mode_centre, mode_towards_last, zero_mode
+from soliton_linkage.soliton import polarisation
 from soliton_linkage.state_report import (
-    Wobble,
-    edge_rotors,
-    energies,
+    EXACT,
+    ArcRate,
+    EdgeRotors,
+    Energies,
+    FrameErrors,
+    FrameState,
+    StateReporter,
+    Topology,
     energy_reach,
-    topology,
-    wall_at,
-    wall_on_cycle,
-    width,
-    wobble,
 )
-from soliton_linkage.static_wall import site_arc, static_wall
+from soliton_linkage.static_wall import static_wall
 from soliton_linkage.statics import length_rounding
 
 ROTORS = 60
-WOBBLERS = (WOBBLER, STRONG_WOBBLER)
 TOGGLED = ((False, False), (False, True), (True, True), (True, False))
 PLACES = st.floats(5, ROTORS - 6)
 ANY_EXAMPLE = st.sampled_from(EXAMPLES)
 BOTH = (False, True)
 
 
-def ratio_of(chain: Chain) -> float:
-    return (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
+def energies(
+    chain: Chain,
+    angles: Array,
+    rates: Array | ArcRate | None,
+    places: ArrayLike,
+    errors: FrameErrors = EXACT,
+) -> Energies:
+    return StateReporter(chain).energies(FrameState(chain, angles), places, rates, errors)
 
 
-def flat(wobbling: Wobble) -> list[float]:
-    """All numbers of a wobble in a row."""
-    return np.hstack(dataclasses.astuple(wobbling)).tolist()
+def topology(chain: Chain, angles: Array, places: ArrayLike) -> Topology:
+    return StateReporter(chain).topology(FrameState(chain, angles), places)
+
+
+def edge_rotors(chain: Chain, angles: Array) -> EdgeRotors:
+    return StateReporter(chain).edge_rotors(FrameState(chain, angles))
 
 
 def rounding_of_energies(chain: Chain) -> float:
@@ -149,8 +155,7 @@ def test_noise_leaves_energies_unbiased_with_the_deviation_that_they_state(
             angles + noise * random.standard_normal(ROTORS),
             rates + rate_noise * random.standard_normal(ROTORS),
             29.7,
-            noise,
-            rate_noise,
+            FrameErrors(noise, rate_noise),
         )
         errors.append(
             (
@@ -285,194 +290,6 @@ def test_mirror_image_and_reversed_time_change_what_they_should(
     assert image.winding_numbers == tuple(1 - each for each in found.winding_numbers[::-1])
 
 
-@settings(deadline=None, max_examples=30)
-@given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
-def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
-    example: tuple[float, float], place: float, seed: int
-) -> None:
-    chain = chain_of(example, ROTORS)
-    noisy = 0.01 * np.random.default_rng(seed).standard_normal(ROTORS)
-    angles = static_wall(chain, place) + noisy
-    mirrored, there = -angles[::-1], ROTORS - 1 - place
-    found, turned, image = (
-        wobble(chain, state, wall_at(chain, at), 0.01)
-        for state, at in ((angles, place), (np.pi - angles, place), (mirrored, there))
-    )
-    assert flat(turned) == pytest.approx(flat(found), rel=1e-6, nan_ok=True)
-    image = dataclasses.replace(
-        image,
-        amplitudes=image.amplitudes[::-1],
-        amplitude_deviations=image.amplitude_deviations[::-1],
-        rest_amplitudes=image.rest_amplitudes[::-1],
-    )
-    assert flat(image) == pytest.approx(flat(found), rel=1e-4, abs=1e-7, nan_ok=True)
-
-
-@pytest.mark.parametrize('turned', BOTH)
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_at_rest_gives_back_the_exact_tail(
-    example: tuple[float, float], turned: bool
-) -> None:
-    chain = chain_of(example, ROTORS)
-    for place in (28.2, 29.5, 30.9):
-        for leg in (0, 1):
-            angles = static_wall(chain, place, leg, turned)
-            found = wobble(chain, angles, wall_at(chain, place))
-            assert found.exact_decay_length == penetration_depth(chain)
-            assert found.tail_ratio == pytest.approx(ratio_of(chain), rel=1e-7)
-            assert found.decay_length == pytest.approx(found.exact_decay_length, rel=1e-7)
-            if chain.lean_ratio > 1:
-                assert found.exact_wavelength == pytest.approx(2 * chain.spacing)
-                assert found.wavelength == pytest.approx(2 * chain.spacing, rel=1e-3)
-            else:
-                assert found.exact_wavelength == math.inf
-                assert math.isnan(found.wavelength)
-
-
-@pytest.mark.parametrize('example', WOBBLERS)
-def test_the_amplitude_is_how_far_a_rotor_leans_beyond_rest(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, ROTORS)
-    lean, largest = chain.rotor_length * math.sin(chain.rest_angle), 0.0
-    for place in np.linspace(28, 30, 21):
-        angles = static_wall(chain, float(place))
-        beyond = chain.rotor_length * np.abs(np.sin(angles)) - lean
-        found = wobble(chain, angles, wall_at(chain, float(place)))
-        middle = math.floor(place) + 1
-        sides = float(beyond[1:middle].max()), float(beyond[middle:-1].max())
-        assert found.amplitudes == pytest.approx(sides, abs=1e-9)
-        assert found.amplitude == pytest.approx(max(sides), abs=1e-9)
-        assert found.amplitudes == pytest.approx(found.rest_amplitudes, abs=1e-12)
-        largest = max(largest, found.amplitude / lean)
-    # The overshoot that was measured on such chains.
-    assert largest == pytest.approx(0.033 if example == WOBBLER else 0.17, rel=0.05)
-
-
-@pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, SPINNER])
-def test_without_wobble_there_is_no_amplitude(example: tuple[float, float]) -> None:
-    chain = chain_of(example, ROTORS)
-    found = wobble(chain, static_wall(chain, 29.3), wall_at(chain, 29.3), 0.01)
-    if chain.motion is Motion.SPINNER:
-        assert np.isnan(found.amplitudes).all()
-    else:
-        assert -found.amplitude_deviation < found.amplitude <= 0
-
-
-def test_a_moving_tail_decays_as_a_wave_with_the_speed_of_the_wall() -> None:
-    chain = chain_of(WIDE_FLIPPER, ROTORS)
-    kick, start = 0.03, static_wall(chain, 15.3)
-    speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
-    period = 0.5 * site_arc(chain) / speed
-    recording = simulate(
-        chain, start, speed * mode_towards_last(chain, start), 40 * period, period, 1e-7
-    )
-    places, ratios = [], []
-    for angles in recording.angles[10:]:
-        places.append(find_solitons(chain, angles)[0].rotor)
-        ratios.append(wobble(chain, angles, wall_at(chain, places[-1]), 1e-3).tail_ratio)
-    velocity = float(np.polyfit(recording.times[10:], places, 1)[0])
-    plus, minus = couplings(chain)
-    stiffness = 1 / (chain.rotor_length * chain.time_unit) ** 2
-
-    def unmatched(ratio: float) -> float:
-        squared = plus**2 + minus**2 + plus * minus * (ratio + 1 / ratio)
-        return stiffness * squared + (velocity * math.log(ratio)) ** 2
-
-    moving = brentq(unmatched, 0.05, ratio_of(chain))
-    assert float(np.mean(ratios)) == pytest.approx(moving, rel=0.02)
-    assert moving < 0.96 * ratio_of(chain)
-
-
-@pytest.mark.parametrize('noise', [0.003, 0.01, 0.05])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_noise_leaves_the_wobble_unbiased_with_the_deviations_that_it_states(
-    example: tuple[float, float], noise: float
-) -> None:
-    random, chain = np.random.default_rng(19), chain_of(example, ROTORS)
-    scaled: dict[str, list[float]] = {'ratio': [], 'amplitude': [], 'decay': [], 'wave': []}
-    for place in 29 + np.arange(10) / 10:
-        angles, wall = static_wall(chain, float(place)), wall_at(chain, float(place))
-        for _ in range(40):
-            found = wobble(chain, angles + noise * random.standard_normal(ROTORS), wall, noise)
-            for name, error in (
-                ('ratio', (found.tail_ratio - ratio_of(chain)) / found.tail_ratio_deviation),
-                (
-                    'amplitude',
-                    (found.amplitude - found.rest_amplitude) / found.amplitude_deviation,
-                ),
-                (
-                    'decay',
-                    (found.decay_length - found.exact_decay_length) / found.decay_length_deviation,
-                ),
-                ('wave', (found.wavelength - 2 * chain.spacing) / found.wavelength_deviation),
-            ):
-                if math.isfinite(error):
-                    scaled[name].append(error)
-    for name, errors in scaled.items():
-        if len(errors) < 40:
-            continue
-        spread = 5 / math.sqrt(len(errors))
-        # To second order of the noise the mean of a length is off by a fraction of its deviation.
-        assert abs(float(np.mean(errors))) < spread + 0.2
-        assert float(np.std(errors)) < 1.1 + spread / 2
-        if name in ('ratio', 'amplitude'):
-            assert float(np.std(errors)) > 0.9 - spread / 2
-
-
-def test_noise_in_both_rotors_of_a_pair_does_not_flatten_the_tail() -> None:
-    random, noise, count = np.random.default_rng(61), 0.012, 2500
-    chain = chain_of(WIDE_FLIPPER, ROTORS)
-    angles, wall = static_wall(chain, 29.6), wall_at(chain, 29.6)
-    errors = []
-    for _ in range(count):
-        found = wobble(chain, angles + noise * random.standard_normal(ROTORS), wall, noise)
-        errors.append((found.tail_ratio - ratio_of(chain)) / found.tail_ratio_deviation)
-    assert abs(float(np.mean(errors))) < 5 / math.sqrt(count)
-
-
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_wall_of_a_cycle_says_the_same(example: tuple[float, float]) -> None:
-    chain = chain_of(example, 41)
-    cycle = Cycle(chain)
-    random = np.random.default_rng(53)
-    for leg in range(cycle.number_of_legs):
-        arc = cycle.arc_at(19.7, leg)
-        angles = cycle.configuration(arc) + 0.01 * random.standard_normal(41)
-        by_cycle = wobble(chain, angles, wall_on_cycle(cycle, arc), 0.01)
-        by_place = wobble(chain, angles, wall_at(chain, 19.7), 0.01)
-        assert flat(by_cycle) == pytest.approx(flat(by_place), rel=1e-3, abs=1e-6, nan_ok=True)
-    # Where the wall is at the first rotor there is no side before it.
-    edge = wobble(chain, cycle.configuration(0.0), wall_on_cycle(cycle, 0.0), 0.01)
-    assert math.isnan(edge.amplitudes[0])
-    assert math.isnan(edge.amplitudes[1]) == (chain.motion is Motion.SPINNER)
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_width_of_the_theory_contracts_up_to_the_speed_of_sound(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, ROTORS)
-    soliton = find_solitons(chain, static_wall(chain, 29.4))[0]
-    sound = theory_of(chain).speed_of_sound
-    for share in (0.0, 0.3, -0.9):
-        found = width(chain, soliton, share * sound)
-        assert found.theory == pytest.approx(chain.wall_width * math.sqrt(1 - share**2))
-        assert (found.measured, found.deviation) == pytest.approx(
-            (soliton.width, soliton.width_deviation), nan_ok=True
-        )
-    for velocity in (None, math.nan, sound, -2 * sound):
-        assert math.isnan(width(chain, soliton, velocity).theory)
-    moving = dataclasses.replace(soliton, velocity=0.6 * sound)
-    assert width(chain, moving).theory == pytest.approx(0.8 * chain.wall_width)
-
-
-@pytest.mark.parametrize('place', [-3.0, 0.4, ROTORS - 1.4, math.nan])
-def test_a_wall_at_an_edge_is_refused(place: float) -> None:
-    with pytest.raises(ValueError, match=f'place = {place} must lie from 0.5 to .* = 58.5'):
-        wall_at(chain_of(FLIPPER, ROTORS), place)
-
-
 def bad_states() -> list[tuple[Array, str]]:
     chain = chain_of(FLIPPER, ROTORS)
     holed = staggered(np.zeros(ROTORS))
@@ -487,12 +304,135 @@ def bad_states() -> list[tuple[Array, str]]:
 @pytest.mark.parametrize(('angles', 'message'), bad_states())
 def test_angles_that_do_not_fit_are_refused(angles: Array, message: str) -> None:
     chain = chain_of(FLIPPER, ROTORS)
-    wall = wall_at(chain, 30.0)
     with pytest.raises(ValueError, match=message):
-        energies(chain, angles, None, 30.0)
-    with pytest.raises(ValueError, match=message):
-        topology(chain, angles, 30.0)
-    with pytest.raises(ValueError, match=message):
-        edge_rotors(chain, angles)
-    with pytest.raises(ValueError, match=message):
-        wobble(chain, angles, wall)
+        FrameState(chain, angles)
+
+
+def test_rates_that_do_not_fit_are_refused() -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    with pytest.raises(ValueError, match='rate of rotor 3 = nan must be a finite number'):
+        energies(chain, chain.uniform_state(1), np.where(np.arange(60) == 3, np.nan, 0.0), 30.0)
+
+
+@settings(deadline=None)
+@given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
+def test_a_state_has_the_mode_and_the_polarisation_of_its_angles(
+    example: tuple[float, float], seed: int, anywhere: bool
+) -> None:
+    random, chain = np.random.default_rng(seed), chain_of(example, ROTORS)
+    angles = static_wall(chain, random.uniform(5, 54)) + 0.01 * random.standard_normal(ROTORS)
+    if anywhere:
+        angles = random.uniform(-3, 3, ROTORS)
+    state, mode = FrameState(chain, angles), zero_mode(chain, angles)
+    assert state.mode_squares == pytest.approx(mode**2, rel=1e-9, abs=1e-200)
+    polarised = polarisation(chain, angles)
+    ends = polarised[: 20 + 1].mean(), polarised[20:].mean()
+    found = topology(chain, angles, 20.5)
+    assert found.polarisations == pytest.approx(ends, abs=1e-12)
+    assert found.mode_centre == pytest.approx(mode_centre(mode), abs=1e-9)
+    assert found.charge == topological_charge(chain, angles)
+
+
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_a_mode_that_dies_out_beyond_the_range_of_numbers_keeps_its_ratios(lean: int) -> None:
+    chain = chain_of(FLIPPER, 5000)
+    squares = FrameState(chain, chain.uniform_state(lean)).mode_squares
+    mode = zero_mode(chain, chain.uniform_state(lean))
+    near = slice(0, 30) if lean < 0 else slice(-30, None)
+    assert np.isfinite(squares).all()
+    assert squares.sum() == pytest.approx(1)
+    assert squares[near] == pytest.approx(mode[near] ** 2, rel=1e-9)
+
+
+@settings(deadline=None)
+@given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
+def test_a_little_noise_changes_the_elastic_energy_by_the_torques(
+    example: tuple[float, float], seed: int, periodic: bool
+) -> None:
+    random, noise = np.random.default_rng(seed), 1e-9
+    chain = dataclasses.replace(chain_of(example, ROTORS), periodic=periodic)
+    angles, unseen = random.uniform(-3, 3, ROTORS), random.random(ROTORS) < 0.2
+    torques = chain.spring_torques(angles)
+    found = energies(chain, angles, None, 20.5, FrameErrors(noise))
+    assert found.elastic_deviation == pytest.approx(noise * float(np.linalg.norm(torques)))
+    holed = energies(chain, angles, None, 20.5, FrameErrors(noise, unseen=unseen))
+    seen = noise * float(np.linalg.norm(torques[~unseen]))
+    assert holed.elastic_deviation == pytest.approx(seen, rel=1e-5)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_the_rate_of_the_arc_tells_the_kinetic_energy_of_rotors_on_the_orbit(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    angles = static_wall(chain, 29.6)
+    by_rotors = energies(chain, angles, 3.0 * mode_towards_last(chain, angles), 29.6)
+    by_arc = energies(chain, angles, ArcRate(-3.0), 29.6)
+    assert by_arc.kinetic == pytest.approx(by_rotors.kinetic)
+    assert by_arc.kinetic_deviation == 0
+    assert math.isnan(by_arc.kinetic_wake)
+    assert math.isnan(by_arc.wake)
+    assert by_arc.elastic_wake == by_rotors.elastic_wake
+
+
+@pytest.mark.parametrize('rate', [0.0, 0.5, 5.0])
+def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate: float) -> None:
+    random, chain = np.random.default_rng(7), chain_of(FLIPPER, ROTORS)
+    angles, reporter = static_wall(chain, 29.6), StateReporter(chain)
+    state, truth = FrameState(chain, angles), 0.5 * chain.moment_of_inertia * rate**2
+    found = [
+        reporter.energies(state, 29.6, ArcRate(rate + each, 1.0))
+        for each in random.standard_normal(4000)
+    ]
+    errors = np.array([each.kinetic for each in found]) - truth
+    stated = np.array([each.kinetic_deviation for each in found])
+    assert abs(float(errors.mean())) < 4 * float(errors.std()) / math.sqrt(4000)
+    # Where the rate is lost in its noise what is taken for it is never below 0.
+    assert 0.95 < float(np.sqrt(np.mean(stated**2))) / float(errors.std()) < 1.6
+
+
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
+def test_rotors_that_were_not_seen_make_energies_less_certain(
+    example: tuple[float, float],
+) -> None:
+    random, noise, rate_noise = np.random.default_rng(11), 0.01, 0.2
+    chain = chain_of(example, ROTORS)
+    orbit = static_wall(chain, 29.7)
+    moving = 3 * mode_towards_last(chain, orbit)
+    angles = orbit + noise * random.standard_normal(ROTORS)
+    rates = moving + rate_noise * random.standard_normal(ROTORS)
+    errors = FrameErrors(noise, rate_noise)
+    seen = energies(chain, angles, rates, 29.7, errors)
+    none = energies(
+        chain, angles, rates, 29.7, dataclasses.replace(errors, unseen=np.zeros(ROTORS, bool))
+    )
+    assert dataclasses.astuple(none) == pytest.approx(dataclasses.astuple(seen))
+    unseen = np.zeros(ROTORS, bool)
+    unseen[[25, 26, 40]] = True
+    filled = np.where(unseen, orbit, angles), np.where(unseen, moving, rates)
+    doubts = [
+        energies(chain, *filled, 29.7, FrameErrors(noise, rate_noise, lasting, unseen))
+        for lasting in (0.0, 0.02)
+    ]
+    first, second = FrameState(chain, filled[0]).first, FrameState(chain, filled[0]).second
+    squares = first[[25, 26, 40]] ** 2 + second[[24, 25, 39]] ** 2
+    for found, lasting in zip(doubts, (0.0, 0.02), strict=True):
+        hidden = 0.5 * chain.stiffness * float(squares.sum()) * (noise**2 + lasting**2)
+        assert found.elastic_deviation > hidden
+        assert found.kinetic_deviation > 1.5 * chain.moment_of_inertia * rate_noise**2
+    assert doubts[1].elastic_deviation > doubts[0].elastic_deviation
+
+
+def test_rotors_that_were_not_seen_leave_the_energy_of_the_others_unbiased() -> None:
+    random, noise, count = np.random.default_rng(13), 0.02, 400
+    chain = chain_of(WOBBLER, ROTORS)
+    orbit, unseen = static_wall(chain, 29.7), np.arange(ROTORS) % 3 == 0
+    errors, reporter = FrameErrors(noise, unseen=unseen), StateReporter(chain)
+    found = []
+    for _ in range(count):
+        angles = orbit + np.where(unseen, 0.0, noise) * random.standard_normal(ROTORS)
+        found.append(reporter.energies(FrameState(chain, angles), 29.7, None, errors).elastic)
+    mean = float(np.mean(found)), 4 * float(np.std(found)) / math.sqrt(count)
+    one_rotor = 0.5 * chain.stiffness * float(FrameState(chain, orbit).first_squares.max())
+    # The curvature of lengths adds terms of order noise^2 to what is of first order there.
+    assert abs(mean[0]) < mean[1] + 0.05 * one_rotor * noise**2

@@ -275,3 +275,9 @@ def uprightness(angles: ArrayLike) -> int:
     top, or through the bottom where it was assembled upside down.
     """
     return -1 if np.cos(staggered(angles))[1:-1].sum() < 0 else 1
+
+
+def wrapped(differences: ArrayLike) -> Array:
+    """Differences of angles, counted from -pi to pi [rad], shape (...)."""
+    given = np.asarray(differences, dtype=np.float64)
+    return np.asarray(given - 2 * math.pi * np.rint(given * (0.5 / math.pi)))

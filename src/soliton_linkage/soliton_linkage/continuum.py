@@ -384,6 +384,11 @@ class SpinnerTheory(WallTheory):
         return across * chain.spacing / chain.rest_length
 
 
+def wall_theory(chain: Chain) -> WallTheory:
+    """Theory of the walls of a chain, by its class of motion."""
+    return SpinnerTheory(chain) if chain.motion is Motion.SPINNER else FlipperTheory(chain)
+
+
 @dataclass(frozen=True)
 class Tail:
     """How the deviation from a uniform state dies out away from a wall."""

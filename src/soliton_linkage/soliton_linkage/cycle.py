@@ -13,6 +13,7 @@ exactly, and only past the last rotor: its mirror image runs past the first.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -49,19 +50,99 @@ class Stretch:
     """Change of the angles with the arc length [1], shape (n,); below 1e-6 on all others."""
 
 
-class Cycle:
-    """The closed orbit of a chain, as a curve in its arc length.
+class WallCycle(ABC):
+    """The closed orbit of a chain, along which its wall runs to and fro, as a curve in its arc.
 
-    The arc [rad] is 0 where the wall is reflected at the first rotor and leg 0 begins, in which
-    no edge rotor of a flipper has toggled; it grows towards the last rotor in even legs and back
-    in odd ones, up to the length of the whole cycle, and may be any number. The chain is the
-    one whose uniform right-leaning state is theta = theta_bar; that which was assembled upside
-    down is its image phi -> pi - phi. Angles are known up to whole turns, and to 1e-6 rad.
+    The arc length [rad] is that of all angles, sqrt(sum_n dphi_n^2). It is 0 where the wall is
+    reflected at the first rotor and leg 0 begins, in which no edge rotor of a flipper has
+    toggled; it grows towards the last rotor in even legs and back in odd ones, up to the length
+    of the whole cycle, and may be any number. The chain is the one whose uniform right-leaning
+    state is theta = theta_bar; that which was assembled upside down is its image
+    phi -> pi - phi. Angles are known up to whole turns.
+    """
 
-    To make it takes time as the orbit of the short chain is long, and as a wall is wide: below a
-    second but for wobbling flippers next to d_c and for walls that reach over 1000 rotors.
-    Deviations of the chain do not count: it is the cycle of the chain without them. Raises
-    ValueError for a chain of two rotors or with periodic ends, and as `site_arc` does.
+    chain: Chain
+    """The chain whose orbit it is."""
+    number_of_legs: int
+    """4 for flippers, 2 for spinners."""
+    site_arc: float
+    """Arc length from one rotor to the next [rad], on the average."""
+    _starts: list[float]
+    """Arc lengths at which the legs begin [rad], and after them that of the whole cycle."""
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole cycle [rad]."""
+        return self._starts[-1]
+
+    @property
+    def middle(self) -> float:
+        """Place in the middle of the chain [rotor spacings]."""
+        return (self.chain.number_of_rotors - 1) / 2
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Arc length [rad] of a way past all the rotors that know of a wall."""
+
+    def leg_arcs(self, leg: int) -> tuple[float, float]:
+        """Arc lengths [rad] at which a leg begins and ends."""
+        return self._starts[leg], self._starts[leg + 1]
+
+    def leg(self, arc: float) -> int:
+        """Leg of the cycle at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
+        return min(bisect_right(self._starts, arc % self.length), self.number_of_legs) - 1
+
+    @abstractmethod
+    def place(self, arc: float) -> float:
+        """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
+
+    @abstractmethod
+    def arc_at(self, place: float, leg: int) -> float:
+        """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
+
+    @abstractmethod
+    def site_arc_at(self, arc: float) -> float:
+        """Arc length from one rotor to the next [rad] as it is at an arc length, ds / dplace."""
+
+    @abstractmethod
+    def stretch(self, arc: float) -> Stretch:
+        """Rotors about the wall at an arc length; all others are as in `background`."""
+
+    @abstractmethod
+    def background(self, arc: float) -> tuple[Array, Array]:
+        """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
+
+        Relaxed without a wall, but for the edge rotors of flippers, which have toggled or not.
+        """
+
+    def configuration(self, arc: float) -> Array:
+        """Angles of the whole chain at an arc length [rad], shape (N,)."""
+        angles, right = self.background(arc)
+        about = self.stretch(arc)
+        beyond = about.first + len(about.angles)
+        angles[beyond:] = right[beyond:]
+        angles[about.first : beyond] = about.angles
+        return angles
+
+    def free_rate(self, arc: float) -> float:
+        """Rate of the arc in free motion, over that of a chain of equal rotors [1].
+
+        1 / sqrt(sum_n (I_n / I) t_n^2): the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 is kept,
+        with I = M r^2 of the chain's parameters.
+        """
+        about = self.stretch(arc)
+        moments = self.chain.moments_of_inertia[about.first : about.first + len(about.tangent)]
+        return math.sqrt(self.chain.moment_of_inertia / float(moments @ about.tangent**2))
+
+
+class Cycle(WallCycle):
+    """The cycle of a chain without deviations; those of the one given do not count.
+
+    Angles are accurate to 1e-6 rad. To make it takes time as the orbit of the short chain is
+    long, and as a wall is wide: below a second but for wobbling flippers next to d_c and for
+    walls that reach over 1000 rotors. Raises ValueError for a chain of two rotors or with
+    periodic ends, and as `site_arc` does.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -83,31 +164,13 @@ class Cycle:
         self._begins: list[float] = [turning[-1] - self._orbit.length, *turning[:-1]]
         extra = 2 * self._repeats * self.site_arc
         inner = np.diff([self._begins[0], *turning])
-        self._starts: list[float] = [0.0, *np.cumsum(inner + extra).tolist()]
-
-    @property
-    def length(self) -> float:
-        """Arc length of the whole cycle [rad]."""
-        return self._starts[-1]
-
-    @property
-    def middle(self) -> float:
-        """Place in the middle of the chain [rotor spacings]."""
-        return (self.chain.number_of_rotors - 1) / 2
+        self._starts = [0.0, *np.cumsum(inner + extra).tolist()]
 
     @property
     def reach(self) -> float:
         """Arc length [rad] of a way past all the rotors that know of a wall."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
-
-    def leg_arcs(self, leg: int) -> tuple[float, float]:
-        """Arc lengths [rad] at which a leg begins and ends."""
-        return self._starts[leg], self._starts[leg + 1]
-
-    def leg(self, arc: float) -> int:
-        """Leg of the cycle at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
-        return min(bisect_right(self._starts, arc % self.length), self.number_of_legs) - 1
 
     def place(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
@@ -120,6 +183,10 @@ class Cycle:
         """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
         beyond = place - self.middle if leg % 2 == 0 else self.middle - place
         return self._halfway(leg) + beyond * self.site_arc
+
+    def site_arc_at(self, arc: float) -> float:
+        """Arc length from one rotor to the next at an arc length [rad]: the same everywhere."""
+        return self.site_arc
 
     def stretch(self, arc: float) -> Stretch:
         """Rotors about the wall at an arc length; all others are as in `background`."""
@@ -146,15 +213,6 @@ class Cycle:
         edges = self._orbit.walls[self.leg(arc)]
         left[0], right[-1] = edges[0], edges[-1]
         return left, right
-
-    def configuration(self, arc: float) -> Array:
-        """Angles of the whole chain at an arc length [rad], shape (N,)."""
-        angles, right = self.background(arc)
-        about = self.stretch(arc)
-        beyond = about.first + len(about.angles)
-        angles[beyond:] = right[beyond:]
-        angles[about.first : beyond] = about.angles
-        return angles
 
     def _halfway(self, leg: int) -> float:
         """Arc length [rad] at which the wall is in the middle of the chain."""

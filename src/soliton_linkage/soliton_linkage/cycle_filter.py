@@ -15,12 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.chain import Array, Motion
-from soliton_linkage.cycle import Cycle
+from soliton_linkage.bands import penetration_depth
+from soliton_linkage.chain import Array, Motion, wrapped
+from soliton_linkage.cycle import WallCycle
 from soliton_linkage.cycle_fit import fit_anywhere
 from soliton_linkage.cycle_motion import CycleMotion
-from soliton_linkage.encoder_offsets import EncoderOffsets
-from soliton_linkage.frame_noise import BEYOND_CHANCE, FrameNoise, FrameView, wrapped
+from soliton_linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.encoder_offsets import EncoderOffsets, FarRotors
+from soliton_linkage.frame_noise import BEYOND_CHANCE, FrameNoise, FrameView
+from soliton_linkage.leg_evidence import LegEvidence
 
 _ITERATIONS = 8
 _CLOSE = 0.01
@@ -29,9 +32,15 @@ _UNKNOWN = 1.0
 _STRANGEST = 0.6
 _STRANGE_SHARE = 0.1
 _STRANGE_RATIO = 9.0
+_ELASTIC_SHARE = 0.03
 _MOST_OUTLIERS = 0.3
 _GAIN = 25.0
-_BESIDE = 0.1
+_SAME_PLACE = 2.0
+_ROTORS_AT_EDGE = 2.0
+_DEPTHS_BESIDE = 3.0
+_BESIDE = 0.08
+_MOST_ALIKE = 1000.0
+_WAY_BESIDE = 0.5
 
 
 class Status(enum.Enum):
@@ -75,6 +84,12 @@ class CycleEstimate:
     """Standard deviation of the velocity [rotor spacings / s]."""
     leg: int
     """Leg of the cycle."""
+    leg_known: bool
+    """Whether it can be no other leg with the wall at the same place.
+
+    A flipper whose edge rotors were not seen may be on two legs or on four, of which leg, arc,
+    rate and phase follow one.
+    """
     phase: float
     """Phase of the cycle [rad], 2 pi arc / length from 0 to 2 pi."""
     cycles: int
@@ -82,7 +97,9 @@ class CycleEstimate:
     noise: float
     """Standard deviation of the angles' noise in use [rad], given or estimated."""
     misfit: float
-    """Root mean square of what the orbit leaves of the rotors about the wall [rad]."""
+    """Root mean square of what the orbit leaves of the rotors about the wall, of late [rad]."""
+    frame_misfit: float
+    """The same of this frame alone [rad], NaN for one that was empty."""
     upside_down: bool
     """Whether the chain is the image phi -> pi - phi of the cycle's."""
 
@@ -97,7 +114,7 @@ class CycleFilter:
 
     def __init__(
         self,
-        cycle: Cycle,
+        cycle: WallCycle,
         noise: float | None = None,
         clock_limit: float = 1.0,
         rest_angle_deviation: float = 0.05,
@@ -111,27 +128,37 @@ class CycleFilter:
                 f'noise = {noise} rad must be a finite number above 0; leave it out to have it '
                 'estimated'
             )
+        chain = cycle.chain
         self.cycle = cycle
-        self.offsets = EncoderOffsets(cycle.chain.number_of_rotors, rest_angle_deviation)
+        self.offsets = EncoderOffsets(chain.number_of_rotors, rest_angle_deviation)
         self.ignored = 0
         self.rejected = 0
         self.starts = 0
         self._given_noise = noise
         self._clock_limit = clock_limit
+        self._depth = penetration_depth(chain) / chain.spacing
+        self._far = FarRotors(self.offsets, 1 + _DEPTHS_BESIDE * self._depth, chain.time_unit)
+        self._legs = LegEvidence(cycle)
+        self._deviates = chain.deviations != NO_DEVIATIONS
         self._backgrounds = [
             cycle.background(cycle.arc_at(cycle.middle, leg))
             for leg in range(cycle.number_of_legs)
         ]
-        spinner = cycle.chain.motion is Motion.SPINNER
-        swing = math.pi if spinner else 2 * cycle.chain.rest_angle
+        swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
         self._tolerated = (_STRANGE_SHARE * swing) ** 2
-        self._upside_down = False
+        self._elastic = (_ELASTIC_SHARE * swing) ** 2
+        self._upside_down = self._doubts = False
         self._forget(math.nan)
 
     @property
     def estimate(self) -> CycleEstimate:
         """The latest estimate."""
         return self._estimate
+
+    @property
+    def view(self) -> FrameView | None:
+        """The latest frame beside the orbit; None while lost, and for an empty frame."""
+        return self._seen_as
 
     def update(self, time: float, angles: Array) -> CycleEstimate:
         """Estimate at an instant [s] from its angles [rad], shape (N,), NaN where unknown.
@@ -159,9 +186,10 @@ class CycleFilter:
 
     def _forget(self, time: float) -> None:
         self._motion: CycleMotion | None = None
+        self._seen_as: FrameView | None = None
         self._noise = FrameNoise(self._given_noise)
         self._doubted = self._strange_running = 0
-        self._estimate = _lost(time, self._noise.deviation)
+        self._estimate = lost(time, self._noise.deviation)
 
     def _acquire(self, time: float, seen: Array) -> bool:
         """Search a frame for the chain; say whether it is there."""
@@ -176,12 +204,16 @@ class CycleFilter:
         self._upside_down = place.turned
         self._doubted = self._strange_running = 0
         self._noise = FrameNoise(self._given_noise)
+        self._far.forget()
         view = self._view(seen, place.arc)
         view = self._view(seen, place.arc, view.robust_limit)
-        self._noise.update(view)
+        self._noise.update(view, 0.0)
+        self._legs.forget()
+        self._legs.update(view, max(self._noise.variance, view.mean_square))
         scale = 1 / self.cycle.chain.time_unit
         variance = self._noise.variance / view.information
         self._motion = CycleMotion(view.arc, variance, scale, self.cycle.site_arc)
+        self._seen_as = view
         self._report(time, Status.ACQUIRED, self._motion)
 
     def _searched_both(self, seen: Array) -> _Place:
@@ -200,21 +232,23 @@ class CycleFilter:
         return _Place(fit.arc, turned, math.sqrt(float(np.nanmean(left**2))))
 
     def _follow(self, motion: CycleMotion, time: float, elapsed: float, seen: Array) -> None:
-        motion.predict(elapsed, self._noise.excess)
-        if 4 * motion.arc_deviation > self.cycle.length:
+        self._predict(motion, elapsed)
+        if 4 * math.sqrt(motion.expected_variance) > self.cycle.length:
             self._forget(time)
             self._acquire(time, seen)
             return
         view = self._recognised(motion, seen)
         if view.information == 0:
+            self._seen_as = view if np.isfinite(view.residuals).any() else None
             self._report(time, Status.COASTING, motion)
             return
+        self._seen_as = view
         limit = _STRANGE_RATIO * self._noise.scatter + self._tolerated
         strange = view.mean_square > limit or view.share_of_outliers > _MOST_OUTLIERS
         self._strange_running = self._strange_running + 1 if strange else 0
-        if (strange or view.has_outliers) and self._is_elsewhere(view, strange, time, seen):
+        if (strange or view.outlying.any()) and self._is_elsewhere(view, strange, time, seen):
             return
-        if strange and not view.root_mean_square_of_all < _STRANGEST:
+        if strange and not view.mean_square_of_all < _STRANGEST**2:
             self.rejected += 1
             self._report(time, Status.COASTING, motion)
             return
@@ -222,10 +256,20 @@ class CycleFilter:
         self._correct(motion, seen, view, elapsed)
         self._report(time, Status.TRACKING, motion)
 
+    def _predict(self, motion: CycleMotion, elapsed: float) -> None:
+        """Go on by a time [s]; where rotors deviate, the rate varies along the orbit."""
+        last = self.cycle.chain.number_of_rotors - 1
+        to_edge = min(self._estimate.place, last - self._estimate.place)
+        before = self.cycle.free_rate(motion.arc) if self._deviates else 1.0
+        motion.predict(elapsed, to_edge < _ROTORS_AT_EDGE + self._depth)
+        if self._deviates:
+            motion.change_rate(self.cycle.free_rate(motion.arc) / before)
+
     def _is_elsewhere(self, view: FrameView, strange: bool, time: float, seen: Array) -> bool:
         """Start anew where a frame that is not as expected fits far better than it does there.
 
-        The whole cycle is searched the first, second, fourth, eighth, ... time.
+        The whole cycle is searched the first, second, fourth, eighth, ... time. Where the wall
+        is as expected, it may be on another leg, but not at another place.
         """
         self._doubted += not strange
         times = self._strange_running if strange else self._doubted
@@ -233,36 +277,53 @@ class CycleFilter:
             return False
         place = self._searched_both(seen)
         known = np.count_nonzero(np.isfinite(view.residuals))
-        gained = known * (view.root_mean_square_of_all**2 - place.misfit**2)
-        apart = abs(math.remainder(place.arc - view.arc, self.cycle.length))
+        gained = known * (view.mean_square_of_all - place.misfit**2)
+        if not (place.misfit < _STRANGEST and gained > _GAIN * self._noise.scatter):
+            return False
+        cycle = self.cycle
+        apart = abs(math.remainder(place.arc - view.arc, cycle.length))
         moved = apart > _UNKNOWN or place.turned != self._upside_down
-        if place.misfit < _STRANGEST and moved and gained > _GAIN * self._noise.scatter:
+        if not strange:
+            apart = abs(cycle.place(place.arc) - cycle.place(view.arc))
+            moved = cycle.leg(place.arc) != cycle.leg(view.arc) and apart < _SAME_PLACE
+        if moved:
             self._start_at(place, time, seen)
-            return True
-        return False
+        return moved
 
     def _correct(self, motion: CycleMotion, seen: Array, view: FrameView, elapsed: float) -> None:
-        if motion.surprised(view.arc, self._noise.variance / view.information, elapsed):
-            view = self._recognised(motion, seen)
-        motion.correct(view.arc, self._noise.variance / view.information)
-        motion.reach = self.cycle.site_arc / view.concentration
-        self._noise.update(view)
-        self._learn_offsets(view, elapsed)
+        noise = self._noise
+        motion.correct(view.arc, self._variance(motion, view, elapsed), noise.freedoms)
+        noise.update(view, elapsed)
+        self._legs.update(view, max(noise.variance, view.mean_square))
+        if self._far.add(view.residuals, self.cycle.place(view.arc), elapsed):
+            self._learn_offsets(seen, view)
+
+    def _variance(self, motion: CycleMotion, view: FrameView, elapsed: float) -> float:
+        """Variance of the arc that a frame shows [rad^2].
+
+        Rotors of which some are not seen have another nearest point than all of them, by what
+        the frame is beside the orbit, for as long as the wall takes to pass a rotor.
+        """
+        missing = max(1 / view.information - 1, 0.0)
+        frames = max(self.cycle.site_arc / max(abs(motion.rate) * elapsed, 1e-9), 1.0)
+        variance = self._noise.variance / view.information
+        return variance + self._noise.excess * missing * min(frames, _MOST_ALIKE)
 
     def _recognised(self, motion: CycleMotion, seen: Array) -> FrameView:
         """View of a frame from the likeliest arc, by the frame and by what went before.
 
         Where what went before does not tell on which slope, the whole cycle is searched.
         """
-        expected, spread = motion.expected
+        expected, spread = motion.expected, motion.expected_variance
         if spread > _UNKNOWN:
             place = self._searched(seen, self._upside_down)
             if place.misfit < _STRANGEST:
                 turns = round((expected - place.arc) / self.cycle.length)
                 return self._view(seen, place.arc + turns * self.cycle.length)
         arc = expected
+        limit = BEYOND_CHANCE**2 * (self._noise.scatter + self._noise.excess) + self._elastic
         for _ in range(_ITERATIONS):
-            view = self._view(seen, arc, BEYOND_CHANCE**2 * self._noise.scatter, spread)
+            view = self._view(seen, arc, limit, spread)
             if view.information == 0:
                 break
             gain = spread / (spread + self._noise.variance / view.information)
@@ -276,25 +337,20 @@ class CycleFilter:
         self, seen: Array, arc: float, limit: float = math.inf, spread: float = 0
     ) -> FrameView:
         """View from an arc; rotors beyond the limit [rad^2] and the arc's spread are left out."""
-        angles = seen - self.offsets.corrections
-        angles = math.pi - angles if self._upside_down else angles
         about = self.cycle.stretch(arc)
         before, beyond = self._backgrounds[self.cycle.leg(arc)]
         end = about.first + len(about.angles)
         expected = np.concatenate([before[: about.first], about.angles, beyond[end:]])
-        left = wrapped(angles - expected)
-        return FrameView(arc, about.first, about.tangent, left, limit, spread)
+        angles = seen - self.offsets.corrections
+        left = wrapped((math.pi - angles if self._upside_down else angles) - expected)
+        doubtful = self._far.doubtful if self._doubts else None
+        return FrameView(arc, about.first, about.tangent, left, limit, spread, doubtful)
 
-    def _learn_offsets(self, view: FrameView, elapsed: float) -> None:
-        rotors = np.arange(len(view.residuals))
-        sides = np.where(rotors < self.cycle.place(view.arc), 1, -1)
-        about = slice(view.first, view.first + len(view.tangent))
-        sides[about][np.abs(view.tangent) > _BESIDE] = 0
-        residuals = -view.residuals if self._upside_down else view.residuals
-        waves = 10 * self.cycle.chain.time_unit / elapsed
-        variance = self._noise.variance + self._noise.lasting * max(waves, 1.0)
+    def _learn_offsets(self, seen: Array, view: FrameView) -> None:
         known = np.count_nonzero(self.offsets.corrections)
-        self.offsets.update(residuals + self.offsets.corrections, sides, variance)
+        self._far.learn(-1 if self._upside_down else 1, self._noise.variance)
+        self._far.look_for_doubtful(seen, view.outlying)
+        self._doubts = bool(self._far.doubtful.any())
         if np.count_nonzero(self.offsets.corrections) != known:
             self._noise.forget_what_lasted()
 
@@ -304,23 +360,32 @@ class CycleFilter:
         inside = 0 < place < cycle.chain.number_of_rotors - 1
         direction = (1 if leg % 2 == 0 else -1) if inside else 0
         cycles, within = divmod(arc, cycle.length)
+        site_arc = cycle.site_arc_at(arc)
+        # The nearest point of the orbit is not to be told better than the frame is on it.
+        beside = _BESIDE**2 * self._noise.excess
+        way = motion.rate / (_WAY_BESIDE * cycle.site_arc)
+        arc_deviation = math.sqrt(motion.arc_variance + beside)
+        rate_deviation = math.sqrt(motion.rate_variance + beside * way**2)
+        seen = self._seen_as if status is not Status.COASTING else None
         self._estimate = CycleEstimate(
             time=time,
             status=status,
             arc=arc,
             rate=motion.rate,
-            arc_deviation=motion.arc_deviation,
-            rate_deviation=motion.rate_deviation,
+            arc_deviation=arc_deviation,
+            rate_deviation=rate_deviation,
             covariance=motion.covariance,
             place=place,
-            velocity=direction * motion.rate / cycle.site_arc,
-            place_deviation=motion.arc_deviation / cycle.site_arc,
-            velocity_deviation=motion.rate_deviation / cycle.site_arc,
+            velocity=direction * motion.rate / site_arc,
+            place_deviation=arc_deviation / site_arc,
+            velocity_deviation=rate_deviation / site_arc,
             leg=leg,
+            leg_known=self._legs.known,
             phase=2 * math.pi * within / cycle.length,
             cycles=int(cycles),
             noise=self._noise.deviation,
             misfit=math.sqrt(self._noise.scatter),
+            frame_misfit=math.sqrt(seen.mean_square) if seen else math.nan,
             upside_down=self._upside_down,
         )
 
@@ -335,7 +400,8 @@ class _Place:
     """Root mean square of what is left of all rotors that are known [rad]."""
 
 
-def _lost(time: float, noise: float) -> CycleEstimate:
+def lost(time: float, noise: float = math.nan) -> CycleEstimate:
+    """Estimate of an instant [s] at which nothing is known, but for the noise [rad]."""
     nan = math.nan
     return CycleEstimate(
         time=time,
@@ -350,9 +416,11 @@ def _lost(time: float, noise: float) -> CycleEstimate:
         place_deviation=nan,
         velocity_deviation=nan,
         leg=-1,
+        leg_known=False,
         phase=nan,
         cycles=0,
         noise=noise,
         misfit=nan,
+        frame_misfit=nan,
         upside_down=False,
     )

@@ -16,7 +16,7 @@ import numpy as np
 
 from soliton_linkage.bands import penetration_depth
 from soliton_linkage.chain import Array
-from soliton_linkage.cycle import Cycle, Stretch
+from soliton_linkage.cycle import Stretch, WallCycle
 
 _ITERATIONS = 20
 _ENOUGH = 1e-8
@@ -53,7 +53,7 @@ class CycleFit:
     """
 
 
-def fit_near(cycle: Cycle, angles: Array, arc: float) -> CycleFit:
+def fit_near(cycle: WallCycle, angles: Array, arc: float) -> CycleFit:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
 
     Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
@@ -67,7 +67,7 @@ def fit_near(cycle: Cycle, angles: Array, arc: float) -> CycleFit:
     return _fit_near(cycle, _checked(cycle, angles), arc)
 
 
-def fit_anywhere(cycle: Cycle, angles: Array) -> CycleFit:
+def fit_anywhere(cycle: WallCycle, angles: Array) -> CycleFit:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
 
     Finds the largest likeness sum_n cos(phi_n - Phi_n(s)), which is blind to whole turns, along
@@ -93,7 +93,7 @@ def fit_anywhere(cycle: Cycle, angles: Array) -> CycleFit:
     return replace(fits[best], arc=fits[best].arc % cycle.length, lead=lead)
 
 
-def _fit_near(cycle: Cycle, frame: Array, arc: float) -> CycleFit:
+def _fit_near(cycle: WallCycle, frame: Array, arc: float) -> CycleFit:
     ahead_before, step = 0.0, 0.0
     for _ in range(_ITERATIONS):
         difference, tangent = _compared(frame, cycle.stretch(arc))
@@ -125,7 +125,7 @@ def _compared(frame: Array, about: Stretch) -> tuple[Array, Array]:
     return difference[known], about.tangent[known]
 
 
-def _checked(cycle: Cycle, angles: Array) -> Array:
+def _checked(cycle: WallCycle, angles: Array) -> Array:
     """Angles as an array; ValueError where they are infinite or not one a rotor."""
     frame = np.asarray(angles, dtype=np.float64)
     rotors = cycle.chain.number_of_rotors
@@ -147,7 +147,7 @@ def _checked(cycle: Cycle, angles: Array) -> Array:
 class _Search:
     """Likeness of a frame to the configurations of a cycle."""
 
-    def __init__(self, cycle: Cycle, frame: Array) -> None:
+    def __init__(self, cycle: WallCycle, frame: Array) -> None:
         self._cycle = cycle
         self._frame = frame
         self._before, self._beyond = [], []

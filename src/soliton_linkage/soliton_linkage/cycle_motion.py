@@ -2,16 +2,24 @@
 """How a chain goes round its cycle: Kalman filters of the arc s and its rate w.
 
 The rate is constant along the orbit of rigid bars, and nearly so for springs. A measurement z of
-the arc has noise, and an error b that lasts until the wall has moved on by its width:
+the arc has noise, and an error b that lasts while the wall moves on by about a rotor:
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),   z = s + b + noise
 
-with a = exp(-|w| dt / reach) and q = e^2 |w|^3 / Lambda, which changes the rate by the share e
-from rotor to rotor. Filters with shares from 0 on run side by side; that counts whose
-measurements of late are likeliest, and the one of e = 0, to which the whole record counts, unless
-another is likelier by far. In each, where the mean of the last normalised innovations is larger
-than chance allows, the wall has been kicked, and the variances of s and w grow by what that mean
-says of them.
+with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda, which changes the rate by the
+share e from rotor to rotor. Which e and m hold is not known: filters with many of each run side
+by side, and the estimate is their mean, weighted by how likely each made the measurements of
+late. One filter more, the steady one, has e = m = 0, so that the whole record counts to it. It is
+believed by far until the likelihood of all measurements so far contradicts it, and is then begun
+anew, with the odds against it.
+
+Springs give a wall energy and take it at the edges, where e is larger by a few per cent in all
+filters but the steady one, which there has to earn its trust again.
+
+A kick changes the rate at once. Of each frame of late, at ages of 1, 2, 4, ... frames, one filter
+more holds that the wall was kicked there, to a rate about which little is known. It counts by the
+odds of all measurements since, against those for a kick, so that the deviations grow as soon as
+innovations do. Where the odds are beyond chance, all filters begin anew with that one.
 """
 
 from __future__ import annotations
@@ -22,112 +30,267 @@ import numpy as np
 
 from soliton_linkage.chain import Array
 
-_BEYOND_CHANCE = 4.5
+_SHARES = (0.001, 0.004, 0.016, 0.064, 0.25)
+_SHARE_AT_EDGES = 0.03
+_ERRORS = (1e-4, 1e-3, 4e-3, 0.016, 0.064)
+_WAY_OF_AN_ERROR = 0.5
+_WAY_REMEMBERED = 10.0
 
-_SHARES = np.array([0.0, 0.003, 0.01, 0.03, 0.1])
-_HORIZONS = 4.0 ** np.arange(7)
-_MEMORY = 1000
-_BY_FAR = 6.0
+_TRUST = 6.0
+_BEGUN_ANEW = 5.0
+_TRUST_AT_EDGES = 2.0
+_MOST_TRUST = 9.0
+
+_AGES = 8
+_RARE = 9.0
+_NO_EVIDENCE = 4.0
+_BEYOND_CHANCE = 15.0
+_KICK_OF_SCALE = 0.1
+_SHARE_AFTER_A_KICK = 0.016
+
+# Of the covariance of (s, w, b) the rows are ss, sw, sb, ww, wb and bb.
+_FIRST = np.array([0, 0, 0, 1, 1, 2])
+_SECOND = np.array([0, 1, 2, 1, 2, 2])
+# Covariances of s, w and b with s + b.
+_MEASURED = np.array([[1.0, 0, 1, 0, 0, 0], [0, 1, 0, 0, 1, 0], [0, 0, 1, 0, 0, 1]])
+
+_Summary = tuple[float, float, float, float, float]
 
 
 class CycleMotion:
-    """Arc s, rate w and error b of measurement as seen by each filter."""
+    """Arc s, rate w and error b of measurement as seen by each filter, the steady one first."""
 
     def __init__(self, arc: float, variance: float, scale: float, site_arc: float) -> None:
         """Begin at an arc [rad] of a variance, the rate being of the scale [rad/s]."""
-        count = len(_SHARES)
-        self._states = np.tile([arc, 0.0, 0.0], (count, 1))
-        self._spreads = np.tile(np.diag([variance, scale**2, 0.0]), (count, 1, 1))
-        self._means = np.zeros((count, len(_HORIZONS)))
-        self._evidence = np.zeros(count)
-        self._square_rates = np.zeros(count)
+        shares, errors = np.meshgrid(_SHARES, _ERRORS, indexing='ij')
+        self._inside = np.append(0.0, shares.ravel() ** 2)
+        self._at_edges = np.append(0.0, (shares.ravel() + _SHARE_AT_EDGES) ** 2)
+        self._errors = np.append(0.0, (site_arc * errors.ravel()) ** 2)
+        self._base = len(self._inside)
+        after = _SHARE_AFTER_A_KICK**2
+        self._inside = np.append(self._inside, np.full(_AGES, after))
+        self._at_edges = np.append(self._at_edges, np.full(_AGES, after))
+        self._errors = np.append(self._errors, np.zeros(_AGES))
+        count = self._base + _AGES
+        self._states = np.zeros((3, count))
+        self._states[0] = arc
+        self._spreads = np.zeros((6, count))
+        self._spreads[0], self._spreads[3], self._spreads[5] = variance, scale**2, self._errors
         self._site_arc = site_arc
-        self._excess = 0.0
-        self._chosen = 0
-        self.reach = math.inf
+        self._elapsed = 0.0
+        self._carry, self._wander = np.eye(6), np.zeros(6)
+        self._likelihoods = np.zeros(self._base - 1)
+        self._weights = np.zeros(count)
+        self._least_kick = (_KICK_OF_SCALE * scale) ** 2
+        self._odds = np.full(_AGES, -np.inf)
+        self._frames = self.kicks = 0
+        self._against, self._least_against = -_TRUST, -_MOST_TRUST
+        self._known: _Summary | None = None
+        self._shared = _MEASURED @ self._spreads
+        self._weigh(np.ones(self._base - 1))
+        self._look_ahead()
 
     @property
     def arc(self) -> float:
         """Arc length [rad]."""
-        return float(self._states[self._chosen, 0])
+        return self._summary[0]
 
     @property
     def rate(self) -> float:
         """Rate of the arc length [rad/s]."""
-        return float(self._states[self._chosen, 1])
+        return self._summary[1]
 
     @property
-    def arc_deviation(self) -> float:
-        """Standard deviation of the arc [rad]."""
-        return math.sqrt(self._spreads[self._chosen, 0, 0])
-
-    @property
-    def rate_deviation(self) -> float:
-        """Standard deviation of the rate [rad/s]."""
-        return math.sqrt(self._spreads[self._chosen, 1, 1])
+    def arc_variance(self) -> float:
+        """Variance of the arc length [rad^2]."""
+        return self._summary[2]
 
     @property
     def covariance(self) -> float:
         """Covariance of arc and rate [rad^2/s]."""
-        return float(self._spreads[self._chosen, 0, 1])
+        return self._summary[3]
 
     @property
-    def expected(self) -> tuple[float, float]:
-        """Measurement expected, s + b [rad], and its variance without noise [rad^2]."""
-        arcs, spreads = self._expected()
-        return float(arcs[self._chosen]), float(spreads[self._chosen])
+    def rate_variance(self) -> float:
+        """Variance of the rate [rad^2/s^2]."""
+        return self._summary[4]
 
-    def predict(self, elapsed: float, excess: float) -> None:
-        """Go on by a time [s], with errors of measurement of a variance m^2 [rad^2]."""
-        rates = self._states[:, 1]
-        kept = np.exp(-np.abs(rates) * (elapsed / self.reach))
-        steps = np.zeros_like(self._spreads)
-        steps[:, [0, 1], [0, 1]] = 1.0
-        steps[:, 0, 1] = elapsed
-        steps[:, 2, 2] = kept
-        wander = _SHARES**2 * np.maximum(self._square_rates, rates**2) ** 1.5 / self._site_arc
-        self._states = np.einsum('kij,kj->ki', steps, self._states)
-        self._spreads = steps @ self._spreads @ steps.transpose(0, 2, 1)
-        self._spreads[:, 0, 0] += wander * elapsed**3 / 3
-        self._spreads[:, 0, 1] += wander * elapsed**2 / 2
-        self._spreads[:, 1, 0] += wander * elapsed**2 / 2
-        self._spreads[:, 1, 1] += wander * elapsed
-        self._spreads[:, 2, 2] += excess * (1 - kept**2) + max(excess - self._excess, 0.0)
-        self._excess = excess
+    @property
+    def arc_deviation(self) -> float:
+        """Standard deviation of the arc length [rad]."""
+        return math.sqrt(self.arc_variance)
 
-    def surprised(self, arc: float, variance: float, elapsed: float) -> bool:
-        """Whether innovations are beyond chance; then the variances grow to explain them.
+    @property
+    def rate_deviation(self) -> float:
+        """Standard deviation of the rate [rad/s]."""
+        return math.sqrt(self.rate_variance)
 
-        Their running mean over a horizon of h frames has the variance 1 / (2 h - 1).
+    @property
+    def steadiness(self) -> float:
+        """Probability that the rate has been constant of late."""
+        return float(self._weights[0] / self._weights[: self._base].sum())
+
+    def predict(self, elapsed: float, at_edge: bool) -> None:
+        """Go on by a time [s], with the wall at an edge of the chain or inside."""
+        self._elapsed = elapsed
+        speed = abs(self.rate)
+        way = speed * elapsed / self._site_arc
+        kept = math.exp(-way / _WAY_OF_AN_ERROR)
+        self._states[0] += elapsed * self._states[1]
+        self._states[2] *= kept
+        self._spreads = self._carried(elapsed, kept) @ self._spreads
+        wander = self._at_edges if at_edge else self._inside
+        cubed = speed**3 / self._site_arc
+        self._wander[[0, 1, 3]] = (
+            cubed * elapsed**3 / 3,
+            cubed * elapsed**2 / 2,
+            cubed * elapsed,
+        )
+        self._spreads += self._wander[:, None] * wander
+        self._spreads[5] += self._errors * (1 - kept**2)
+        self._likelihoods *= math.exp(-way / _WAY_REMEMBERED)
+        self._least_against = -_TRUST_AT_EDGES if at_edge else -_MOST_TRUST
+        self._look_ahead()
+
+    def change_rate(self, ratio: float) -> None:
+        """Let the rate be changed by the orbit, to so many times what it was [1]."""
+        self._states[1] *= ratio
+        self._spreads[[1, 4]] *= ratio
+        self._spreads[3] *= ratio**2
+        self._look_ahead()
+
+    def correct(self, arc: float, variance: float, freedoms: float = math.inf) -> None:
+        """Take in a measurement of the arc [rad] with its variance [rad^2].
+
+        With a variance from few degrees of freedom f a normalised innovation x counts as
+        sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution.
         """
-        arcs, spreads = self._expected()
-        scales = np.sqrt(spreads + variance)
-        surprises = (arc - arcs) / scales
-        self._evidence *= 1 - 1 / _MEMORY
-        self._evidence -= surprises**2 / 2 + np.log(scales)
-        self._means += (surprises[:, None] - self._means) / _HORIZONS
-        scores = np.abs(self._means) * np.sqrt(2 * _HORIZONS - 1)
-        worst = np.argmax(scores, axis=1)
-        beyond = np.flatnonzero(scores.max(axis=1) > _BEYOND_CHANCE)
-        errors = self._means[beyond, worst[beyond]] * scales[beyond]
-        self._spreads[beyond, 0, 0] += errors**2
-        self._spreads[beyond, 1, 1] += (errors / (_HORIZONS[worst[beyond]] * elapsed)) ** 2
-        self._means[beyond] = 0
-        return self._chosen in beyond
+        surprises = arc - self._arcs
+        variances = self._arc_spreads + variance
+        squares = surprises * surprises / variances
+        if math.isfinite(freedoms):
+            squares = (freedoms + 1) * np.log1p(squares / freedoms)
+        likelihoods = -0.5 * (squares + np.log(variances))
+        self._odds += likelihoods[self._base :] - self._together(likelihoods)
+        shares = self._judged(likelihoods[: self._base])
+        gains = self._shared / variances
+        self._states += gains * surprises
+        self._spreads -= self._shared.take(_FIRST, 0) * gains.take(_SECOND, 0)
+        if self._against >= _TRUST:
+            self._begin_steady(shares)
+        if self._odds.max() > _BEYOND_CHANCE:
+            self._begin_kicked()
+        self._weigh(shares)
+        self._suppose_kick()
+        self._known = None
 
-    def correct(self, arc: float, variance: float) -> None:
-        """Take in a measurement of the arc [rad] with its variance [rad^2]."""
-        arcs, spreads = self._expected()
-        shared = self._spreads[:, :, 0] + self._spreads[:, :, 2]
-        gains = shared / (spreads + variance)[:, None]
-        self._states = self._states + gains * (arc - arcs)[:, None]
-        left = self._spreads - gains[:, :, None] * shared[:, None, :]
-        self._spreads = (left + left.transpose(0, 2, 1)) / 2
-        self._square_rates += (self._states[:, 1] ** 2 - self._square_rates) / _MEMORY
-        best = int(np.argmax(self._evidence))
-        self._chosen = best if self._evidence[best] > self._evidence[0] + _BY_FAR else 0
+    def _together(self, likelihoods: Array) -> float:
+        """Logarithm of how likely a measurement is if there was no kick."""
+        base = likelihoods[: self._base]
+        top = float(base.max())
+        weights = self._weights[: self._base]
+        return top + math.log(float(weights @ np.exp(base - top)) / float(weights.sum()))
 
-    def _expected(self) -> tuple[Array, Array]:
-        arcs = self._states[:, 0] + self._states[:, 2]
-        spreads = self._spreads[:, 0, 0] + 2 * self._spreads[:, 0, 2] + self._spreads[:, 2, 2]
-        return arcs, spreads
+    def _judged(self, likelihoods: Array) -> Array:
+        """Weights of all but the steady filter, by how likely [logarithm] the measurement is."""
+        others = likelihoods[1:]
+        top = float(others.max())
+        together = top + math.log(float(self._shares @ np.exp(others - top)))
+        against = self._against + together - float(likelihoods[0])
+        self._against = min(max(against, self._least_against), _TRUST)
+        self._likelihoods += others
+        self._likelihoods -= self._likelihoods.max()
+        return np.asarray(np.exp(self._likelihoods))
+
+    def _begin_steady(self, shares: Array) -> None:
+        """Let the steady filter begin anew where the others are."""
+        others = slice(1, self._base)
+        arc, rate, of_arc, both, of_rate = _mixture(
+            shares / float(shares.sum()), self._states[:, others], self._spreads[:, others]
+        )
+        self._states[:, 0] = arc, rate, 0.0
+        self._spreads[:, 0] = of_arc, both, 0.0, of_rate, 0.0, 0.0
+        self._against = _BEGUN_ANEW
+
+    def _begin_kicked(self) -> None:
+        """Let all filters begin anew where the likeliest kick has led."""
+        kicked = self._base + int(self._odds.argmax())
+        arc, rate, error = self._states[:, kicked].tolist()
+        of_arc, both, mixed, of_rate, _, of_error = self._spreads[:, kicked].tolist()
+        base = slice(0, self._base)
+        self._states[:, base] = np.array([[arc + error], [rate], [0.0]])
+        self._spreads[:, base] = 0.0
+        self._spreads[0, base] = of_arc + 2 * mixed + of_error
+        self._spreads[1, base], self._spreads[3, base] = both, of_rate
+        self._spreads[5, base] = self._errors[base]
+        self._against = max(self._against, _BEGUN_ANEW)
+        self._odds[:] = -np.inf
+        self._frames = 0
+        self.kicks += 1
+
+    def _suppose_kick(self) -> None:
+        """Let a filter begin that holds that the wall is kicked now; each grows older.
+
+        Those of 2^k frames and more move on when the count of frames is a multiple of 2^(k + 1).
+        """
+        self._frames += 1
+        older = min((self._frames & -self._frames).bit_length() - 1, _AGES - 1)
+        first = self._base
+        for rows in (self._states, self._spreads, self._errors):
+            rows[..., first + 1 : first + 1 + older] = rows[..., first : first + older].copy()
+        self._odds[1 : 1 + older] = self._odds[:older].copy()
+        likeliest = int(self._weights[:first].argmax())
+        for rows in (self._states, self._spreads, self._errors):
+            rows[..., first] = rows[..., likeliest]
+        kick = float(self._states[1, first]) ** 2 + self._least_kick
+        self._spreads[0, first] += kick * self._elapsed**2 / 4
+        self._spreads[3, first] += kick
+        self._odds[0] = 0.0
+
+    def _weigh(self, shares: Array) -> None:
+        doubted = 1 / (1 + math.exp(-self._against))
+        self._shares = shares / float(shares.sum())
+        weights = self._weights
+        weights[1 : self._base] = doubted * self._shares
+        weights[0] = 1 - doubted
+        likelier = np.exp(self._odds) - math.exp(_NO_EVIDENCE)
+        weights[self._base :] = math.exp(-_RARE) * np.maximum(likelier, 0.0)
+        weights /= float(weights.sum())
+
+    @property
+    def _summary(self) -> _Summary:
+        if self._known is None:
+            self._known = _mixture(self._weights, self._states, self._spreads)
+        return self._known
+
+    def _look_ahead(self) -> None:
+        """Measurement that is expected, s + b [rad], its variance without noise [rad^2]."""
+        self._known = None
+        self._shared = _MEASURED @ self._spreads
+        self._arcs = self._states[0] + self._states[2]
+        self._arc_spreads = self._shared[0] + self._shared[2]
+        self.expected = float(self._weights @ self._arcs)
+        apart = self._arcs - self.expected
+        self.expected_variance = float(self._weights @ (self._arc_spreads + apart * apart))
+
+    def _carried(self, elapsed: float, kept: float) -> Array:
+        """Matrix that takes the rows of covariances on by a time [s], (6, 6)."""
+        carry = self._carry
+        carry[0, 1], carry[0, 3], carry[1, 3] = 2 * elapsed, elapsed**2, elapsed
+        carry[2, 2], carry[2, 4], carry[4, 4], carry[5, 5] = kept, elapsed * kept, kept, kept**2
+        return carry
+
+
+def _mixture(weights: Array, states: Array, spreads: Array) -> _Summary:
+    """Mean s and w of weighted filters, variance of s, covariance, variance of w."""
+    arc, rate = (states[:2] @ weights).tolist()
+    arcs, rates = states[0] - arc, states[1] - rate
+    weighted = weights * rates
+    within = (spreads @ weights).tolist()
+    return (
+        arc,
+        rate,
+        within[0] + float((weights * arcs) @ arcs),
+        within[1] + float(weighted @ arcs),
+        within[3] + float(weighted @ rates),
+    )

@@ -9,12 +9,23 @@ it. Offset and rest angle are therefore told apart only once the wall has passed
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.chain import Array
 
 _WIDEST = 2.0
-_SIGNIFICANT = 5.0
+_SIGNIFICANT = 5.5
+_BLOCK = 16
+_BEYOND_CHANCE = 5.0
+_DEVIATION_PER_MEDIAN = 1.4826
+_WAVES = 10.0
+_LEAST_ERROR = 3e-4
+_LEAST_DOUBTED = 0.01
+_FEW = 0.2
+_SHARE_OF_WAVES = 0.05
 
 
 class EncoderOffsets:
@@ -25,6 +36,7 @@ class EncoderOffsets:
         self._trust = rest_angle_deviation**-2
         self._weights = np.zeros((2, number_of_rotors))
         self._sums = np.zeros((2, number_of_rotors))
+        self._repeated = 0.0
         self._solve()
 
     @property
@@ -42,12 +54,26 @@ class EncoderOffsets:
         """What is to be subtracted from each angle [rad], shape (N,): 0 where none is sure."""
         return self._corrections
 
-    def update(self, residuals: Array, sides: Array, variance: float) -> None:
+    @property
+    def passed(self) -> NDArray[np.bool_]:
+        """Rotors that were seen on either side of the wall, shape (N,)."""
+        return np.asarray((self._weights > 0).all(axis=0))
+
+    def expected(self, sides: Array) -> tuple[Array, Array]:
+        """Residual o + side * delta expected of each rotor [rad] and its variance, (N,) each."""
+        means = self._values + sides * self._rests
+        return means, self._variances + 2 * sides * self._mixed + sides**2 * self._rest_variances
+
+    def update(
+        self, residuals: Array, sides: Array, variance: float, repeated: float = 0.0
+    ) -> None:
         """Learn from a frame: angles as read less those of the orbit [rad], shape (N,).
 
         They are NaN where unknown; sides [1] are +1 before the wall, -1 beyond it and 0 about
-        it, shape (N,); the variance is that of the noise [rad^2].
+        it, shape (N,); the variance is that of the noise [rad^2], and that of the error which
+        is the same in all frames so far is the repeated.
         """
+        self._repeated = repeated
         for row, side in enumerate((1, -1)):
             known = (sides == side) & np.isfinite(residuals)
             self._weights[row, known] += 1 / variance
@@ -55,13 +81,111 @@ class EncoderOffsets:
         self._solve()
 
     def _solve(self) -> None:
-        """Mean and deviation of o, from the 2 x 2 normal equations of o and delta."""
+        """Means and covariances of o and delta, from their 2 x 2 normal equations."""
         both = self._weights.sum(axis=0)
         of_offset, of_rest = both + _WIDEST**-2, both + self._trust
         mixed = self._weights[0] - self._weights[1]
         sums, differences = self._sums.sum(axis=0), self._sums[0] - self._sums[1]
         determinant = of_offset * of_rest - mixed**2
         self._values: Array = (of_rest * sums - mixed * differences) / determinant
-        self._deviations: Array = np.sqrt(of_rest / determinant)
+        self._rests: Array = (of_offset * differences - mixed * sums) / determinant
+        self._variances: Array = of_rest / determinant
+        self._rest_variances: Array = of_offset / determinant
+        self._mixed: Array = -mixed / determinant
+        self._deviations: Array = np.sqrt(self._variances + self._repeated)
         sure = np.abs(self._values) > _SIGNIFICANT * self._deviations
         self._corrections = np.where(sure, self._values, 0.0)
+
+
+class FarRotors:
+    """Means over blocks of frames of what is left of the rotors that the wall is far from.
+
+    What is left of a rotor for a while does not count where it is not what it was before: the
+    encoder is stuck, or another wall is there.
+    """
+
+    def __init__(self, offsets: EncoderOffsets, margin: float, time_unit: float) -> None:
+        """Learn these offsets beyond a margin [rotor spacings] of a wall; time unit in [s]."""
+        self._offsets = offsets
+        self._margin = margin
+        self._time_unit = time_unit
+        rotors = len(offsets.values)
+        self._rotors = np.arange(rotors)
+        self._sums = np.zeros(rotors)
+        self._read = np.full(rotors, np.nan)
+        self._apart = np.zeros(rotors)
+        self._waves = 0.0
+        self.doubtful = np.zeros(rotors, dtype=np.bool_)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a new block."""
+        self._sums[:] = 0
+        self._frames, self._time = 0, 0.0
+        self._lowest, self._highest = math.inf, -math.inf
+
+    def add(self, residuals: Array, place: float, elapsed: float) -> bool:
+        """Take in what is left of a frame [rad], shape (N,); whether that fills the block.
+
+        The frame is a time [s] after the last, with the wall at a place [rotor spacings].
+        """
+        self._sums += residuals
+        self._lowest, self._highest = min(self._lowest, place), max(self._highest, place)
+        self._time += elapsed
+        self._frames += 1
+        return self._frames == _BLOCK
+
+    def learn(self, sign: int, variance: float) -> None:
+        """Learn from the block, begin a new one.
+
+        The residuals are of angles less corrections, or with a sign of -1 their opposites; the
+        variance is that of the noise of an angle [rad^2].
+        """
+        offsets = self._offsets
+        sides = np.where(self._rotors < self._lowest - self._margin, 1, 0)
+        sides[self._rotors > self._highest + self._margin] = -1
+        means = sign / self._frames * self._sums + offsets.corrections
+        expected, spreads = offsets.expected(sides)
+        surprises = np.where(sides == 0, np.nan, means - expected)
+        unsure, noise = np.sqrt(spreads), variance / self._frames
+        of_waves = max(_typical(surprises, unsure) ** 2 - noise, 0.0)
+        repeats = max(_WAVES * self._time_unit / self._time, 1.0)
+        noise += of_waves * repeats
+        self._waves = max(self._waves, of_waves)
+        repeated = _LEAST_ERROR**2 + _SHARE_OF_WAVES**2 * self._waves + self._common() ** 2
+        strange = np.abs(surprises) > _BEYOND_CHANCE * (unsure + math.sqrt(noise))
+        offsets.update(np.where(strange, np.nan, means), sides, noise, repeated)
+        expected, spreads = offsets.expected(sides)
+        apart = np.maximum(np.abs(expected) - _BEYOND_CHANCE * np.sqrt(spreads + repeated), 0)
+        self._apart = np.where(sides == 0, self._apart, apart)
+        self.forget()
+
+    def _common(self) -> float:
+        """How far the rotors of the chain commonly are from the orbit on either side [rad].
+
+        Where most seem to have an offset, rotors and springs are not equal.
+        """
+        offsets = np.abs(self._offsets.values[self._offsets.passed])
+        return _DEVIATION_PER_MEDIAN * float(np.median(offsets)) if offsets.size else 0.0
+
+    def look_for_doubtful(self, read: Array, outlying: NDArray[np.bool_]) -> None:
+        """Find rotors that are not to be trusted, from what they read [rad], shape (N,).
+
+        Those that read what they did a block ago, unless many do and they are not outlying, are
+        stuck until they read anything else. Those that differ from the orbit by far more than
+        most do have an offset, but one that is known only once the wall has passed.
+        """
+        same = read == self._read
+        if np.count_nonzero(same) > _FEW * np.count_nonzero(np.isfinite(read)):
+            same &= outlying | self.doubtful
+        self._read = read
+        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * float(np.median(self._apart))
+        far_off = self._apart > limit + _LEAST_DOUBTED
+        self.doubtful = same | (far_off & (self._offsets.corrections == 0))
+
+
+def _typical(surprises: Array, unsure: ArrayLike) -> float:
+    """Robust root mean square of surprises that were not to be expected [rad]."""
+    beyond = np.maximum(np.abs(surprises) - unsure, 0.0)
+    known = beyond[np.isfinite(beyond)]
+    return _DEVIATION_PER_MEDIAN * float(np.median(known)) if known.size else 0.0

@@ -14,6 +14,8 @@ Flags = NDArray[np.bool_]
 BEYOND_CHANCE = 5.0
 
 _MEMORY = 4000
+_FRAMES_OF_LATE = 20
+_TIME_OF_LATE = 0.25
 _LEAST_NOISE = 1e-5
 _DEVIATION_PER_MEDIAN = 1.4826
 _SIGNIFICANT = 4.0
@@ -21,51 +23,73 @@ _LEAST_SHARE = 0.2
 
 
 class FrameView:
-    """What a frame looks like from a point of the orbit."""
+    """What a frame looks like from a point of the orbit, in the orientation of the cycle."""
+
+    arc: float
+    """Arc of the nearest point of the orbit, to first order in the residuals [rad]."""
+    first: int
+    """Number of the first rotor about the wall."""
+    tangent: Array
+    """Change of the angles of the rotors about the wall with the arc [1], shape (n,)."""
+    residuals: Array
+    """Angles less those of that point [rad], shape (N,), NaN where unknown."""
+    used: Flags
+    """Rotors about the wall that tell the arc, shape (n,)."""
+    left: Array
+    """Their residuals, 0 for those that do not count [rad], shape (n,)."""
+    information: float
+    """Information on the arc in units of that of a noise of 1 rad [1]."""
 
     def __init__(
         self,
         arc: float,
         first: int,
         tangent: Array,
-        residuals: Array,
+        differences: Array,
         limit: float = math.inf,
         spread: float = 0.0,
+        doubtful: Flags | None = None,
     ) -> None:
-        """Compare; rotors that differ too much do not count.
+        """Compare; rotors that differ too much or are doubtful, shape (N,), do not count.
 
-        Their squared residual is above the limit and what the spread [rad^2] of the arc, its
-        variance, may account for.
+        Differences are from the orbit at the arc [rad], shape (N,). They are too much where
+        their square is above the limit and what the spread [rad^2] of the arc, its variance, may
+        account for.
         """
-        about = residuals[first : first + len(tangent)]
-        known = np.isfinite(about)
-        of_arc = BEYOND_CHANCE**2 * spread * tangent**2
-        squares = np.where(np.isfinite(residuals), residuals, 0.0) ** 2
-        squares[first : first + len(tangent)] -= of_arc
-        self.has_outliers = bool((squares > limit).any())
-        outliers = squares[first : first + len(tangent)] > limit
-        self.share_of_outliers = float(outliers.sum()) / max(float(known.sum()), 1.0)
-        self.used = _without_outliers(known, outliers, tangent)
-        self.first = first
-        self.tangent = tangent
-        self.residuals = residuals
-        self.weights = np.where(self.used, tangent, 0.0)
-        self.information = float(self.weights @ self.weights)
-        seen = np.where(self.used, about, 0.0)
-        ahead = float(self.weights @ seen) / self.information if self.information else 0.0
+        end = first + len(tangent)
+        about = differences[first:end]
+        squares = differences * differences
+        squares[first:end] -= (BEYOND_CHANCE**2 * spread) * tangent**2
+        self.outlying: Flags = (
+            squares > limit if doubtful is None else (squares > limit) | doubtful
+        )
+        self.used = np.isfinite(about)
+        known = int(np.count_nonzero(self.used))
+        outliers = self.outlying[first:end]
+        excluded = int(np.count_nonzero(outliers))
+        self.share_of_outliers = excluded / max(known, 1)
+        if excluded:
+            self.used = _without_outliers(self.used, outliers, tangent)
+            known = int(np.count_nonzero(self.used))
+        complete = known == len(tangent)
+        weights = tangent if complete else np.where(self.used, tangent, 0.0)
+        seen = about if complete else np.where(self.used, about, 0.0)
+        self.first, self.tangent = first, tangent
+        self.information = float(weights @ weights)
+        ahead = float(weights @ seen) / self.information if self.information else 0.0
         self.arc = arc + ahead
-        self.left = seen - ahead * self.weights
+        self.left = seen - ahead * weights
+        self.freedoms = max(known - 1, 1)
+        self.residuals = differences
+        self.residuals[first:end] -= ahead * tangent
 
     @property
     def robust_limit(self) -> float:
         """Squared residual beyond chance, by the median of them all [rad^2]."""
+        if not self.used.any():
+            return math.inf
         median = float(np.median(np.abs(self.left[self.used])))
         return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median) ** 2
-
-    @property
-    def freedoms(self) -> int:
-        """Number of residuals that the arc leaves free."""
-        return max(int(np.count_nonzero(self.used)) - 1, 1)
 
     @property
     def mean_square(self) -> float:
@@ -73,28 +97,26 @@ class FrameView:
         return float(self.left @ self.left) / self.freedoms
 
     @property
-    def root_mean_square_of_all(self) -> float:
-        """The same of all rotors of the chain that are known, without the arc's share [rad]."""
-        return math.sqrt(float(np.nanmean(self.residuals**2)))
-
-    @property
-    def concentration(self) -> float:
-        """Return sum_n t_n^4, one over the number of rotors that move."""
-        return float(np.sum(self.tangent**4))
+    def mean_square_of_all(self) -> float:
+        """The same of all rotors of the chain that are known, outliers too [rad^2]."""
+        return float(np.nanmean(self.residuals**2))
 
 
 class FrameNoise:
     """What the orbit leaves of the angles, told apart by what lasts from frame to frame.
 
     Noise differs from frame to frame, so that the product of what is left of a rotor in two
-    frames running has mean 0. What lasts - waves, deviations and offsets - has its square.
+    frames running has mean 0. What lasts - waves, deviations and offsets - has its square but
+    for what it changes meanwhile: the products of frames one and two apart lead back to it,
+    c_0 = (4 c_1 - c_2) / 3.
     """
 
     def __init__(self, given: float | None) -> None:
         self._given = 0.0 if given is None else given**2
         self._squares = self._freedoms = 0.0
+        self._squares_of_late = self._freedoms_of_late = 0.0
         self.variance = self._given
-        self._last: FrameView | None = None
+        self._earlier: list[FrameView] = []
         self.forget_what_lasted()
 
     @property
@@ -102,53 +124,66 @@ class FrameNoise:
         """Standard deviation of the noise in use [rad]."""
         return math.sqrt(self.variance)
 
-    def update(self, view: FrameView) -> None:
-        """Take in what is left of a frame."""
+    @property
+    def freedoms(self) -> float:
+        """Degrees of freedom of the variance; infinite where it is given."""
+        return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
+
+    def update(self, view: FrameView, elapsed: float) -> None:
+        """Take in what is left of a frame, a time [s] after the last."""
+        squares = float(view.left @ view.left)
         fade = 1 - 1 / _MEMORY
-        self._squares = fade * self._squares + float(view.left @ view.left)
+        self._squares = fade * self._squares + squares
         self._freedoms = fade * self._freedoms + view.freedoms
-        if self._last is not None:
-            self._pair(self._last, view, fade)
-        self._last = view
+        recent = math.exp(-min(elapsed / _TIME_OF_LATE, 1 / _FRAMES_OF_LATE))
+        self._squares_of_late = recent * self._squares_of_late + squares
+        self._freedoms_of_late = recent * self._freedoms_of_late + view.freedoms
+        if len(self._earlier) == 2:
+            self._pair([*self._earlier, view], fade)
+        self._earlier = [*self._earlier[-1:], view]
         self._estimate()
 
     def forget_what_lasted(self) -> None:
         """Begin anew with all but the noise, as what encoders add has been found out."""
         self._squares = self.variance * self._freedoms
+        self._squares_of_late = self.variance * self._freedoms_of_late
         self._products = self._pairs = 0.0
         self._wall = self._wall_share = self._wall_chance = 0.0
-        self._last = None
+        self._earlier = []
         self._estimate()
 
-    def _pair(self, last: FrameView, view: FrameView, fade: float) -> None:
-        low = max(last.first, view.first)
-        high = max(min(last.first + len(last.left), view.first + len(view.left)), low)
-        products = last.left[low - last.first : high - last.first]
-        products = products * view.left[low - view.first : high - view.first]
-        both = last.used[low - last.first : high - last.first]
-        both = both & view.used[low - view.first : high - view.first]
-        share = np.where(both, view.tangent[low - view.first : high - view.first] ** 2, 0.0)
-        free = share * (1 - share)
+    def _pair(self, views: list[FrameView], fade: float) -> None:
+        view = views[-1]
+        low = max(each.first for each in views)
+        high = max(min(each.first + len(each.left) for each in views), low)
+        oldest, older, left = (each.left[low - each.first : high - each.first] for each in views)
+        products = left * (older * (4 / 3) - oldest / 3)
+        share = view.tangent[low - view.first : high - view.first] ** 2
+        free = share - share**2
         self._products = fade * self._products + float(products.sum())
-        self._pairs = fade * self._pairs + np.count_nonzero(both)
+        freedoms = min(high - low - 1, *(each.freedoms for each in views))
+        self._pairs = fade * self._pairs + max(freedoms, 0)
         self._wall = fade * self._wall + float(share @ products)
         self._wall_share = fade * self._wall_share + float(free.sum())
         self._wall_chance = fade**2 * self._wall_chance + float(free @ free)
 
     def _estimate(self) -> None:
-        self.scatter = self._squares / self._freedoms if self._freedoms else 0.0
-        sure = self._products > self._by_chance(self._pairs, 1.0)
+        whole = self._squares / self._freedoms if self._freedoms else 0.0
+        of_late = self._freedoms_of_late
+        self.scatter = self._squares_of_late / of_late if of_late else 0.0
+        sure = self._products > _by_chance(whole, self._pairs, 1.0) > 0
         self.lasting = self._products / self._pairs if sure else 0.0
-        sure = self._wall > self._by_chance(self._wall_chance, 0.25)
+        sure = self._wall > _by_chance(whole, self._wall_chance, 0.25)
         self.excess = self._wall / self._wall_share if sure else 0.0
-        white = max(self.scatter - self.lasting, _LEAST_NOISE**2)
+        white = max(whole - self.lasting, _LEAST_NOISE**2)
         doubt = 1 + _SIGNIFICANT * math.sqrt(2 / max(self._freedoms, 1.0))
         self.variance = white if white > self._given * doubt else self._given
 
-    def _by_chance(self, squared_weights: float, largest: float) -> float:
-        """Bernstein's bound of a sum of weighted products of noise [rad^2]."""
-        deviation = _SIGNIFICANT * math.sqrt(squared_weights)
-        return self.scatter * (deviation + _SIGNIFICANT**2 / 2 * largest)
+
+def _by_chance(square: float, squared_weights: float, largest: float) -> float:
+    """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""
+    deviation = _SIGNIFICANT * math.sqrt(17 / 9 * squared_weights)
+    return square * (deviation + _SIGNIFICANT**2 / 2 * largest)
 
 
 def _without_outliers(used: Flags, outliers: Flags, tangent: Array) -> Flags:
@@ -156,8 +191,3 @@ def _without_outliers(used: Flags, outliers: Flags, tangent: Array) -> Flags:
     kept = used & ~outliers
     enough = np.sum(tangent[kept] ** 2) > _LEAST_SHARE * np.sum(tangent[used] ** 2)
     return kept if enough else used
-
-
-def wrapped(differences: Array) -> Array:
-    """Return differences of angles brought into -pi to pi [rad]."""
-    return np.asarray(np.remainder(differences + math.pi, 2 * math.pi) - math.pi)

@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr
 
-from soliton_linkage.chain import Array, Motion, staggered
+from soliton_linkage.chain import Array, Motion, staggered, wrapped
 
 _SURE = 0.95
 _FEWEST = 4
@@ -39,6 +39,7 @@ _FLAT_IN_NOISE = 2.0
 _NOISIEST = 0.15
 _FREEDOM_OF_BEND = 0.1
 _SPREAD = 1.2
+_LEAST_LEVER = 1e-9
 _NEGLECTED = 0.01
 
 
@@ -77,11 +78,10 @@ class MotionEvidence:
         The sum of log likelihoods is limited, for errors that stay the same in all frames.
         """
         flipping = min(max(self.flipping + other.flipping, -_STRONGEST), _STRONGEST)
-        weights = [1e-300 + float(each.tails[:, 0, 0].sum()) for each in (self, other)]
-        angles = [each.rest_angle for each in (self, other)]
-        known = [pair for pair in zip(weights, angles, strict=True) if math.isfinite(pair[1])]
-        whole = sum(weight for weight, _ in known)
-        mean = sum(weight * angle for weight, angle in known) / whole if known else math.nan
+        known = [each for each in (self, other) if math.isfinite(each.rest_angle)]
+        whole = sum(each._weight for each in known)
+        turned = sum(each._weight * each.rest_angle for each in known)
+        mean = turned / whole if known else math.nan
         return MotionEvidence(other.place, flipping, mean, self.tails + other.tails)
 
     def swapped(self) -> MotionEvidence:
@@ -91,8 +91,9 @@ class MotionEvidence:
     def verdict(self) -> MotionClass:
         """Return the class; unknown where none of the three has a probability of 0.95."""
         ratio, deviation = self.tail_ratio()
-        wobbling = float(ndtr(-ratio / deviation)) if math.isfinite(ratio) else 0.5
-        spinning = float(expit(-self.flipping - math.log(2)))
+        scaled = ratio / deviation if math.isfinite(ratio) else 0.0
+        wobbling = math.erfc(scaled / math.sqrt(2)) / 2
+        spinning = 1 / (1 + 2 * math.exp(self.flipping))
         shares = {
             Motion.FLIPPER: (1 - spinning) * (1 - wobbling),
             Motion.WOBBLING_FLIPPER: (1 - spinning) * wobbling,
@@ -108,14 +109,19 @@ class MotionEvidence:
         Mean of both sides. Where they differ by more than they should, the deviation is as much
         larger. What springs in motion may do to it counts as 0.01.
         """
-        sides = [_solved(sums, self.rest_angle) for sums in self.tails if sums[0, 0] > 0]
+        sums: list[list[list[float]]] = self.tails.tolist()
+        sides = [_solved(each, self.rest_angle) for each in sums if each[0][0] > 0]
         if not sides:
             return math.nan, math.inf
-        ratios, variances = np.array(sides).T
-        variance = 1 / float(np.sum(1 / variances))
-        ratio = variance * float(np.sum(ratios / variances))
-        apart = float(np.sum((ratios - ratio) ** 2 / variances))
+        variance = 1 / sum(1 / of_side for _, of_side in sides)
+        ratio = variance * sum(each / of_side for each, of_side in sides)
+        apart = sum((each - ratio) ** 2 / of_side for each, of_side in sides)
         return ratio, math.sqrt(variance * max(1.0, apart) + _NEGLECTED**2)
+
+    @property
+    def _weight(self) -> float:
+        """How much the tails tell; never quite nothing."""
+        return 1e-300 + float(self.tails[0, 0, 0]) + float(self.tails[1, 0, 0])
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)))
@@ -158,22 +164,21 @@ def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
         raise ValueError(f'angles of shape {np.shape(angles)} must be one row, an angle a rotor')
     if not (math.isfinite(noise) and noise >= 0):
         raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
-    theta = staggered(angles)
-    bond = _change_of_lean(theta)
-    if not _FEWEST < bond < len(theta) - _FEWEST:
+    frame = _Frame(staggered(angles))
+    rotors, bond = len(frame.theta), frame.bond
+    if not _FEWEST < bond < rotors - _FEWEST:
         return NO_EVIDENCE
-    sides = [_Side(theta[1:bond][::-1]), _Side(theta[bond:-1])]
-    if min(each.count for each in sides) < 2:
+    left = _Side(frame, bond - 1, 0)
+    right = _Side(frame, bond, rotors - 1)
+    if min(left.count, right.count) < 2:
         return NO_EVIDENCE
-    spread = math.sqrt(
-        (sides[0].scatter + sides[1].scatter) / (sides[0].freedom + sides[1].freedom)
-    )
+    spread = math.sqrt((left.scatter + right.scatter) / (left.count + right.count - 2))
     noise = max(noise, spread, _FINEST)
-    if not _opposed(sides, noise):
+    if not _opposed(left, right, noise):
         return NO_EVIDENCE
-    tails = np.array([each.tail(noise) for each in sides])
-    lean = math.pi / 2 - (abs(sides[0].steepness) + abs(sides[1].steepness)) / 2
-    return MotionEvidence(_crossing(theta, bond), _flipping(sides, noise), lean, tails)
+    tails = np.array([left.tail(noise), right.tail(noise)])
+    lean = math.pi / 2 - (abs(left.steepness) + abs(right.steepness)) / 2
+    return MotionEvidence(frame.crossing, _flipping(left, right, noise), lean, tails)
 
 
 def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
@@ -184,31 +189,76 @@ def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> 
     cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda says
     k = 2 sin(theta_bar) / d; F(e) is for lambda = 0.
     """
-    k, lean = _pitch(rest_angle, ratio), np.sin(rest_angle + deviations)
-    up, across = np.cos(rest_angle + deviations), k + lean
-    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
-    return np.asarray(np.arccos(np.clip(cosine, -1, 1)) - np.arctan2(across, up) - rest_angle)
+    lean, up = np.sin(rest_angle + deviations), np.cos(rest_angle + deviations)
+    return _outer(lean, up, rest_angle, _pitch(rest_angle, ratio)) - rest_angle
 
 
 def slope_of_next(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
     """Derivative of `next_deviation` by the deviation [1], lambda at 0, shape (...)."""
+    return next_deviation_and_slope(deviations, rest_angle, ratio)[1]
+
+
+def next_deviation_and_slope(
+    deviations: Array, rest_angle: float, ratio: float = 0.0
+) -> tuple[Array, Array]:
+    """Both at once: see `next_deviation` and `slope_of_next`."""
     k, inner = _pitch(rest_angle, ratio), rest_angle + deviations
-    outer = rest_angle + next_deviation(deviations, rest_angle, ratio)
+    up = np.cos(inner)
+    outer = _outer(np.sin(inner), up, rest_angle, k)
     sine = np.sin(inner + outer)
-    return np.asarray((k * np.cos(inner) - sine) / (k * np.cos(outer) + sine))
+    lever = k * np.cos(outer) + sine
+    # A bar in line with the outer rotor makes the slope infinite.
+    return outer - rest_angle, (k * up - sine) / np.where(lever == 0, _LEAST_LEVER, lever)
+
+
+class _Frame:
+    """Staggered angles of a frame, and where they change the side to which they lean."""
+
+    def __init__(self, theta: Array) -> None:
+        self.theta = theta
+        self.sines, self.cosines = np.sin(theta), np.cos(theta)
+        self.known: NDArray[np.bool_] | None = None
+        if not math.isfinite(self.sines.sum()):
+            self.known = np.isfinite(self.sines)
+            self.sines = np.where(self.known, self.sines, 0.0)
+            self.cosines = np.where(self.known, self.cosines, 0.0)
+
+    @cached_property
+    def bond(self) -> int:
+        """Number of rotors before the wall: there the means of sin(theta) differ the most."""
+        if not len(self.sines):
+            return 0
+        before = self.sines.cumsum()
+        return int(np.abs(before - before[-1] / 2).argmax()) + 1
+
+    @property
+    def crossing(self) -> float:
+        """Place where sin(theta) is 0 between two rotors, or half way where it is not."""
+        left, right = float(self.sines[self.bond - 1]), float(self.sines[self.bond])
+        return self.bond - 1 + (left / (left - right) if left * right < 0 else 0.5)
 
 
 class _Side:
-    """The rotors on one side of a wall, outwards from it, without that at the edge."""
+    """The rotors on one side of a wall, without that at the edge."""
 
-    def __init__(self, theta: Array) -> None:
-        self._theta = theta
-        self._outer = theta[len(theta) // 2 :]
-        self._outer = self._outer[np.isfinite(self._outer)]
-        self.count = len(self._outer)
-        self.mean = float(np.angle(np.exp(1j * self._outer).sum()))
-        self.scatter = float(np.sum(wrapped(self._outer - self.mean) ** 2))
-        self.freedom = self.count - 1
+    def __init__(self, frame: _Frame, nearest: int, edge: int) -> None:
+        self._way = 1 if edge > nearest else -1
+        rotors = abs(edge - nearest)
+        inner, outer = sorted((nearest + self._way * (rotors // 2), edge - self._way))
+        half = slice(inner, outer + 1)
+        self.count = outer + 1 - inner
+        if frame.known is not None:
+            self.count = int(np.count_nonzero(frame.known[half]))
+        sine, cosine = float(frame.sines[half].sum()), float(frame.cosines[half].sum())
+        self.mean = math.atan2(sine, cosine)
+        self._handed = (1 if sine > 0 else -1) * (1 if cosine > 0 else -1)
+        first, last = sorted((nearest, edge - self._way))
+        # From the wall outwards.
+        self._deviations = wrapped(frame.theta[first : last + 1] - self.mean)[:: self._way]
+        outer_half = self._deviations[rotors // 2 :]
+        if frame.known is not None:
+            outer_half = outer_half[np.isfinite(outer_half)]
+        self.scatter = float(outer_half @ outer_half)
 
     @property
     def steepness(self) -> float:
@@ -220,16 +270,22 @@ class _Side:
         rest = math.pi / 2 - abs(self.steepness)
         if noise > _NOISIEST * rest:
             return np.zeros((3, 3))
-        lean = 1 if math.sin(self.mean) > 0 else -1
-        upright = 1 if math.cos(self.mean) > 0 else -1
-        deviations = lean * upright * wrapped(self._theta - self.mean)
-        near = deviations[: len(deviations) // 2 + 1]
-        flank = _flank(near, rest, max(_FLAT_IN_NOISE * noise, _FLAT * rest))
-        inner, outer = deviations[flank], deviations[flank + 1]
-        known = np.isfinite(outer)
-        inner, beyond = inner[known], (outer - next_deviation(inner, rest))[known]
-        rows = np.stack([inner, inner**2, beyond], axis=1)
-        return np.asarray(rows.T @ rows / (noise**2 * (_SPREAD + 1 / self.count)))
+        near = self._handed * self._deviations[: len(self._deviations) // 2 + 1]
+        begin, end = _flank(near, rest, max(_FLAT_IN_NOISE * noise, _FLAT * rest))
+        inner, outer = near[begin:end], self._handed * self._deviations[begin + 1 : end + 1]
+        if not math.isfinite(outer.sum()):
+            known = np.isfinite(outer)
+            inner, outer = inner[known], outer[known]
+        rows = np.array((inner, inner * inner, outer - next_deviation(inner, rest)))
+        return np.asarray(rows @ rows.T / (noise**2 * (_SPREAD + 1 / self.count)))
+
+
+def _outer(lean: Array, up: Array, rest_angle: float, k: float) -> Array:
+    """Angle alpha' of the outer neighbour, from sine and cosine of alpha [rad], shape (...)."""
+    across = k + lean
+    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
+    limited = np.minimum(np.maximum(cosine, -1.0), 1.0)
+    return np.asarray(np.arccos(limited) - np.arctan2(across, up))
 
 
 def _pitch(rest_angle: float, ratio: float) -> float:
@@ -237,53 +293,38 @@ def _pitch(rest_angle: float, ratio: float) -> float:
     return 2 * math.sin(rest_angle) * (1 + ratio) / (1 - ratio)
 
 
-def wrapped(differences: Array) -> Array:
-    """Differences of angles, counted from -pi to pi [rad]."""
-    return np.asarray(np.remainder(differences + math.pi, 2 * math.pi) - math.pi)
-
-
-def _change_of_lean(theta: Array) -> int:
-    """Number of rotors before the wall: there the means of sin(theta) differ the most."""
-    leans = np.where(np.isfinite(theta), np.sin(theta), 0.0)
-    before = np.concatenate([[0.0], np.cumsum(leans)])
-    return int(np.argmax(np.abs(2 * before - before[-1])))
-
-
-def _crossing(theta: Array, bond: int) -> float:
-    """Place where sin(theta) is 0 between two rotors, or half way where it is not."""
-    left, right = np.sin(theta[bond - 1 : bond + 1])
-    return bond - 1 + float(left / (left - right) if left * right < 0 else 0.5)
-
-
-def _opposed(sides: list[_Side], noise: float) -> bool:
+def _opposed(left: _Side, right: _Side, noise: float) -> bool:
     """Whether the two sides lean to opposite sides beyond doubt."""
-    leans = [math.sin(each.mean) * math.sqrt(each.count) / noise for each in sides]
+    leans = [math.sin(each.mean) * math.sqrt(each.count) / noise for each in (left, right)]
     return leans[0] * leans[1] < 0 and min(map(abs, leans)) > _LEANING
 
 
-def _flipping(sides: list[_Side], noise: float) -> float:
+def _flipping(left: _Side, right: _Side, noise: float) -> float:
     """Log likelihood of theta_right = -theta_left less that of theta_left + pi, for a frame.
 
     Where neither is met to within the noise, as in a wake or with deviations, the variance is
     what the better of the two needs.
     """
-    left, right = (each.mean for each in sides)
-    flipped, spun = wrapped(np.array([right + left, right - left - math.pi])) ** 2
-    variance = noise**2 * (1 / sides[0].count + 1 / sides[1].count)
-    likelihood = float(spun - flipped) / (2 * max(variance, float(min(flipped, spun))))
+    flipped = math.remainder(right.mean + left.mean, 2 * math.pi) ** 2
+    spun = math.remainder(right.mean - left.mean - math.pi, 2 * math.pi) ** 2
+    variance = noise**2 * (1 / left.count + 1 / right.count)
+    likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
     return min(max(likelihood, -_STRONGEST_FRAME), _STRONGEST_FRAME)
 
 
-def _flank(deviations: Array, rest_angle: float, flat: float) -> NDArray[np.int64]:
-    """Rotors from the middle of the wall to where it is flat, outwards without a gap."""
-    core = np.flatnonzero(deviations <= -rest_angle)
+def _flank(deviations: Array, rest_angle: float, flat: float) -> tuple[int, int]:
+    """First rotor from the middle of the wall on, and the first where it is flat, outwards."""
+    core = (deviations <= -rest_angle).nonzero()[0]
     start = int(core[-1]) + 1 if len(core) else 0
-    over = ~(np.abs(deviations[start:-1]) > flat)
-    return start + np.arange(int(np.argmax(over)) if over.any() else len(over))
+    calm = ~(np.abs(deviations[start:-1]) > flat)
+    over = int(calm.argmax()) if len(calm) else 0
+    return start, start + (over if over or (len(calm) and calm[0]) else len(calm))
 
 
-def _solved(sums: Array, rest_angle: float) -> tuple[float, float]:
+def _solved(sums: list[list[float]], rest_angle: float) -> tuple[float, float]:
     """Ratio lambda [1] and its variance, with the term in e^2 at most about 0.1 / theta_bar."""
-    normal = sums[:2, :2] + np.diag([1.0, (rest_angle / _FREEDOM_OF_BEND) ** 2])
-    variances = np.linalg.inv(normal)
-    return float(variances[0] @ sums[:2, 2]), float(variances[0, 0])
+    first, both = sums[0][0] + 1, sums[0][1]
+    second = sums[1][1] + (rest_angle / _FREEDOM_OF_BEND) ** 2
+    determinant = first * second - both**2
+    ratio = (second * sums[0][2] - both * sums[1][2]) / determinant
+    return ratio, second / determinant

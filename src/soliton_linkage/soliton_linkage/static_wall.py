@@ -59,7 +59,7 @@ def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) 
         raise ValueError(f'leg = {leg} must be one of 0 to {legs - 1} for a {chain.motion.value}')
     seed = min(max(round(place), 1), rotors - 2)
     angle = _seed_angle(chain, seed, place - seed, leg, turned)
-    return hung_from(chain, seed, angle, *_sides(chain, leg, turned))
+    return hung_from(chain, seed, angle, *bar_sides(chain, leg, turned))
 
 
 def site_arc(chain: Chain) -> float:
@@ -104,13 +104,13 @@ def hung_from(
     angles = np.empty(chain.number_of_rotors)
     angles[seed] = angle
     for n in range(seed, chain.number_of_rotors - 1):
-        angles[n + 1] = _hung(chain, n, n + 1, angles[n], -chain.spacings[n], right_sides[n])
+        angles[n + 1] = hung_angle(chain, n, n + 1, angles[n], -chain.spacings[n], right_sides[n])
     for n in range(seed - 1, -1, -1):
-        angles[n] = _hung(chain, n, n, angles[n + 1], chain.spacings[n], left_sides[n])
+        angles[n] = hung_angle(chain, n, n, angles[n + 1], chain.spacings[n], left_sides[n])
     return angles
 
 
-def _hung(
+def hung_angle(
     chain: Chain, bar: int, rotor: int, neighbour_angle: float, offset: float, side: float
 ) -> float:
     """Angle of a rotor on a bar from its neighbour, whose pivot lies at an offset from its own.
@@ -134,7 +134,7 @@ def _hung(
     return math.atan2(h, v) + side * 2 * math.atan2(math.sqrt(beyond), math.sqrt(short))
 
 
-def _sides(chain: Chain, leg: int, turned: bool) -> tuple[Array, Array]:
+def bar_sides(chain: Chain, leg: int, turned: bool) -> tuple[Array, Array]:
     """Signs of A_n of the right-leaning and of B_n of the left-leaning state, (springs,) each.
 
     An edge rotor that has toggled hangs on the other side. A flipper's first rotor has not
@@ -186,7 +186,7 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
         h = (chain.rotor_length * math.sin(chain.rest_angle)) ** 2 / chain.spacing
     angle = math.asin(h / chain.rotor_length)
     upright = (rotor % 2 == 0) != crossed
-    sides = _sides(chain, leg if chain.motion is Motion.SPINNER else 0, False)
+    sides = bar_sides(chain, leg if chain.motion is Motion.SPINNER else 0, False)
     return hung_from(chain, rotor, angle if upright else math.pi - angle, *sides)
 
 

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.recording import Recording
-from soliton_linkage.soliton import Soliton, find_solitons
+from soliton_linkage.soliton import find_solitons
 
 _EDGE_SHARE = 0.2
 
@@ -41,7 +43,19 @@ class Crossing:
     """Slope of a straight line through the passage [rotor spacings / s], positive."""
 
 
-def track_point(chain: Chain, solitons: tuple[Soliton, ...]) -> tuple[float, float]:
+class MovingWall(Protocol):
+    """A wall of which place and velocity are known, however they were found."""
+
+    @property
+    def rotor(self) -> float:
+        """Centre [rotor spacings]."""
+
+    @property
+    def velocity(self) -> float:
+        """Of the centre [m/s]."""
+
+
+def track_point(chain: Chain, solitons: Sequence[MovingWall]) -> tuple[float, float]:
     """Place [rotor spacings] and velocity [rotor spacings / s] of the first soliton, or NaN."""
     if not solitons:
         return np.nan, np.nan

@@ -14,15 +14,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from soliton_linkage.analysis import AnalysedSoliton, Analyser
 from soliton_linkage.bands import speed_of_sound
 from soliton_linkage.chain import Array, Chain
-from soliton_linkage.cycle import Cycle
-from soliton_linkage.cycle_fit import fit_anywhere, fit_near
 from soliton_linkage.soliton import find_solitons
 from soliton_linkage.static_wall import static_wall
-from soliton_linkage.studies.accuracy_estimators import cycle_of
 from soliton_linkage.studies.accuracy_table import name_of
-from soliton_linkage.studies.drawing import BLUE, GREY, RED
+from soliton_linkage.studies.drawing import BLUE, RED
 from soliton_linkage.studies.experiments import kicked, slow_crossing
 from soliton_linkage.studies.plates import Comparison, Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
@@ -43,7 +41,7 @@ class Passage:
     speed_deviation: float
     """Standard deviation of the speed [1]."""
     width: float
-    """Over that of a slow wall in the continuum [1]."""
+    """Over that at rest [1]."""
     width_deviation: float
     """Standard deviation of the width [1]."""
 
@@ -57,7 +55,7 @@ class Reference:
     speeds: tuple[float, ...]
     """In a sqrt(k_e / M)."""
     widths: tuple[float, ...]
-    """Over that of a slow wall in the continuum [1]."""
+    """Of a tanh, over that of a slow wall in the continuum [1]."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ class ContractionStudy:
         for axes, walls, rest in zip(panels, self.walls, at_rest, strict=True):
             own = [passages.pop(0) for _ in walls.kicks]
             _draw(plate, axes, walls, own, rest)
-            lines[walls.name] = _comparisons(walls, own)
+            lines[walls.name] = _comparisons(walls, own, rest)
         plate.save(folder, 'contraction')
         write_table(lines, folder / 'contraction.md', list(lines))
 
@@ -119,41 +117,45 @@ class ContractionStudy:
 def measured_passage(chain: Chain, times: Array, angles: Array) -> Passage:
     """Speed and width of a wall in noisy frames, times [s] of shape (T,), angles [rad] (T, N).
 
-    The speed is the slope of a straight line through the nearest points of the orbit while the
-    wall is in the middle of the chain, the width the mean of those of a tanh with free width.
-    Raises ValueError where the wall is not there in ten frames.
+    As the analyser reports them while the wall is in the middle of the chain. Raises ValueError
+    where it is not there in ten frames.
     """
-    cycle = cycle_of(chain)
-    arcs = followed(cycle, angles)
-    away = np.abs(np.array([cycle.place(arc) for arc in arcs]) - cycle.middle)
-    inside = np.flatnonzero(away < _MIDDLE * cycle.middle)
+    analyser = Analyser(chain)
+    stamps = np.rint(1e9 * times).astype(np.int64).tolist()
+    analyses = [analyser.analyse(*frame) for frame in zip(stamps, angles, strict=True)]
+    return passage_of(chain, [each.solitons for each in analyses if each is not None])
+
+
+def passage_of(chain: Chain, frames: Sequence[tuple[AnalysedSoliton, ...]]) -> Passage:
+    """Speed and width of the only wall of frames, while it is in the middle of the chain.
+
+    Means over the frames, which rest on largely the same frames before, with the standard
+    deviation of the surest. Raises ValueError where it is not there in ten frames.
+    """
+    middle = (chain.number_of_rotors - 1) / 2
+    inside = [
+        walls[0]
+        for walls in frames
+        if len(walls) == 1
+        and abs(walls[0].rotor - middle) < _MIDDLE * middle
+        and math.isfinite(walls[0].width_deviation)
+    ]
     if len(inside) < _FEWEST_FRAMES:
         raise ValueError(
             f'the wall was in the middle of the chain in {len(inside)} frames, of which '
             f'{_FEWEST_FRAMES} are wanted; record more frames, or kick it less'
         )
-    seen = slice(inside[0], inside[-1] + 1)
-    (slope, _), covariance = np.polyfit(times[seen], arcs[seen], 1, cov=True)
-    scale = chain.spacing / cycle.site_arc / speed_of_sound(chain)
-    widths = _widths(chain, angles[seen])
+    sound, at_rest = speed_of_sound(chain), chain.wall_width
     return Passage(
-        speed=abs(float(slope)) * scale,
-        speed_deviation=math.sqrt(float(covariance[0, 0])) * scale,
-        width=float(widths.mean()),
-        width_deviation=float(widths.std(ddof=1)) / math.sqrt(len(widths)),
+        speed=abs(float(np.mean([wall.velocity for wall in inside]))) / sound,
+        speed_deviation=min(wall.velocity_deviation for wall in inside) / sound,
+        width=float(np.mean([wall.width for wall in inside])) / at_rest,
+        width_deviation=min(wall.width_deviation for wall in inside) / at_rest,
     )
 
 
-def followed(cycle: Cycle, angles: Array) -> Array:
-    """Arc lengths of frames [rad], shape (T,), angles (T, N): each near that of the one before."""
-    arcs = [fit_anywhere(cycle, angles[0]).arc]
-    for frame in angles[1:]:
-        arcs.append(fit_near(cycle, frame, arcs[-1]).arc)
-    return np.array(arcs)
-
-
 def rest_width(chain: Chain) -> float:
-    """Width of a wall at rest, fitted as that of a moving one, over that in the continuum [1].
+    """Width of a tanh fitted to a wall at rest, over that of the continuum [1].
 
     The mean over places between a rotor and the next but one, where a wall is again the same.
     """
@@ -211,16 +213,15 @@ def _draw(
     fine = np.linspace(0, 1, 400)
     law = np.sqrt(1 - fine**2)
     axes.plot(fine, law, color=RED, label='√(1 − v²/c²) (paper)')
-    axes.plot(fine, rest * law, '--', color=GREY, label=f'the same × {rest:.3f}, measured at rest')
     sound = speed_of_sound(walls.chain) / walls.chain.spacing * walls.chain.time_unit
     axes.plot(
         np.array(walls.reference.speeds) / sound,
-        walls.reference.widths,
+        np.array(walls.reference.widths) / rest,
         'D',
         color='black',
         markerfacecolor='none',
         markersize=11,
-        label='independent integrator, no noise',
+        label='independent integrator, no noise, a tanh',
     )
     axes.errorbar(
         speeds,
@@ -233,16 +234,16 @@ def _draw(
         capsize=3,
         label='measured from noisy angles, ± 2 std',
     )
-    axes.set(xlabel='v / c', ylabel='w / w₀', xlim=(0, 1), ylim=(0, 1.05))
+    axes.set(xlabel='v / c', ylabel='w / w at rest', xlim=(0, 1), ylim=(0, 1.05))
     axes.set(title=f'{name_of(walls.chain)}, {walls.chain.number_of_rotors} rotors')
     axes.legend(loc='lower left')
-    plate.note(walls.name, 'measured', ('v / c [1]', 'w / w0 [1]'), speeds, widths)
+    plate.note(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
     deviations = [passage.width_deviation for passage in passages]
-    names = ('v / c [1]', 'standard deviation of w / w0 [1]')
+    names = ('v / c [1]', 'standard deviation of w / w at rest [1]')
     plate.note(walls.name, 'measured', names, speeds, deviations)
 
 
-def _comparisons(walls: Walls, passages: Sequence[Passage]) -> list[Comparison]:
+def _comparisons(walls: Walls, passages: Sequence[Passage], rest: float) -> list[Comparison]:
     """Lines of the table: speed and width of each passage, beside the reference, if any."""
     chain, reference = walls.chain, walls.reference
     sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
@@ -250,13 +251,13 @@ def _comparisons(walls: Walls, passages: Sequence[Passage]) -> list[Comparison]:
     for kick, passage in zip(walls.kicks, passages, strict=True):
         known = kick in reference.kicks
         number = reference.kicks.index(kick) if known else 0
-        speed, width = reference.speeds[number], reference.widths[number]
+        speed, width = reference.speeds[number], reference.widths[number] / rest
         law = math.sqrt(max(1 - passage.speed**2, 0.0))
         where = f'{name_of(chain)}, v₀ = {kick:g}'
         for quantity, deviation, paper, measured, expected in (
             ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),
             (
-                f'w / w₀ at {passage.speed:.3f} c',
+                f'w / w at rest at {passage.speed:.3f} c',
                 passage.width_deviation,
                 f'√(1 − v²/c²) = {law:.4f}',
                 passage.width,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from soliton_linkage.bands import penetration_depth, speed_of_sound
 from soliton_linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.continuum import FlipperTheory, SpinnerTheory, WallTheory
+from soliton_linkage.continuum import wall_theory
 from soliton_linkage.rigid_simulation import RigidSimulation
 from soliton_linkage.rigidity import mode_towards_last
 from soliton_linkage.soliton import find_solitons, order_field
@@ -202,7 +202,7 @@ def _draw_widths(plate: Plate, axes: Axes, chain: Chain, walls: list[MovingWall]
 def _compare_walls(plate: Plate, chain: Chain, walls: list[MovingWall]) -> None:
     """Speed of each wall by its kick, and its width by two estimators."""
     arc = site_arc(chain) * chain.rotor_length / chain.spacing
-    theory = _theory(chain)
+    theory = wall_theory(chain)
     for wall in walls:
         kick = wall.kick * chain.spacing / chain.time_unit
         plate.compare(
@@ -386,10 +386,6 @@ def _compare_tail(plate: Plate, chain: Chain) -> None:
         2.0 if (ratios < 0).all() else math.inf,
         2.0,
     )
-
-
-def _theory(chain: Chain) -> WallTheory:
-    return SpinnerTheory(chain) if chain.motion is Motion.SPINNER else FlipperTheory(chain)
 
 
 def _title(chain: Chain) -> str:

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.bands import largest_group_velocity, penetration_depth, speed_of_sound
-from soliton_linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.continuum import FlipperTheory, SpinnerTheory, WallTheory
+from soliton_linkage.chain import Array, Chain, staggered
+from soliton_linkage.continuum import FlipperTheory, WallTheory, wall_theory
 from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.passage import blocked_bonds
@@ -57,7 +57,7 @@ def energy_figure(section: Section, quick: bool) -> Plate:
         label = f'{name}: {_name(chain)}'
         rows = [_energies(chain, kick) for kick in (kicks[::4] if quick else kicks)]
         speed, kinetic, elastic, wake, echo = np.array(rows).T
-        whole = (kinetic + elastic) / _theory(chain).energy_scale
+        whole = (kinetic + elastic) / wall_theory(chain).energy_scale
         shares = elastic / kinetic
         left = wake / (kinetic + elastic)
         for axes, letter, values in zip(panels, 'abc', (whole, shares, left), strict=True):
@@ -74,7 +74,7 @@ def energy_figure(section: Section, quick: bool) -> Plate:
             axes.plot(speed[~known], values[~known], marker, color=colour, fillstyle='none')
         if chain.lean_ratio < _CONTINUUM:
             _compare_energies(plate, chain, speed, whole, shares)
-            theories.append(_theory(chain))
+            theories.append(wall_theory(chain))
     for theory in theories[:1]:
         _draw_theory(panels, theory)
     titles = ('a  whole energy / $E_s$', 'b  elastic / kinetic energy', 'c  share behind the wall')
@@ -211,7 +211,7 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
     shown = np.array(wanted[::3] if quick else wanted)
     chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
     costs = np.array([_anti_kink_cost(chain) for chain in chains])
-    shares = costs / np.array([_theory(chain).energy(0.0, charge=-1) for chain in chains])
+    shares = costs / np.array([wall_theory(chain).energy(0.0, charge=-1) for chain in chains])
     axes.plot(shown, shares, 'o-', color=BLUE)
     axes.axhline(
         1, color=BLACK, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
@@ -226,7 +226,7 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
             'finite',
             '(16/3) a ū³ / l̄², for d ≪ 1',
             float(cost) / (chain.stiffness * chain.spacing**2),
-            _theory(chain).energy(0.0, charge=-1) / (chain.stiffness * chain.spacing**2),
+            wall_theory(chain).energy(0.0, charge=-1) / (chain.stiffness * chain.spacing**2),
         )
     return plate
 
@@ -260,7 +260,7 @@ def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, fl
 def _compare_energies(
     plate: Plate, chain: Chain, speed: Array, whole: Array, share: Array
 ) -> None:
-    slow, theory = speed < _SLOW, _theory(chain)
+    slow, theory = speed < _SLOW, wall_theory(chain)
     for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
         velocity = float(v) * theory.speed_of_sound
         plate.compare(
@@ -355,10 +355,6 @@ def _anti_kink_cost(ring: Chain) -> float:
     return float(
         ring.elastic_energy(balanced(ring, staggered(np.arcsin(lean / ring.rotor_length))))
     )
-
-
-def _theory(chain: Chain) -> WallTheory:
-    return SpinnerTheory(chain) if chain.motion is Motion.SPINNER else FlipperTheory(chain)
 
 
 def _name(chain: Chain) -> str:

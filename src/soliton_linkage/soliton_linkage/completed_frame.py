@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames as encoders give them, made whole: without jumps of turns, offsets and gaps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.cycle import Stretch, WallCycle
+from soliton_linkage.cycle_filter import CycleEstimate
+from soliton_linkage.frame_noise import FrameView
+
+Flags = NDArray[np.bool_]
+
+_LARGEST_ANGLE = 1e9
+
+
+@dataclass(frozen=True)
+class CompletedFrame:
+    """Angles and rates of all rotors of a frame."""
+
+    angles: Array
+    """Actual angles [rad], shape (N,); all NaN where no rotor was seen, nor the cycle known."""
+    rates: Array | None
+    """Rates [rad/s], shape (N,); None where they are not known."""
+    filled: Flags
+    """Rotors that were not seen or could not be where they said, shape (N,)."""
+    placed: bool
+    """Whether the filled ones are where the cycle has them, rather than like their neighbours."""
+    others: bool
+    """Whether rotors side by side are further from the cycle than half of what they turn."""
+
+
+@dataclass(frozen=True)
+class OnCycle:
+    """Where a cycle has the rotors of a frame, each of shape (N,)."""
+
+    angles: Array
+    """Actual angles [rad], up to whole turns."""
+    rates: Array
+    """Rates [rad/s]."""
+    residuals: Array
+    """Angles of the frame less these [rad], from -pi to pi, NaN where they are not known."""
+    about: Stretch
+    """Rotors about the wall, in the orientation of the cycle."""
+
+
+def on_cycle(cycle: WallCycle, estimate: CycleEstimate, view: FrameView | None) -> OnCycle:
+    """Where an estimate has the rotors, and how a frame, as it was viewed, differs from that."""
+    about = cycle.stretch(estimate.arc)
+    angles, beyond = cycle.background(estimate.arc)
+    end = about.first + len(about.angles)
+    angles[end:] = beyond[end:]
+    angles[about.first : end] = about.angles
+    rates = np.zeros_like(angles)
+    rates[about.first : end] = about.tangent * estimate.rate
+    residuals = np.full_like(angles, np.nan) if view is None else view.residuals
+    if estimate.upside_down:
+        return OnCycle(math.pi - angles, -rates, -residuals, about)
+    return OnCycle(angles, rates, residuals, about)
+
+
+class Unwrapper:
+    """Takes whole turns out of the steps of angles from frame to frame."""
+
+    def __init__(self, number_of_rotors: int) -> None:
+        """Begin without any frame."""
+        self._turns = np.zeros(number_of_rotors)
+        self._last = np.full(number_of_rotors, np.nan)
+
+    @property
+    def last(self) -> Array:
+        """Angle at which each rotor was last seen [rad], shape (N,), NaN where it never was."""
+        return np.asarray(self._last + 2 * math.pi * self._turns)
+
+    def unwrapped(self, angles: Array) -> Array:
+        """Angles [rad], shape (N,), NaN where they are not finite or too large to be any."""
+        readable = np.isfinite(angles) & (np.abs(angles) < _LARGEST_ANGLE)
+        read = np.where(readable, angles, np.nan)
+        jumps = np.rint((read - self._last) / (2 * math.pi))
+        self._turns -= np.where(np.isfinite(jumps), jumps, 0.0)
+        self._last = np.where(readable, read, self._last)
+        return np.asarray(read + 2 * math.pi * self._turns)
+
+
+def complete(
+    chain: Chain, angles: Array, rates: Array | None, expected: OnCycle | None, last: Array
+) -> CompletedFrame:
+    """Fill in what a frame lacks, from the cycle or, without one, from neighbours.
+
+    Angles [rad] and rates [rad/s] of shape (N,), NaN where they are not known, and the last
+    angles of each rotor, which tell its turns. One rotor alone that the cycle has elsewhere, by
+    more than half of what a rotor turns as a wall passes, is taken for not seen.
+    """
+    unseen = ~np.isfinite(angles)
+    if expected is None:
+        known = rates is not None and np.isfinite(rates).all()
+        return CompletedFrame(
+            _like_neighbours(angles), rates if known else None, unseen, False, False
+        )
+    half_swing = math.pi / 2 if chain.motion is Motion.SPINNER else chain.rest_angle
+    elsewhere = np.abs(expected.residuals) > half_swing
+    others = elsewhere[1:] & elsewhere[:-1]
+    filled = unseen | elsewhere
+    filled[1:] &= unseen[1:] | ~others
+    filled[:-1] &= unseen[:-1] | ~others
+    turns = np.rint((last - expected.angles) / (2 * math.pi))
+    there = expected.angles + 2 * math.pi * np.where(np.isfinite(turns), turns, 0.0)
+    moving = None
+    if rates is not None:
+        moving = np.where(filled | ~np.isfinite(rates), expected.rates, rates)
+    return CompletedFrame(
+        np.where(filled, there, angles), moving, filled, True, bool(others.any())
+    )
+
+
+def _like_neighbours(angles: Array) -> Array:
+    """Angles with those that are NaN between the leans of the nearest that are not."""
+    unseen = np.isnan(angles)
+    if not unseen.any() or unseen.all():
+        return angles
+    rotors, theta = np.arange(len(angles)), staggered(angles)
+    leans = [np.interp(rotors, rotors[~unseen], each(theta[~unseen])) for each in (np.sin, np.cos)]
+    return np.where(unseen, staggered(np.arctan2(*leans)), angles)
