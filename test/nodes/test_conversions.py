@@ -16,20 +16,22 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from soliton_linkage.analysis import AnalysedSoliton, Analyser, Analysis, cycle_phase
 from soliton_linkage.chain import Chain
+from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import Deviations
-from soliton_linkage.soliton import Soliton
 from soliton_linkage_msgs.msg import RotorImpulses, SolitonState
 from soliton_linkage_nodes import conversions
-from soliton_linkage_nodes.conversions import Frame, NamedChain, default_joint_names
+from soliton_linkage_nodes.conversions import Frame, FrameReader, NamedChain, default_joint_names
 
 NAMED = NamedChain(Chain(number_of_rotors=5), default_joint_names(5))
 ROTORS = {name: rotor for rotor, name in enumerate(NAMED.joint_names)}
 ANGLES = np.array([0.1, -2.0, 3.5, 40.0, -0.0])
 RATES = np.array([1.0, 2.0, -3.0, 1e-300, 5.0])
 STAMP = conversions.time_to_msg(1_700_000_000_123_456_789)
-NAN_SOLITON = Soliton(1.5, 0.15, math.nan, math.nan, -1, math.nan, 1e-3, math.nan, math.nan)
-SOLITON = Soliton(3.25, 0.325, -1.0, 0.12, 1, 6.2, 1e-4, 1e-5, 1e-6)
+NAN = math.nan
+NAN_SOLITON = AnalysedSoliton(1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
+SOLITON = AnalysedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
 
 
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
@@ -95,33 +97,93 @@ def test_rotors_that_are_not_named_get_nothing() -> None:
     np.testing.assert_array_equal(nothing, np.zeros(5))
 
 
-@pytest.mark.parametrize('solitons', [(), (SOLITON,), (SOLITON, NAN_SOLITON)])
-def test_solitons_come_back_with_the_header_of_their_frame(
-    solitons: tuple[Soliton, ...],
+@pytest.fixture(scope='module')
+def analysis() -> Analysis:
+    """A wobbling wall in the middle of its chain, and everything that there is to tell of it."""
+    chain = Chain(number_of_rotors=16, rotor_length=0.12, rest_angle=0.77)
+    cycle, analyser = Cycle(chain), Analyser(chain)
+    generator = np.random.default_rng(6)
+    for number in range(30):
+        arc = cycle.arc_at(8.0 + 0.01 * number, 1) + cycle.length
+        angles = cycle.configuration(arc) + 1e-3 * generator.standard_normal(16)
+        angles[4] = math.nan
+        found = analyser.analyse(number * 10**7, angles, np.zeros(16))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize('count', [0, 1, 2])
+def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back(
+    analysis: Analysis, count: int
 ) -> None:
     header = Header(stamp=STAMP, frame_id='somewhere')
-    message = conversions.solitons_to_msg(NAMED.chain, solitons, header)
-    back = conversions.solitons_from_msg(message)
+    solitons = (SOLITON, NAN_SOLITON)[:count]
+    message = conversions.analysis_to_msg(replace(analysis, solitons=solitons), header)
     assert message.header == header
-    assert len(back) == len(solitons)
+    back = conversions.solitons_from_msg(message)
+    assert len(back) == count
     for one, other in zip(back, solitons, strict=True):
         np.testing.assert_array_equal(astuple(one), astuple(other))
 
 
-@pytest.mark.parametrize(
-    ('rotor_length', 'rest_angle', 'motion', 'name'),
-    [
-        (0.05, 0.97, SolitonState.FLIPPER, 'flipper'),
-        (0.1, 0.77, SolitonState.WOBBLING_FLIPPER, 'wobbling flipper'),
-        (0.2, 1.18, SolitonState.SPINNER, 'spinner'),
-    ],
-)
-def test_states_name_the_way_of_motion(
-    rotor_length: float, rest_angle: float, motion: int, name: str
-) -> None:
-    chain = Chain(rotor_length=rotor_length, rest_angle=rest_angle)
-    message = conversions.solitons_to_msg(chain, (), Header())
-    assert (message.motion, message.motion_name) == (motion, name)
+def test_a_message_tells_what_the_analysis_does(analysis: Analysis) -> None:
+    message = conversions.analysis_to_msg(analysis, Header())
+    estimate, topology, energies = analysis.estimate, analysis.topology, analysis.energies
+    assert (message.motion, message.motion_name) == (
+        SolitonState.WOBBLING_FLIPPER,
+        'wobbling flipper',
+    )
+    assert message.status == SolitonState.TRACKING
+    for name in ('phase', 'rate', 'phase_deviation', 'rate_deviation', 'completed', 'leg'):
+        assert getattr(message.cycle, name) == getattr(analysis.cycle, name)
+    assert (message.cycle.leg, message.cycle.rotor) == (1, estimate.place)
+    assert topology is not None
+    assert (message.topology.winding_before, message.topology.winding_beyond) == (0, 1)
+    assert message.topology.charge == 1
+    assert message.topology.zero_mode_rotor == topology.mode_centre
+    assert message.topology.last_toggled
+    assert not message.topology.first_toggled
+    assert math.isnan(message.topology.first_turns)
+    assert energies is not None
+    assert message.energies.wall == energies.wall
+    assert message.energies.wake == energies.wake
+    assert analysis.wobble is not None
+    assert message.wobble.amplitude == analysis.wobble.amplitude
+    assert message.wobble.theory_wavelength == pytest.approx(0.2)
+    assert (message.noise, message.misfit) == (estimate.noise, estimate.misfit)
+    assert message.unseen == 1
+
+
+def test_what_is_unknown_is_nan_and_no_leg(analysis: Analysis) -> None:
+    unknown = replace(analysis, topology=None, energies=None, wobble=None, edge_rotors=None)
+    lost = cycle_phase(analysis.estimate, None)
+    unknown = replace(unknown, cycle=lost, motion=None)
+    message = conversions.analysis_to_msg(unknown, Header())
+    assert (message.motion, message.motion_name) == (SolitonState.UNKNOWN, 'unknown')
+    assert math.isnan(message.cycle.phase)
+    assert message.cycle.leg == -1
+    for nested in (message.energies, message.wobble):
+        for name in nested.get_fields_and_field_types():
+            assert math.isnan(getattr(nested, name))
+    assert math.isnan(message.topology.zero_mode_rotor)
+
+
+def test_frames_are_read_as_far_as_they_go() -> None:
+    reader = FrameReader(NAMED.joint_names)
+    message = JointState(
+        name=['gripper', 'rotor_4', 'rotor_0', 'rotor_2'],
+        position=[9.0, 4.5, math.inf, math.nan],
+        velocity=[8.0, 1.0, 2.0, 3.0],
+    )
+    for _ in range(2):
+        frame = reader.read(message)
+        np.testing.assert_array_equal(frame.angles, [math.inf, math.nan, math.nan, math.nan, 4.5])
+        assert frame.rates is not None
+        np.testing.assert_array_equal(frame.rates, [2.0, math.nan, 3.0, math.nan, 1.0])
+    message.velocity = []
+    assert reader.read(message).rates is None
+    message.name, message.position = ['rotor_1'], [7.0]
+    np.testing.assert_array_equal(reader.read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
 
 
 def joint_state(**changes: Any) -> JointState:
@@ -139,6 +201,10 @@ def torques(**changes: Any) -> JointState:
 
 def take_frame(message: JointState) -> None:
     conversions.frame_from_msg(NAMED, message)
+
+
+def read_frame(message: JointState) -> None:
+    FrameReader(NAMED.joint_names).read(message)
 
 
 def take_impulses(message: RotorImpulses) -> None:
@@ -176,6 +242,11 @@ def take_torques(message: JointState) -> None:
             joint_state(velocity=[0.0, math.inf, 0.0, -math.inf, 0.0]),
             'velocity of rotor_1 = inf must be a finite number',
         ),
+        (read_frame, joint_state(name=[]), 'position has 5 values for 0 names'),
+        (read_frame, joint_state(name=list('abcde')), 'has none of the 5 rotors, whose first is'),
+        (read_frame, joint_state(name=['rotor_1'] * 5), "'rotor_1' twice; name each joint once"),
+        (read_frame, joint_state(position=[1.0]), 'position has 1 values for 5 names'),
+        (read_frame, joint_state(velocity=[1.0]), 'velocity has 1 values for 5 names'),
         (take_impulses, impulses(impulse=[1.0]), 'impulse has 1 values for 2 names'),
         (
             take_impulses,

@@ -7,12 +7,12 @@ from graphs import Graph
 from std_msgs.msg import Header
 
 from soliton_linkage.chain import Chain
+from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    solitons_to_msg,
     time_to_msg,
 )
 from soliton_linkage_nodes.experiment import Observer
@@ -24,7 +24,7 @@ def test_a_state_that_comes_before_the_chain_does_not_suffice(graph: Graph) -> N
     observer = graph.start(Observer)
     stamp = time_to_msg(1)
     states = graph.speak(interfaces.SOLITON_STATE)
-    states.publish(solitons_to_msg(CHAIN, (), Header(stamp=stamp)))
+    states.publish(SolitonState(header=Header(stamp=stamp)))
     graph.until(lambda: observer.states, 'the state')
     assert not observer.informed
     chains = graph.speak(interfaces.CHAIN)

@@ -7,19 +7,11 @@ from collections.abc import Callable
 
 import pytest
 from graphs import Graph
-from std_msgs.msg import Header
 
 from soliton_linkage import progress
-from soliton_linkage.chain import Chain
-from soliton_linkage.soliton import find_solitons
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.conversions import (
-    NamedChain,
-    chain_to_msg,
-    solitons_to_msg,
-    time_to_msg,
-)
+from soliton_linkage_nodes.conversions import NamedChain, chain_to_msg, time_to_msg
 from soliton_linkage_nodes.watch_soliton import WatchSoliton
 
 
@@ -59,9 +51,7 @@ def test_it_shows_place_and_velocity_of_the_first_soliton(
 def test_it_says_that_there_is_no_soliton(
     graph: Graph, show: Callable[[SolitonState], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    chain = Chain(number_of_rotors=8)
-    none = find_solitons(chain, chain.uniform_state(1))
-    show(solitons_to_msg(chain, none, Header()))
+    show(SolitonState(motion_name='flipper', solitons=[]))
     said = ''
 
     def seen() -> bool:

@@ -12,7 +12,12 @@ from soliton_linkage.chain import Chain
 from soliton_linkage.quantities import quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.conversions import NamedChain, chain_from_msg, default_joint_names
+from soliton_linkage_nodes.conversions import (
+    NamedChain,
+    chain_from_msg,
+    check_names,
+    default_joint_names,
+)
 from soliton_linkage_nodes.diagnostics import Diagnostics
 from soliton_linkage_nodes.parameters import declare
 
@@ -26,6 +31,21 @@ class ChainSourceParameters:
         'whether the chain is learnt from the topic chain or from the parameters chain.*',
         choices=('topic', 'parameters'),
     )
+    joints: tuple[str, ...] = quantity(
+        (), 'names of the joints, rotor 0 first; empty for those that the chain has'
+    )
+
+
+@dataclass(frozen=True)
+class OptionalChainSourceParameters(ChainSourceParameters):
+    """The same of a node that can do without."""
+
+    chain_from: str = quantity(
+        'topic',
+        'whether the chain is learnt from the topic chain, from the parameters chain.*, or is '
+        'not known',
+        choices=('topic', 'parameters', 'nowhere'),
+    )
 
 
 class ChainSource:
@@ -36,27 +56,36 @@ class ChainSource:
         node: Node,
         diagnostics: Diagnostics,
         learnt: Callable[[NamedChain], None] = lambda named: None,
+        parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the parameters or listen to the topic; `learnt` is called with each chain."""
+        """Read the parameters or listen to the topic; `learnt` is called with each chain.
+
+        Raises ValueError where the parameters describe no chain.
+        """
         self.named: NamedChain | None = None
         self._diagnostics = diagnostics
         self._learnt = learnt
-        source = declare(node, ChainSourceParameters).chain_from
+        self.parameters = declare(node, parameters)
+        check_names('parameter joints', self.parameters.joints)
         chain = declare(node, Chain, 'chain.')
-        if source == 'parameters':
+        if self.parameters.chain_from == 'parameters':
             self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
-        else:
+        elif self.parameters.chain_from == 'topic':
             topic = interfaces.CHAIN
             node.create_subscription(topic.type, topic.name, self._on_chain, topic.qos)
 
     def _on_chain(self, message: msg.Chain) -> None:
         try:
-            named = chain_from_msg(message)
+            self._learn(chain_from_msg(message))
         except ValueError as error:
             self._diagnostics.refuse('chain', error)
-            return
-        self._learn(named)
 
     def _learn(self, named: NamedChain) -> None:
-        self.named = named
-        self._learnt(named)
+        joints = self.parameters.joints
+        if joints and len(joints) != named.rotors:
+            raise ValueError(
+                f'parameter joints has {len(joints)} names for a chain of {named.rotors} rotors; '
+                'name one joint a rotor'
+            )
+        self.named = NamedChain(named.chain, joints or named.joint_names)
+        self._learnt(self.named)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
@@ -12,9 +13,12 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from soliton_linkage.analysis import AnalysedSoliton, Analysis, CyclePhase
 from soliton_linkage.chain import Chain, Motion
+from soliton_linkage.cycle_filter import Status
 from soliton_linkage.deviations import Deviations
-from soliton_linkage.soliton import Soliton
+from soliton_linkage.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.wobble import Wobble
 from soliton_linkage_msgs import msg
 
 Array = NDArray[np.float64]
@@ -26,10 +30,30 @@ _CHAIN_FIELDS = tuple(
 )
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _MOTIONS = {
+    None: msg.SolitonState.UNKNOWN,
     Motion.FLIPPER: msg.SolitonState.FLIPPER,
     Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,
     Motion.SPINNER: msg.SolitonState.SPINNER,
 }
+_STATUSES = {
+    Status.LOST: msg.SolitonState.LOST,
+    Status.ACQUIRED: msg.SolitonState.ACQUIRED,
+    Status.TRACKING: msg.SolitonState.TRACKING,
+    Status.COASTING: msg.SolitonState.COASTING,
+}
+_WOBBLE = {
+    'amplitude': 'amplitude',
+    'amplitude_at_rest': 'rest_amplitude',
+    'decay_length': 'decay_length',
+    'theory_decay_length': 'exact_decay_length',
+    'wavelength': 'wavelength',
+    'theory_wavelength': 'exact_wavelength',
+    'amplitude_deviation': 'amplitude_deviation',
+    'decay_length_deviation': 'decay_length_deviation',
+    'wavelength_deviation': 'wavelength_deviation',
+}
+_CYCLE_FIELDS = tuple(f.name for f in fields(CyclePhase))
+_SOLITON_FIELDS = tuple(f.name for f in fields(AnalysedSoliton))
 
 
 @dataclass(frozen=True)
@@ -120,6 +144,49 @@ def frame_from_msg(named: NamedChain, message: JointState) -> Frame:
     return Frame(angles[order], rates[order])
 
 
+class FrameReader:
+    """Reads joint states in the order of the rotors, as far as they show them."""
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        """Read these joints, rotor 0 first."""
+        self.joint_names = tuple(joint_names)
+        self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
+        self._names: list[str] | None = None
+        self._joints = self._places = np.zeros(0, dtype=np.intp)
+
+    def read(self, message: JointState) -> Frame:
+        """Angles and rates of all rotors, NaN where the message does not tell them.
+
+        Joints that are no rotors are passed over. Raises ValueError where no rotor is named, or
+        a joint is twice, and for arrays that are not as long as that of the names.
+        """
+        _check_length('joint_states.position', message.name, message.position)
+        if message.name != self._names:
+            self._learn(message.name)
+        angles = self._ordered(message.position)
+        if not message.velocity:
+            return Frame(angles, None)
+        _check_length('joint_states.velocity', message.name, message.velocity)
+        return Frame(angles, self._ordered(message.velocity))
+
+    def _learn(self, names: Sequence[str]) -> None:
+        check_names('joint_states.name', names)
+        known = [(joint, self._rotors[n]) for joint, n in enumerate(names) if n in self._rotors]
+        if not known:
+            first = next(iter(self._rotors))
+            raise ValueError(
+                f'joint_states.name has none of the {len(self._rotors)} rotors, whose first is '
+                f'{first!r}; tell the names of the joints by the parameter joints'
+            )
+        self._joints, self._places = np.array(known, dtype=np.intp).T
+        self._names = list(names)
+
+    def _ordered(self, values: Sequence[float]) -> Array:
+        ordered = np.full(len(self._rotors), np.nan)
+        ordered[self._places] = np.asarray(values, dtype=np.float64)[self._joints]
+        return ordered
+
+
 def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
     """Angular impulses of all rotors [N m s] as a message."""
     return msg.RotorImpulses(
@@ -150,23 +217,34 @@ def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: fl
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 
-def solitons_to_msg(chain: Chain, solitons: Sequence[Soliton], header: Header) -> msg.SolitonState:
-    """Solitons found in the frame with the given header, as a message."""
+def analysis_to_msg(analysis: Analysis, header: Header) -> msg.SolitonState:
+    """What was found in the frame with the given header, as a message."""
+    motion, measured = analysis.motion, analysis.measured_motion
     return msg.SolitonState(
         header=header,
-        motion=_MOTIONS[chain.motion],
-        motion_name=chain.motion.value,
+        motion=_MOTIONS[motion],
+        motion_name=motion.value if motion else 'unknown',
+        measured_motion=_MOTIONS[measured.motion],
+        measured_motion_confidence=measured.confidence,
+        status=_STATUSES[analysis.estimate.status],
         solitons=[
-            msg.Soliton(**{f.name: getattr(soliton, f.name) for f in fields(Soliton)})
-            for soliton in solitons
+            msg.Soliton(**{name: getattr(soliton, name) for name in _SOLITON_FIELDS})
+            for soliton in analysis.solitons
         ],
+        cycle=_cycle_to_msg(analysis.cycle, analysis.estimate.place),
+        topology=_topology_to_msg(analysis.topology, analysis.edge_rotors),
+        energies=_energies_to_msg(analysis.energies),
+        wobble=_wobble_to_msg(analysis.wobble),
+        noise=analysis.estimate.noise,
+        misfit=analysis.estimate.misfit,
+        unseen=analysis.unseen,
     )
 
 
-def solitons_from_msg(message: msg.SolitonState) -> tuple[Soliton, ...]:
+def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
     """Return the solitons of a message."""
     return tuple(
-        Soliton(**{f.name: getattr(soliton, f.name) for f in fields(Soliton)})
+        AnalysedSoliton(**{name: getattr(soliton, name) for name in _SOLITON_FIELDS})
         for soliton in message.solitons
     )
 
@@ -216,12 +294,50 @@ def _by_rotor(
     return by_rotor
 
 
-def _check_array(source: str, names: Sequence[str], values: Array) -> None:
+def _check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one a name'
         )
+
+
+def _check_array(source: str, names: Sequence[str], values: Array) -> None:
+    _check_length(source, names, values)
     finite = np.isfinite(values)
     if not finite.all():
         worst = int(np.argmin(finite))
         raise ValueError(f'{source} of {names[worst]} = {values[worst]} must be a finite number')
+
+
+def _cycle_to_msg(cycle: CyclePhase, rotor: float) -> msg.Cycle:
+    return msg.Cycle(rotor=rotor, **{name: getattr(cycle, name) for name in _CYCLE_FIELDS})
+
+
+def _topology_to_msg(topology: Topology | None, edges: EdgeRotors | None) -> msg.Topology:
+    message = msg.Topology(
+        polarisation_before=math.nan,
+        polarisation_beyond=math.nan,
+        zero_mode_rotor=math.nan,
+        first_turns=math.nan,
+        last_turns=math.nan,
+    )
+    if topology is not None:
+        message.winding_before, message.winding_beyond = topology.winding_numbers
+        message.polarisation_before, message.polarisation_beyond = topology.polarisations
+        message.charge = topology.charge
+        message.zero_mode_rotor = topology.mode_centre
+    if edges is not None:
+        message.first_turns, message.last_turns = edges.turns
+        message.first_toggled, message.last_toggled = edges.toggled or (False, False)
+    return message
+
+
+def _energies_to_msg(energies: Energies | None) -> msg.Energies:
+    names = ('kinetic', 'elastic', 'wall', 'wake', 'kinetic_deviation', 'elastic_deviation')
+    return msg.Energies(**{name: getattr(energies, name, math.nan) for name in names})
+
+
+def _wobble_to_msg(wobble: Wobble | None) -> msg.Wobble:
+    if wobble is None:
+        return msg.Wobble(**dict.fromkeys(_WOBBLE, math.nan))
+    return msg.Wobble(**{name: getattr(wobble, of) for name, of in _WOBBLE.items()})

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Analyse a bag without any node: a table of what each frame shows, and pictures of the run."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rclpy.serialization import deserialize_message
+from rosbags.rosbag2 import Reader
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.pictures import draw_kymograph, draw_track
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage.quantities import described_fields
+from soliton_linkage.recording import Recording
+from soliton_linkage.track import Track, find_crossings
+from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes.bags import (
+    find_topic,
+    message_class,
+    open_bag,
+    read_chain,
+    read_messages,
+    read_topic,
+)
+from soliton_linkage_nodes.conversions import (
+    FrameReader,
+    NamedChain,
+    chain_from_msg,
+    check_names,
+    default_joint_names,
+    time_from_msg,
+)
+from soliton_linkage_nodes.joint_state_analysis import JointStateAnalysis
+
+_MOST_DRAWN = 4000
+_STOPPED = 130
+_ONE_SOLITON = 'soliton_'
+
+
+def analysed(
+    reader: Reader, given: NamedChain | None = None, noise: float | None = None
+) -> Iterator[tuple[JointState, SolitonState | None]]:
+    """Yield each frame of a bag with its state, None where it is late, as the live node does.
+
+    The chain is the given one or that of the bag. Frames that are refused are passed over, with
+    a word on stderr. Raises ValueError where the bag has no frames, or no chain.
+    """
+    analysis = JointStateAnalysis(noise)
+    joints = find_topic(reader, 'joint_states')
+    connections = [joints]
+    if given is None:
+        first = next((message for _, message in read_topic(reader, 'chain')), None)
+        analysis.learn(read_chain(reader) if first is None else chain_from_msg(first))
+        connections.append(find_topic(reader, 'chain'))
+    else:
+        analysis.learn(given)
+    for connection, _, serialized in read_messages(reader, connections):
+        message = deserialize_message(serialized, message_class(connection.msgtype))
+        if connection is not joints:
+            analysis.learn(chain_from_msg(message))
+            continue
+        try:
+            yield message, analysis.analyse(message)
+        except ValueError as error:
+            print(f'refused joint_states: {error}', file=sys.stderr)
+
+
+def columns() -> list[str]:
+    """Names of the columns of the table: those of the fields of SolitonState.
+
+    Fields of the nested messages have the name of theirs before them, those of the first
+    soliton `soliton_`.
+    """
+    return list(row(SolitonState(solitons=[Soliton()])))
+
+
+def row(state: SolitonState) -> dict[str, Any]:
+    """A state as a row of the table; the soliton's cells are NaN where there is none."""
+    cells: dict[str, Any] = {'stamp_ns': time_from_msg(state.header.stamp)}
+    for name in state.get_fields_and_field_types():
+        value = getattr(state, name)
+        if name == 'header':
+            continue
+        if name == 'solitons':
+            cells[name] = len(value)
+            cells.update(_nested(_ONE_SOLITON, value[0] if value else Soliton(), bool(value)))
+        elif hasattr(value, 'get_fields_and_field_types'):
+            cells.update(_nested(f'{name}_', value, True))
+        else:
+            cells[name] = value
+    return cells
+
+
+def _nested(prefix: str, message: Any, there: bool) -> dict[str, Any]:
+    names = message.get_fields_and_field_types()
+    return {prefix + name: getattr(message, name) if there else math.nan for name in names}
+
+
+def chain_of_file(path: Path) -> NamedChain:
+    """Chain of a parameter file, by its chain.* and joints; raises ValueError for none."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        nodes = content.values()
+        given = {key: value for node in nodes for key, value in node['ros__parameters'].items()}
+    except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+        raise ValueError(
+            f'{path} is no parameter file ({error}); give one as config/flipper.yaml'
+        ) from error
+    known = described_fields(Chain)
+    parameters = {
+        key.removeprefix('chain.'): value for key, value in given.items() if key[:6] == 'chain.'
+    }
+    unknown = sorted(parameters.keys() - known)
+    if unknown:
+        raise ValueError(f'{path}: chain.{unknown[0]} is unknown; known: {", ".join(known)}')
+    chain = Chain(**parameters)
+    joints = tuple(given.get('joints', ())) or default_joint_names(chain.number_of_rotors)
+    check_names(f'{path}: joints', joints)
+    if len(joints) != chain.number_of_rotors:
+        raise ValueError(
+            f'{path}: joints has {len(joints)} names for {chain.number_of_rotors} rotors; name '
+            'one joint a rotor'
+        )
+    return NamedChain(chain, joints)
+
+
+class Drawn:
+    """Frames for the pictures, evenly thinned out so that any bag fits into memory."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._every, self._count = 1, 0
+        self._kept: list[tuple[int, Array, float, float]] = []
+
+    def add(self, angles: Array, state: SolitonState) -> None:
+        """Keep a frame if it is one of those to be drawn."""
+        if self._count % self._every == 0:
+            first = state.solitons[0] if state.solitons else None
+            place = (first.rotor, first.velocity) if first else (math.nan, math.nan)
+            self._kept.append((time_from_msg(state.header.stamp), angles, *place))
+            if len(self._kept) > _MOST_DRAWN:
+                self._kept = self._kept[::2]
+                self._every *= 2
+        self._count += 1
+
+    def draw(self, chain: Chain, folder: Path) -> None:
+        """Draw kymograph.png and track.png."""
+        stamps, angles, rotors, velocities = zip(*self._kept, strict=True)
+        times = (np.array(stamps) - stamps[0]) * 1e-9
+        track = Track(times, np.array(rotors), np.array(velocities) / chain.spacing)
+        recording = Recording(times, np.array(angles), np.empty((0, chain.number_of_rotors)))
+        draw_kymograph(chain, recording, track, folder / 'kymograph.png')
+        draw_track(chain, track, find_crossings(chain, track), folder / 'track.png')
+
+
+def analyse(bag: Path, folder: Path, given: NamedChain | None, noise: float | None) -> int:
+    """Write soliton_state.csv, kymograph.png and track.png; return the number of frames."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn, frames, late = Drawn(), 0, 0
+    with open_bag(bag) as reader, (folder / 'soliton_state.csv').open('w', newline='') as file:
+        total = find_topic(reader, 'joint_states').msgcount
+        named = given or read_chain(reader)
+        frame_reader = FrameReader(named.joint_names)
+        progress = ProgressLine('analysing', total)
+        table = csv.DictWriter(file, columns())
+        table.writeheader()
+        for message, state in analysed(reader, given, noise):
+            if state is None:
+                late += 1
+                continue
+            table.writerow(row(state))
+            drawn.add(frame_reader.read(message).angles, state)
+            frames += 1
+            progress.show(frames, f'{frames} frames')
+    if not frames:
+        raise ValueError(f'bag {str(bag)!r} has no frame that could be analysed')
+    drawn.draw(named.chain, folder)
+    progress.end(f'{frames} frames of {bag} analysed, {late} were late; see {folder}')
+    return frames
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Analyse a bag; exit with 1 where that fails, 130 on Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    try:
+        given = chain_of_file(options.chain) if options.chain else None
+        analyse(options.bag, options.output, given, options.noise)
+    except (OSError, ValueError) as error:
+        print(f'analyse_bag: {error}', file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
+        sys.exit(_STOPPED)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='analyse_bag', description=__doc__)
+    parser.add_argument('bag', type=Path, help='directory of the bag, as bags/flipper_0')
+    parser.add_argument('--output', type=Path, default=Path('out/analysis'), help='folder')
+    parser.add_argument(
+        '--chain', type=Path, help='parameter file with chain.* for a bag without the topic chain'
+    )
+    parser.add_argument(
+        '--noise', type=float, help="standard deviation of the encoders' noise [rad] [estimated]"
+    )
+    return parser
