@@ -77,7 +77,7 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-_LARGEST_SEED = 2**31 - 1
+_LARGEST_SEED = 10**9
 
 
 def _spread(of: str) -> Any:

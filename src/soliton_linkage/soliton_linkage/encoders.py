@@ -11,7 +11,7 @@ import numpy as np
 from soliton_linkage.chain import Array
 from soliton_linkage.quantities import check_quantities, quantity
 
-_LARGEST_SEED = 2**31 - 1
+_LARGEST_SEED = 10**9
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,9 @@ class Encoders:
 
     def read(self, frame: int, angles: Array) -> tuple[Array, Array]:
         """Readings [rad] and rates [rad/s] of a frame, given its angles [rad], shape (N,) each."""
-        reading = angles + (self.errors.offsets or 0.0) + self._noise(frame)
-        step = self.errors.quantisation
+        errors = self.errors
+        reading = angles + (errors.offsets or 0.0) + self._noise(frame, errors)
+        step = errors.quantisation
         if step:
             reading = step * np.round(reading / step)
         rates = np.zeros(self._rotors)
@@ -82,8 +83,7 @@ class Encoders:
         self._before = (frame, reading)
         return reading, rates
 
-    def _noise(self, frame: int) -> Array:
-        errors = self.errors
+    def _noise(self, frame: int, errors: EncoderErrors) -> Array:
         if not errors.noise:
             return np.zeros(self._rotors)
         generator = np.random.Generator(

@@ -11,7 +11,7 @@ import numpy as np
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.rigidity import mode_towards_last
 from soliton_linkage.static_wall import site_arc, static_wall
-from soliton_linkage.statics import rest_state
+from soliton_linkage.statics import balanced, rest_state
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,13 @@ class State:
 def leaning(chain: Chain, lean: int) -> State:
     """At rest near the uniform state that leans right (+1) or left (-1), every spring relaxed.
 
-    Raises ValueError where deviations leave no such state.
+    Where deviations leave no such state the springs are in balance. Raises ValueError where
+    there is none of that either.
     """
-    angles = rest_state(chain, lean)
+    try:
+        angles = rest_state(chain, lean)
+    except ValueError:
+        angles = balanced(chain, chain.uniform_state(lean))
     return State(angles, np.zeros_like(angles))
 
 
