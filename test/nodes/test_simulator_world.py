@@ -24,6 +24,7 @@ from soliton_linkage.initial_states import State, leaning, with_soliton
 from soliton_linkage.passage import find_obstacles
 from soliton_linkage.rigid_simulation import RigidSimulation
 from soliton_linkage.simulation import Simulation
+from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import chain_from_msg
@@ -299,3 +300,37 @@ def test_what_may_not_change_is_read_only_and_says_so(graph: Graph, name: str) -
     assert 'read-only' in response.results[0].reason
     kept = graph.call(GetParameters, 'simulator/get_parameters', names=[name]).values[0]
     assert kept == Parameter(name, value=before).get_parameter_value()
+
+
+def test_of_a_flood_with_wrong_commands_the_right_ones_alone_count(graph: Graph) -> None:
+    paused = Paused(graph, {'command_timeout': 0.0})
+    paused.reset()
+    control = paused.node.control
+    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
+    torques = graph.speak(interfaces.ROTOR_TORQUES)
+    names = [f'rotor_{rotor}' for rotor in range(ROTORS)]
+    kick, push = np.linspace(1e-6, 2e-6, ROTORS), np.linspace(-1e-3, 1e-3, ROTORS)
+    right = 0
+    for burst in range(10):
+        for _ in range(8):
+            impulses.publish(RotorImpulses(name=names, impulse=list(kick)))
+            impulses.publish(RotorImpulses(name=names, impulse=[float('nan')] * ROTORS))
+            impulses.publish(RotorImpulses(name=['rotor_9'], impulse=[1e-6]))
+            impulses.publish(RotorImpulses(name=['rotor_1'], impulse=[0.2]))
+            torques.publish(JointState(name=names, effort=list(push * burst)))
+            torques.publish(JointState(name=names, effort=[1.0]))
+            right += 1
+        expected = 2 * right
+        graph.until(lambda n=expected: control.status.pending == n, f'{expected} commands')
+    refusals = paused.node._diagnostics
+    graph.until(lambda: refusals.refused == 4 * right, 'the refusals')
+    frames = paused.taken(60)
+    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE)
+    assert list(frames[0].position) == twin.angles.tolist()
+    sum_of_kicks = np.zeros(ROTORS)
+    for _ in range(right):
+        sum_of_kicks = kick + sum_of_kicks
+    twin.kick(sum_of_kicks)
+    twin.hold(push * 9)
+    twin.advance()
+    assert_shown(frames[1:], twin)
