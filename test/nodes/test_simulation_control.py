@@ -18,6 +18,7 @@ from soliton_linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.initial_states import State, leaning
 from soliton_linkage.rigid_simulation import RigidSimulation
 from soliton_linkage.simulation import Simulation
+from soliton_linkage_nodes import simulation_control
 from soliton_linkage_nodes.simulation_control import SimulationControl
 
 CHAIN = Chain(number_of_rotors=6)
@@ -175,7 +176,7 @@ def test_the_status_tells_the_energy_that_a_kick_gave() -> None:
     assert abs(status.energy_drift) < 1e-8
 
 
-def test_kicks_between_two_frames_act_as_their_sum_and_of_torques_the_latest() -> None:
+def test_of_what_comes_between_two_frames_all_kicks_act_and_the_latest_torques() -> None:
     published = Published()
     for _ in range(1000):
         published.control.kick(KICK / 500)
@@ -185,12 +186,22 @@ def test_kicks_between_two_frames_act_as_their_sum_and_of_torques_the_latest() -
     published.tick(5)
     assert published.control.status.pending == 0
     simulation = reference()
-    simulation.kick(2 * KICK)
+    for _ in range(1000):
+        simulation.kick(KICK / 500)
     simulation.hold(TORQUES)
     for angles in published.angles:
-        # A thousand sums are rounded, and the springs carry that on.
-        np.testing.assert_allclose(angles, simulation.angles, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(angles, simulation.angles)
         simulation.advance()
+
+
+def test_kicks_that_wait_for_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation_control, '_MOST_KICKS', 2)
+    published = Published()
+    published.control.pause(True)
+    assert [published.control.kick(KICK) is None for _ in range(3)] == [True, True, False]
+    assert '2 kicks wait for the next frame already' in str(published.control.kick(KICK))
+    published.control.step(1)
+    assert published.control.kick(KICK) is None
 
 
 @pytest.mark.parametrize('begin', [begin_springs, begin_bars])

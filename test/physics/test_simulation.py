@@ -336,3 +336,25 @@ def test_torques_of_springs_are_those_of_the_chain(example: tuple[float, float])
     expected = simulation.chain.spring_torques(simulation.angles)
     assert np.array_equal(simulation.link_torques, expected)
     assert np.abs(expected).max() > 0
+
+
+def test_however_much_happens_at_a_frame_the_solver_starts_anew_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    starts = []
+    fresh = ElasticSimulation._fresh_solver
+
+    def counted(simulation: ElasticSimulation) -> object:
+        starts.append(simulation.frame)
+        return fresh(simulation)
+
+    monkeypatch.setattr(ElasticSimulation, '_fresh_solver', counted)
+    simulation = shaken(FLIPPER)
+    simulation.advance()
+    for torque in range(1, 6):
+        simulation.kick(np.full(8, 1e-6))
+        simulation.hold(np.full(8, 1e-5 * torque))
+        simulation.turn_gravity(Gravity(9.81, 0.1 * torque))
+    simulation.advance()
+    simulation.advance()
+    assert starts == [0, 1]

@@ -25,8 +25,7 @@ class Simulation(ABC):
     takes: it is read off the solver's dense output. Kicks, torques and changes of gravity act
     at the instant of the current frame. The error that the solver may make in a step is
     `tolerance` [rad] in the angles, and as much per `chain.time_unit` in the rates (norm over
-    all rotors), however many rotors there are and however far they have turned. Fixed rotors do
-    not turn: their mounts bear whatever acts on them.
+    all rotors), however many rotors there are and however far they have turned.
     """
 
     def __init__(
@@ -41,7 +40,8 @@ class Simulation(ABC):
     ) -> None:
         """Start from angles [rad] and rates [rad/s], shape (N,); period in [s].
 
-        The rotors numbered in `fixed` stay at the angle that they start from.
+        The rotors numbered in `fixed` stay at the angle that they start from; their mounts bear
+        whatever acts on them.
         """
         if not (math.isfinite(period) and period > 0):
             raise ValueError(f'period = {period} s must be a finite number above 0')
@@ -63,6 +63,7 @@ class Simulation(ABC):
         self._dissipated = 0.0
         self._dissipated_before = 0.0
         self._work = self._finite_energy()
+        self._stale = True
         self._gravity_at_start = float(gravity.energy(chain, self.angles))
         rounding = np.finfo(float).eps * chain.stiffness * chain.rest_length**2
         self._largest_energy = float(rounding) + gravity.scale(chain)
@@ -149,6 +150,9 @@ class Simulation(ABC):
 
     def step(self) -> None:
         """Take one step of the solver towards the next frame; the current one stays as it is."""
+        if self._stale:
+            self._solver = self._fresh_solver()
+            self._stale = False
         complaint = self._solver.step()
         self._steps += 1
         time_unit = min(self.chain.time_unit, self._solver.max_step)
@@ -248,19 +252,22 @@ class Simulation(ABC):
         )
 
     def _restart(self) -> None:
-        """Start the solver anew at the current frame, whose forces are not those of the last."""
+        """Let the solver start anew at the current frame, where the state or forces jump."""
         self._first_frame = self.frame
         self._steps = 0
         self._ahead = 0
         self._dissipated_before += self._dissipated
         self._dissipated = 0.0
-        state = self._packed()
-        self._batch = np.empty((0, len(state)))
+        self._batch = np.empty((0, 0))
+        self._stale = True
+
+    def _fresh_solver(self) -> DOP853:
+        """Solver from the current frame on; it is made once however much happens at a frame."""
         tolerances, longest_step = self._tolerances()
-        self._solver: DOP853 = DOP853(
+        return DOP853(
             self._derivative,
             0.0,
-            state,
+            self._packed(),
             np.inf,
             rtol=_SMALLEST_RELATIVE_TOLERANCE,
             atol=tolerances,

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from soliton_linkage.chain import Array
 from soliton_linkage.gravity import Gravity
 from soliton_linkage.initial_states import State
 from soliton_linkage.simulation import Simulation
+
+_MOST_KICKS = 10_000
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Status:
 class _Commands:
     """What waits for the next frame."""
 
-    impulses: Array | None = None
+    kicks: list[Array] = field(default_factory=list)
     torques: Array | None = None
     count: int = 0
 
@@ -44,8 +46,8 @@ class _Commands:
 class SimulationControl:
     """Publishes the frames of a simulation one by one, and what is commanded comes in between.
 
-    A command acts at the instant of the frame that is published next, right after it: kicks
-    that wait for it as their sum, of torques and of gravity the latest. Torques are dropped
+    A command acts at the instant of the frame that is published next, right after it: each of
+    the kicks that wait for it, of torques and of gravity the latest. Torques are dropped
     `command_timeout` [s] of simulated time after that frame, unless it is 0. Where the next
     frame cannot be computed, the simulation is paused until it is reset.
 
@@ -107,12 +109,14 @@ class SimulationControl:
             self._finish_frame(simulation)
             return True
 
-    def kick(self, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,)."""
+    def kick(self, impulses: Array) -> str | None:
+        """Apply angular impulses [N m s], shape (N,); return why that cannot be."""
         with self._lock:
-            waiting = self._commands
-            waiting.impulses = impulses + (0 if waiting.impulses is None else waiting.impulses)
-            waiting.count += 1
+            if len(self._commands.kicks) >= _MOST_KICKS:
+                return f'{_MOST_KICKS} kicks wait for the next frame already; let time go on'
+            self._commands.kicks.append(impulses)
+            self._commands.count += 1
+            return None
 
     def hold(self, torques: Array) -> None:
         """Apply torques [N m], shape (N,), until told otherwise or until the time is over."""
@@ -200,8 +204,8 @@ class SimulationControl:
         simulation = self._simulation
         commands, self._commands = self._commands, _Commands()
         simulation.turn_gravity(self._gravity)
-        if commands.impulses is not None:
-            simulation.kick(commands.impulses)
+        for impulses in commands.kicks:
+            simulation.kick(impulses)
         if commands.torques is not None:
             simulation.hold(commands.torques)
             self._torques_expire = self._frame + self._timeout if self._timeout else None

@@ -158,8 +158,9 @@ class Simulator(Node):
         except ValueError as error:
             self._diagnostics.refuse('rotor_impulses', error)
             return
-        if impulses.any():
-            self.control.kick(impulses)
+        complaint = self.control.kick(impulses) if impulses.any() else None
+        if complaint:
+            self._diagnostics.refuse('rotor_impulses', complaint)
 
     def _on_torques(self, message: JointState) -> None:
         try:
