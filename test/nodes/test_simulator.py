@@ -71,9 +71,9 @@ class Stream:
         self._epoch = time_from_msg(chains[0].header.stamp)
 
     def grow(self, frames: int) -> None:
-        """Wait for more frames."""
-        target = len(self.frames) + frames
-        self.graph.until(lambda: len(self.frames) >= target, f'{frames} frames')
+        """Wait for more frames than are published now, of which some may be on their way."""
+        target = self.node.control.status.frames + frames
+        self.graph.until(lambda: self.number(self.frames[-1]) >= target, f'{frames} frames')
 
     def number(self, frame: JointState) -> int:
         """Return which frame it is; its stamp is exactly that many periods after the chain's."""
