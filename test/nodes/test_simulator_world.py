@@ -332,3 +332,17 @@ def test_of_a_flood_with_wrong_commands_the_right_ones_alone_count(graph: Graph)
     twin.hold(push * 9)
     twin.advance()
     assert_shown(frames[1:], twin)
+
+
+def test_a_pace_of_next_to_nothing_stands_still_and_can_be_left(graph: Graph) -> None:
+    paused = Paused(graph)
+    graph.call(SetBool, 'simulator/pause', data=False)
+    assert paused.change(real_time_factor=5e-324).successful
+    graph.next_report('simulator')
+    graph.next_report('simulator')
+    standing = paused.node.control.status.frames
+    graph.next_report('simulator')
+    assert paused.node.control.status.frames == standing
+    assert paused.change(real_time_factor=1.0).successful
+    graph.until(lambda: paused.node.control.status.frames > standing + 10, 'frames')
+    assert paused.node.failure is None

@@ -44,6 +44,7 @@ from soliton_linkage_nodes.standard_services import serve_standard
 
 _NANOSECONDS = 10**9
 _SWITCH_INTERVAL = 1e-4
+_SLOWEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,10 @@ class Simulator(Node):
         self._loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        return real_time_factor * self.settings.publish_rate or math.inf
+        """Rate of frames on the clock [Hz]; without a limit where the factor is 0."""
+        if real_time_factor == 0:
+            return math.inf
+        return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
 
     def _warn_of_obstacles(self) -> None:
         if self._obstacles:
