@@ -27,9 +27,9 @@ from rclpy.serialization import deserialize_message
 
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Chain
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import NamedChain, default_joint_names, impulses_to_msg
-from soliton_linkage_nodes.progress import ProgressLine
 from soliton_linkage_nodes.sequence_gaps import SequenceGaps
 
 NUDGE = 10.0

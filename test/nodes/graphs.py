@@ -73,7 +73,7 @@ class Graph:
         )
         return publisher
 
-    def call(self, service_type: Any, name: str, **request: Any) -> Any:
+    def call(self, service_type: Any, name: str, /, **request: Any) -> Any:
         """Return the response of a service."""
         client = self.user.create_client(service_type, name)
         self.until(client.service_is_ready, f'service {name}')

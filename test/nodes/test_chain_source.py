@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from graphs import Graph, values
 from rclpy.node import Node
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.deviations import Disorder
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.chain_source import ChainSource
 from soliton_linkage_nodes.conversions import (
@@ -85,3 +87,41 @@ def test_parameters_take_the_place_of_the_topic(graph: Graph) -> None:
 def test_parameters_of_no_chain_are_refused(graph: Graph) -> None:
     with pytest.raises(ValueError, match=r'parameter chain\.mass of learner = -1\.0 must lie'):
         graph.start(Learner, {'chain_from': 'parameters', 'chain.mass': -1.0})
+
+
+def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: Graph) -> None:
+    given = {
+        'chain_from': 'parameters',
+        'chain.number_of_rotors': 6,
+        'chain.periodic': True,
+        'chain.damping': 1e-5,
+        'chain.disorder.mass': 0.1,
+        'chain.disorder.seed': 3,
+        'chain.deviations.spacing': [0.01] * 6,
+    }
+    learner = graph.start(Learner, given)
+    drawn = Disorder(mass=0.1, seed=3).drawn(6, periodic=True)
+    deviations = dataclasses.replace(drawn, spacing=(0.01,) * 6)
+    expected = Chain(6, damping=1e-5, periodic=True, deviations=deviations)
+    assert learner.source.named is not None
+    assert learner.source.named.chain == expected
+
+
+@pytest.mark.parametrize(
+    ('given', 'complaint'),
+    [
+        (
+            {'chain.disorder.mass': 0.1, 'chain.deviations.mass': [0.1] * 40},
+            'deviations of mass are both given and drawn',
+        ),
+        ({'chain.deviations.mass': [0.1] * 3}, '3 deviations of mass do not fit a chain of 40'),
+        ({'chain.disorder.mass': 0.6}, 'must lie in the range 0 to 0.5'),
+        ({'chain.damping': -1.0}, 'must lie in the range 0 to inf N m s/rad'),
+        ({'chain.periodic': True, 'chain.number_of_rotors': 5}, 'must be even with periodic'),
+    ],
+)
+def test_parameters_that_describe_no_chain_stop_the_node(
+    graph: Graph, given: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        graph.start(Learner, given)

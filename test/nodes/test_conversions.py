@@ -20,9 +20,17 @@ from soliton_linkage.analysis import AnalysedSoliton, Analyser, Analysis, cycle_
 from soliton_linkage.chain import Chain
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import Deviations
+from soliton_linkage.initial_states import State
 from soliton_linkage_msgs.msg import RotorImpulses, SolitonState
+from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes import conversions
-from soliton_linkage_nodes.conversions import Frame, FrameReader, NamedChain, default_joint_names
+from soliton_linkage_nodes.conversions import (
+    Frame,
+    FrameReader,
+    NamedChain,
+    default_joint_names,
+    state_from_reset,
+)
 
 NAMED = NamedChain(Chain(number_of_rotors=5), default_joint_names(5))
 ROTORS = {name: rotor for rotor, name in enumerate(NAMED.joint_names)}
@@ -294,7 +302,7 @@ def test_a_wrong_message_is_refused_with_what_is_wrong(
         ({'rest_angle': 3.0}, 'rest_angle = 3.0 must lie in the range'),
         ({'joint_names': ['only']}, 'number_of_rotors = 1 must lie in the range'),
         ({'joint_names': ['a', 'b', 'a']}, "'a' twice"),
-        ({'damping': -1.0}, 'damping = -1.0 N m s/rad must be'),
+        ({'damping': -1.0}, 'damping = -1.0 must lie in the range'),
         ({'mass_deviations': [0.1]}, '1 deviations of mass do not fit a chain of 5 rotors'),
         ({'mass_deviations': [-1.5] * 5}, 'deviation 0 of mass = -1.5 must be'),
     ],
@@ -312,6 +320,36 @@ def test_a_message_that_describes_no_chain_is_refused(
 def test_finite_values_whose_sum_is_not_are_accepted() -> None:
     message = joint_state(position=[1e308, 1e308, 0.0, 0.0, 0.0])
     assert conversions.frame_from_msg(NAMED, message).angles[1] == 1e308
+
+
+def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:
+    named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
+    now = State(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
+    request = Reset.Request(name=['c', 'a'], angle=[0.5, -0.5], rate=[7.0, 8.0])
+    state = state_from_reset(named, request, now)
+    assert state.angles.tolist() == [-0.5, 2.0, 0.5]
+    assert state.rates.tolist() == [8.0, 0.0, 7.0]
+    resting = state_from_reset(named, Reset.Request(name=['b'], angle=[9.0]), now)
+    assert resting.angles.tolist() == [1.0, 9.0, 3.0]
+    assert not resting.rates.any()
+    assert now.angles.tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ('request_', 'complaint'),
+    [
+        (Reset.Request(name=['d'], angle=[1.0]), "reset.angle names joint 'd', which is none of"),
+        (Reset.Request(name=['a', 'a'], angle=[1.0, 2.0]), "'a' twice"),
+        (Reset.Request(name=['a'], angle=[]), 'reset.angle has 0 values for 1 names'),
+        (Reset.Request(name=['a'], angle=[math.nan]), 'reset.angle of a = nan must be a finite'),
+        (Reset.Request(name=['a'], angle=[1.0], rate=[1.0, 2.0]), 'reset.rate has 2 values for 1'),
+        (Reset.Request(name=['a'], angle=[1.0], rate=[math.inf]), 'reset.rate of a = inf must be'),
+    ],
+)
+def test_a_wrong_reset_by_name_is_refused(request_: Reset.Request, complaint: str) -> None:
+    named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        state_from_reset(named, request_, State(np.zeros(3), np.zeros(3)))
 
 
 def test_named_chains_count_their_rotors() -> None:

@@ -28,6 +28,7 @@ ENDPOINTS = {
     'edge_command': (0, 2),
     'rotor_impulses': (1, 2),
     'rotor_torques': (1, 2),
+    'tilt': (0, 2),
     'soliton_state': (1, 3),
     '/diagnostics': (4, 2),
 }

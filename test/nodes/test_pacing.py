@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 
@@ -133,3 +134,56 @@ def test_stop_lets_the_call_that_is_being_made_end_and_makes_no_other() -> None:
     stopping.join(10)
     assert not stopping.is_alive()
     assert calls == [1]
+
+
+def test_a_rate_that_is_set_later_counts_from_then_on(clock: Clock) -> None:
+    seen: list[int] = []
+    enough = threading.Event()
+
+    def act() -> None:
+        seen.append(clock.now - START)
+        if len(seen) == 11:
+            clock.now += SECOND // 20
+            loop.rate = 200.0
+        if len(seen) == 31:
+            enough.set()
+            raise Enough
+
+    loop = PacedLoop(100.0, act)
+    loop.start()
+    assert enough.wait(30)
+    loop.stop()
+    changed = SECOND // 10 + SECOND // 20
+    assert seen[:11] == [tick * SECOND // 100 for tick in range(11)]
+    assert seen[11:] == [changed + tick * SECOND // 200 for tick in range(20)]
+    assert loop.punctuality.missed == 0
+
+
+def test_at_an_infinite_rate_it_sleeps_only_where_there_is_nothing_to_do(clock: Clock) -> None:
+    asleep: list[int] = []
+    enough = threading.Event()
+
+    def act() -> bool:
+        asleep.append(clock.now - START)
+        if len(asleep) == 100:
+            enough.set()
+            raise Enough
+        return not 20 < len(asleep) <= 30
+
+    loop = PacedLoop(math.inf, act)
+    loop.start()
+    assert enough.wait(30)
+    loop.stop()
+    assert set(asleep[:21]) == {0}
+    assert len(set(asleep[20:31])) == 11
+    assert len(set(asleep[30:])) == 1
+    assert loop.punctuality == pacing.Punctuality(89, 0, 0.0, 0.0)
+
+
+def test_stop_ends_a_long_wait() -> None:
+    acted = threading.Event()
+    loop = PacedLoop(1e-3, acted.set)
+    loop.start()
+    assert acted.wait(10)
+    loop.stop()
+    assert loop.failure is None

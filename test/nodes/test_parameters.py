@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Callable
@@ -19,20 +20,23 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.deviations import Deviations, Disorder
+from soliton_linkage.encoders import EncoderErrors
+from soliton_linkage.gravity import Gravity
 from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes.bag_player import BagPlayerParameters
 from soliton_linkage_nodes.bag_recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.chain_source import ChainSourceParameters
 from soliton_linkage_nodes.edge_actuator import EdgeActuator, EdgeActuatorParameters
 from soliton_linkage_nodes.experiment import ExperimentParameters
-from soliton_linkage_nodes.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.simulator import Simulator, SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
 
 CONFIG = Path(__file__).parents[2] / 'config'
 OF_NODE = {
-    '/**': {'chain.': Chain},
-    'simulator': {'': SimulatorParameters},
+    '/**': {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder},
+    'simulator': {'': SimulatorParameters, 'gravity.': Gravity, 'sensors.': EncoderErrors},
     'edge_actuator': {'': EdgeActuatorParameters, 'source': ChainSourceParameters},
     'soliton_analyser': {'source': ChainSourceParameters},
     'bag_recorder': {'': BagRecorderParameters},
@@ -51,6 +55,7 @@ class Examples:
     name: str = quantity('', 'name of it all')
     loud: bool = quantity(False, 'whether it is loud')
     topics: tuple[str, ...] = quantity((), 'topics of it')
+    weights: tuple[float, ...] = quantity((), 'weights of it')
     gain: float = quantity(1.0, 'gain of it', '', 0.0, adjustable=True)
     hidden: float = 2.0
     """Without a description, and so no parameter."""
@@ -72,7 +77,7 @@ def of_node(node: str) -> dict[str, Any]:
         for field in fields(dataclass_type):
             if 'quantity' not in field.metadata:
                 continue
-            declared[(prefix if prefix == 'chain.' else '') + field.name] = field
+            declared[(prefix if prefix.endswith('.') else '') + field.name] = field
     return declared
 
 
@@ -88,10 +93,11 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
         'name': 'x',
         'loud': True,
         'topics': ['a', 'b'],
+        'weights': [0.5, -1.5],
         'gain': 1e9,
     }
     node = graph.start(Declarer, {f'group.{name}': value for name, value in given.items()})
-    assert node.settings == Examples(**{**given, 'topics': ('a', 'b')})
+    assert node.settings == Examples(**{**given, 'topics': ('a', 'b'), 'weights': (0.5, -1.5)})
 
 
 @pytest.mark.parametrize(
@@ -113,6 +119,8 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
         ('loud', 'yes', "= 'yes' must be true or false"),
         ('topics', 'chain', "= 'chain' must be a list of texts"),
         ('topics', [1, 2], '= [1, 2] must be a list of texts'),
+        ('weights', [1, 2], 'must be a list of numbers with a decimal point'),
+        ('weights', ['a'], 'must be a list of numbers with a decimal point'),
     ],
 )
 def test_a_value_that_is_not_allowed_is_said_in_one_line(
@@ -171,6 +179,7 @@ def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
     response = graph.call(SetParameters, 'declarer/set_parameters', parameters=[change])
     assert response.results[0].successful
     assert node.get_parameter('group.lean').value == 'right'
+    assert current(node, Examples, 'group.') == dataclasses.replace(Examples(), lean='right')
 
 
 @pytest.mark.parametrize(
@@ -200,14 +209,21 @@ def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change
         assert parameter.type != ParameterType.PARAMETER_NOT_SET
 
 
-def test_the_only_parameter_that_can_change_at_run_time_is_the_edge_of_nudges() -> None:
+def test_the_parameters_that_can_change_at_run_time() -> None:
     adjustable = {
         name
         for node in OF_NODE
         for name, field in of_node(node).items()
         if field.metadata['quantity'].adjustable
     }
-    assert adjustable == {'nudge_edge'}
+    assert adjustable == {
+        'gravity.acceleration',
+        'gravity.tilt',
+        'nudge_edge',
+        'real_time_factor',
+        'sensors.noise',
+        'sensors.quantisation',
+    }
 
 
 @pytest.mark.parametrize('node', OF_NODE)

@@ -218,7 +218,7 @@ def test_a_periodic_chain_of_odd_number_is_refused(rotors: int) -> None:
 
 @pytest.mark.parametrize('damping', [-1e-9, math.nan, math.inf])
 def test_a_damping_that_would_drive_is_refused(damping: float) -> None:
-    with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} N m s/rad must be'):
+    with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} must (be|lie)'):
         Chain(damping=damping)
 
 

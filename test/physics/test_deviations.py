@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage.deviations import NO_DEVIATIONS, Deviations, drawn_deviations
+from soliton_linkage.deviations import NO_DEVIATIONS, Deviations, Disorder, drawn_deviations
 
 NAMES = tuple(field.name for field in dataclasses.fields(Deviations))
 OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
@@ -138,3 +138,28 @@ def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
     rotors: Any = np.int64(5)
     seed: Any = np.uint32(3)
     assert drawn_deviations(rotors, seed, mass=0.01) == drawn_deviations(5, 3, mass=0.01)
+
+
+@given(st.integers(0, 10**9), st.sets(st.sampled_from(NAMES)), st.booleans())
+def test_disorder_draws_what_it_names_and_nothing_else(
+    seed: int, names: set[str], periodic: bool
+) -> None:
+    fractions = dict.fromkeys(sorted(names), 0.01)
+    drawn = Disorder(seed=seed, **fractions).drawn(12, periodic)
+    assert drawn == drawn_deviations(12, seed, periodic, **fractions)
+    assert {name for name in NAMES if getattr(drawn, name)} == names
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('mass', -0.01), ('spacing', 0.51), ('damping', math.nan), ('seed', -1)]
+)
+def test_disorder_out_of_its_range_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=rf'Disorder\.{name} = {value} must'):
+        Disorder(**{name: value})
+
+
+def test_fractions_that_are_given_go_beside_those_that_are_drawn() -> None:
+    given_ones, drawn = Deviations(mass=(0.1, 0.2)), Deviations(spacing=(0.3,))
+    assert given_ones.joined(drawn) == Deviations(mass=(0.1, 0.2), spacing=(0.3,))
+    with pytest.raises(ValueError, match='deviations of mass are both given and drawn; give'):
+        given_ones.joined(Deviations(mass=(0.0, 0.1)))

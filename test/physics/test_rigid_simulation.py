@@ -458,3 +458,45 @@ def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam() -> None
     with pytest.raises(ArithmeticError, match=r'rad/s: (?!.*jam).*; kick more gently'):
         simulation.advance()
     assert simulation.frame == 0
+
+
+@pytest.mark.parametrize('damping', [0.0, 1e-4])
+@pytest.mark.parametrize('example', CLASSES)
+def test_bars_and_forces_together_are_what_turns_the_rotors(
+    example: tuple[float, float], damping: float
+) -> None:
+    chain = dataclasses.replace(chain_of(example, 6), damping=damping)
+    chain = deviating(chain, 4, 0.02 * min(1, example[1]))
+    period = 1e-4
+    simulation = pushed(chain, 3.0, 1e-12, TILTED, period)
+    simulation.hold(TORQUES)
+    simulation.advance()
+    before = simulation.rates
+    simulation.advance()
+    now = simulation.link_torques
+    others = TORQUES + TILTED.torques(chain, simulation.angles) - chain.dampings * simulation.rates
+    simulation.advance()
+    turning = chain.moments_of_inertia * (simulation.rates - before) / (2 * period)
+    # The difference is off by rates in jerks of their own time scale, 1 / (30 rad/s), squared.
+    assert now + others == pytest.approx(turning, rel=0, abs=1e-4 * float(np.abs(now).max()))
+
+
+def test_a_fixed_rotor_that_would_stop_the_bars_is_refused() -> None:
+    chain = chain_of(FLIPPER, 6)
+    with pytest.raises(ValueError, match='does not move with rotor 3 fixed; fix none, or'):
+        RigidSimulation(chain, chain.uniform_state(1), fixed=(3,))
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_damped_chain_slows_down_by_the_damping_over_the_inertia(
+    example: tuple[float, float],
+) -> None:
+    """Where all rotors are alike the friction along the unit mode is c / I, wherever it is."""
+    bare = chain_of(example, 6)
+    chain = dataclasses.replace(bare, damping=0.8 * bare.moment_of_inertia)
+    simulation = pushed(chain)
+    start = speed(simulation)
+    for frame in range(1, 41):
+        simulation.advance()
+        expected = start * math.exp(-0.8 * frame * simulation.period)
+        assert speed(simulation) == pytest.approx(expected, rel=1e-7)

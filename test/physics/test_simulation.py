@@ -275,3 +275,86 @@ def test_a_chain_that_hangs_at_rest_stays_there_but_for_rounding(
     # It would swing with sqrt(g / r) = 1e5 rad/s, far from the time unit of its slack springs;
     # each of some 500 steps rounds the angle.
     assert np.abs(simulation.angles - np.pi).max() <= 500 * 4 * EPS
+
+
+FIXED = (2, 5)
+
+
+@pytest.mark.parametrize('damping', [0.0, 0.05])
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('example', CLASSES)
+def test_fixed_rotors_stay_and_the_energy_is_kept(
+    example: tuple[float, float], periodic: bool, damping: float
+) -> None:
+    loose = shaken(example, TILTED, periodic, damping)
+    chain, angles = loose.chain, loose.angles
+    simulation = ElasticSimulation(
+        chain, angles, loose.rates, chain.time_unit, TOLERANCE, TILTED, FIXED
+    )
+    assert simulation.energy < loose.energy
+    for frame in range(UNITS):
+        if frame == 10:
+            simulation.kick(np.full(8, 1e-6))
+            simulation.hold(np.full(8, 1e-4))
+        if frame == 20:
+            simulation.turn_gravity(Gravity(9.81, -0.5))
+        simulation.advance()
+        assert np.array_equal(simulation.angles[[*FIXED]], angles[[*FIXED]])
+        assert not simulation.rates[[*FIXED]].any()
+        assert abs(simulation.energy_drift) <= largest_drift(simulation)
+
+
+def test_rotors_beyond_a_fixed_one_know_nothing_of_each_other() -> None:
+    calm, kicked = (
+        ElasticSimulation(chain_of(FLIPPER, 8), np.zeros(8), fixed=(4,)) for _ in range(2)
+    )
+    kicked.kick(np.array([1e-5, 0, 0, 0, 0, 0, 0, 0]))
+    for _ in range(10):
+        calm.advance()
+        kicked.advance()
+    # The solver's steps, which all rotors share, differ.
+    assert kicked.angles[5:] == pytest.approx(calm.angles[5:], rel=0, abs=1e-9)
+    assert np.abs(kicked.angles[:4] - calm.angles[:4]).min() > 1e-6
+
+
+@pytest.mark.parametrize('rotor', [-1, 8, 2.5])
+def test_a_fixed_rotor_that_there_is_not_is_refused(rotor: int) -> None:
+    with pytest.raises(ValueError, match=rf'fixed rotor {rotor} must be one of 0 to 7'):
+        ElasticSimulation(Chain(8), np.zeros(8), fixed=(rotor,))
+
+
+def test_rates_of_an_energy_beyond_numbers_are_refused() -> None:
+    rates = np.array([0.0, 0.0, -1e300, 0.0])
+    with pytest.raises(ValueError, match=r'rate of rotor 2 = -1e\+300 rad/s gives an energy'):
+        ElasticSimulation(Chain(4), np.zeros(4), rates)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_torques_of_springs_are_those_of_the_chain(example: tuple[float, float]) -> None:
+    simulation = shaken(example)
+    simulation.advance()
+    expected = simulation.chain.spring_torques(simulation.angles)
+    assert np.array_equal(simulation.link_torques, expected)
+    assert np.abs(expected).max() > 0
+
+
+def test_however_much_happens_at_a_frame_the_solver_starts_anew_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    starts = []
+    fresh = ElasticSimulation._fresh_solver
+
+    def counted(simulation: ElasticSimulation) -> object:
+        starts.append(simulation.frame)
+        return fresh(simulation)
+
+    monkeypatch.setattr(ElasticSimulation, '_fresh_solver', counted)
+    simulation = shaken(FLIPPER)
+    simulation.advance()
+    for torque in range(1, 6):
+        simulation.kick(np.full(8, 1e-6))
+        simulation.hold(np.full(8, 1e-5 * torque))
+        simulation.turn_gravity(Gravity(9.81, 0.1 * torque))
+    simulation.advance()
+    simulation.advance()
+    assert starts == [0, 1]

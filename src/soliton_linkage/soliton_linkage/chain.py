@@ -52,20 +52,14 @@ class Chain:
     )
     mass: float = quantity(0.02, 'mass at the end of each rotor', 'kg', 1e-9, 1e6)
     stiffness: float = quantity(50.0, 'stiffness of each spring', 'N/m', 1e-9, 1e12)
-    damping: float = 0.0
-    """Of each rotor about its pivot [N m s/rad]."""
-    periodic: bool = False
-    """Whether the last rotor is joined to the first."""
+    damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0)
+    periodic: bool = quantity(False, 'whether the last rotor is joined to the first')
     deviations: Deviations = NO_DEVIATIONS
     """Of single rotors and springs."""
 
     def __post_init__(self) -> None:
         """Refuse parameters out of their range."""
         check_quantities(self)
-        if not (math.isfinite(self.damping) and self.damping >= 0):
-            raise ValueError(
-                f'Chain.damping = {self.damping} N m s/rad must be a finite number of 0 or more'
-            )
         if self.periodic and self.number_of_rotors % 2:
             raise ValueError(
                 f'Chain.number_of_rotors = {self.number_of_rotors} must be even with periodic '

@@ -215,13 +215,11 @@ class CycleMotion:
     def _begin_kicked(self) -> None:
         """Let all filters begin anew where the likeliest kick has led."""
         kicked = self._base + int(self._odds.argmax())
-        arc, rate, error = self._states[:, kicked].tolist()
-        of_arc, both, mixed, of_rate, _, of_error = self._spreads[:, kicked].tolist()
         base = slice(0, self._base)
-        self._states[:, base] = np.array([[arc + error], [rate], [0.0]])
-        self._spreads[:, base] = 0.0
-        self._spreads[0, base] = of_arc + 2 * mixed + of_error
-        self._spreads[1, base], self._spreads[3, base] = both, of_rate
+        self._states[:2, base] = self._states[:2, kicked, None]
+        self._states[2, base] = 0.0
+        self._spreads[:, base] = self._spreads[:, kicked, None]
+        self._spreads[[2, 4], base] = 0.0
         self._spreads[5, base] = self._errors[base]
         self._against = max(self._against, _BEGUN_ANEW)
         self._odds[:] = -np.inf

@@ -6,8 +6,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from numbers import Integral
+from typing import Any
 
 import numpy as np
+
+from soliton_linkage.quantities import check_quantities, quantity
 
 
 @dataclass(frozen=True)
@@ -18,18 +21,22 @@ class Deviations:
     parameter. Raises ValueError for a fraction that leaves nothing (-1 or less).
     """
 
-    spacing: tuple[float, ...] = ()
-    """Of the distance from each rotor to the next, one a spring."""
-    rotor_length: tuple[float, ...] = ()
-    """Of each rotor's length, one a rotor."""
-    mass: tuple[float, ...] = ()
-    """Of each rotor's mass, one a rotor."""
-    stiffness: tuple[float, ...] = ()
-    """Of each spring's stiffness, one a spring."""
-    rest_length: tuple[float, ...] = ()
-    """Of each spring's length at rest, one a spring."""
-    damping: tuple[float, ...] = ()
-    """Of each rotor's damping, one a rotor."""
+    spacing: tuple[float, ...] = quantity(
+        (), 'fractions of the distance from each rotor to the next, one a spring'
+    )
+    rotor_length: tuple[float, ...] = quantity(
+        (), 'fractions of the length of each rotor, one a rotor'
+    )
+    mass: tuple[float, ...] = quantity((), 'fractions of the mass of each rotor, one a rotor')
+    stiffness: tuple[float, ...] = quantity(
+        (), 'fractions of the stiffness of each spring, one a spring'
+    )
+    rest_length: tuple[float, ...] = quantity(
+        (), 'fractions of the length of each spring at rest, one a spring'
+    )
+    damping: tuple[float, ...] = quantity(
+        (), 'fractions of the damping of each rotor, one a rotor'
+    )
 
     def __post_init__(self) -> None:
         """Refuse fractions that are not finite or leave nothing."""
@@ -53,10 +60,54 @@ class Deviations:
                     f'{"springs" if of_springs else "rotors"}; give one for each, or none'
                 )
 
+    def joined(self, others: Deviations) -> Deviations:
+        """These and others; raises ValueError where both have fractions of one quantity."""
+        for name in _NAMES:
+            if getattr(self, name) and getattr(others, name):
+                raise ValueError(
+                    f'deviations of {name} are both given and drawn; give the fractions, or the '
+                    'standard deviation to draw them with'
+                )
+        return Deviations(
+            **{name: getattr(self, name) or getattr(others, name) for name in _NAMES}
+        )
+
 
 _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
 NO_DEVIATIONS = Deviations()
+_LARGEST_SPREAD = 0.5
+_LARGEST_SEED = 10**9
+
+
+def _spread(of: str) -> Any:
+    description = f'standard deviation of the {of}, as a fraction'
+    return quantity(0.0, description, '', 0.0, _LARGEST_SPREAD)
+
+
+@dataclass(frozen=True)
+class Disorder:
+    """Standard deviations of the fractions by which rotors and springs differ, and their seed.
+
+    Raises ValueError for what is out of its range.
+    """
+
+    spacing: float = _spread('distances between pivots')
+    rotor_length: float = _spread('lengths of the rotors')
+    mass: float = _spread('masses')
+    stiffness: float = _spread('stiffnesses')
+    rest_length: float = _spread('lengths at rest')
+    damping: float = _spread('dampings')
+    seed: int = quantity(0, 'seed of the fractions that are drawn', '', 0, _LARGEST_SEED)
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their range."""
+        check_quantities(self)
+
+    def drawn(self, number_of_rotors: int, periodic: bool = False) -> Deviations:
+        """Draw the deviations of a chain; none of a quantity whose standard deviation is 0."""
+        fractions = {name: getattr(self, name) for name in _NAMES if getattr(self, name)}
+        return drawn_deviations(number_of_rotors, self.seed, periodic, **fractions)
 
 
 def drawn_deviations(

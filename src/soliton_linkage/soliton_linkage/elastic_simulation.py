@@ -19,7 +19,13 @@ _LONGEST_STEP = 5
 class ElasticSimulation(Simulation):
     """A chain of springs: M r^2 phi_ddot = -dV/dphi - damping phi_dot + torques of gravity etc."""
 
+    @property
+    def link_torques(self) -> Array:
+        """Torque of the springs on each rotor in the current frame [N m], shape (N,)."""
+        return self.chain.spring_torques(self.angles)
+
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
+        rates[list(self.fixed)] = 0.0
         return angles, rates
 
     def _packed(self) -> Array:
@@ -35,9 +41,9 @@ class ElasticSimulation(Simulation):
         angles, rates, _ = self._unpacked(state)
         torques = chain.spring_torques(angles) + self._applied_torques(angles)
         if not self._damped:
-            return np.concatenate([rates, torques / chain.moments_of_inertia])
+            return np.concatenate([rates, torques / self._inertias])
         friction = chain.dampings * rates
-        accelerations = (torques - friction) / chain.moments_of_inertia
+        accelerations = (torques - friction) / self._inertias
         return np.concatenate([rates, accelerations, [friction @ rates]])
 
     def _tolerances(self) -> tuple[Array, float]:

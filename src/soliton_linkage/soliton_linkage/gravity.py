@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.quantities import quantity
 
 
 @dataclass(frozen=True)
@@ -18,10 +19,15 @@ class Gravity:
     Raises ValueError for a strength that is negative and for values that are not finite.
     """
 
-    acceleration: float = 0.0
-    """Of a free mass [m/s^2]."""
-    tilt: float = 0.0
-    """Of the chain from horizontal [rad]; where it is positive the last rotor is the lower end."""
+    acceleration: float = quantity(
+        0.0, 'acceleration of a free mass', 'm/s^2', 0.0, adjustable=True
+    )
+    tilt: float = quantity(
+        0.0,
+        'tilt of the chain from horizontal, above 0 where the last rotor is the lower end',
+        'rad',
+        adjustable=True,
+    )
 
     def __post_init__(self) -> None:
         """Refuse values that no field has."""

@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import eigvals_banded
+from scipy.linalg import eigvals_banded, solveh_banded
 
-from soliton_linkage.chain import Array
+from soliton_linkage.chain import Array, Chain
 from soliton_linkage.rigidity import rigidity_bands, zero_mode
 from soliton_linkage.simulation import Simulation
 from soliton_linkage.statics import banded_products, unstretched
@@ -37,8 +37,30 @@ class RigidSimulation(Simulation):
     bars jam, so that no zero mode leads on, ArithmeticError says so.
     """
 
+    @property
+    def link_torques(self) -> Array:
+        """Torque of the bars on each rotor in the current frame [N m], R^T s, shape (N,).
+
+        With I phi_ddot = R^T s + torques the lengths keep still, R phi_ddot + l_ddot = 0, where
+        l_ddot is that of rotors that do not accelerate; so
+        R I^-1 R^T s = -(l_ddot + R I^-1 torques). Raises ValueError where the bars jam.
+        """
+        chain, angles, rates = self.chain, self.angles, self.rates
+        first, second = rigidity_bands(chain, angles)
+        free = (self._applied_torques(angles) - chain.dampings * rates) / chain.moments_of_inertia
+        shrinking = _centripetal(chain, angles, rates) - first * free[:-1] - second * free[1:]
+        weights = 1 / np.sqrt(chain.moments_of_inertia)
+        products = banded_products(first * weights[:-1], second * weights[1:])
+        forces = solveh_banded(products, shrinking)
+        return chain.gathered(first * forces, second * forces)
+
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
         chain = self.chain
+        if self.fixed:
+            raise ValueError(
+                f'a chain of rigid bars does not move with rotor {self.fixed[0]} fixed; fix none, '
+                'or simulate springs'
+            )
         if chain.periodic:
             raise ValueError(
                 'rigid bars between periodic ends do not move; free the ends of the chain, or '
@@ -132,3 +154,15 @@ class RigidSimulation(Simulation):
         """Zero mode of unit length in the metric of the inertia [kg^(-1/2) m^(-1)], (N,)."""
         mode = zero_mode(self.chain, angles)
         return np.asarray(mode / math.sqrt(float(self.chain.moments_of_inertia @ mode**2)))
+
+
+def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
+    """Minus l_ddot of rotors that turn steadily [m/s^2], for bars of constant length, (bars,).
+
+    With (x, y) from mass to mass, l_ddot = (x_dot^2 + y_dot^2 + x x_ddot + y y_ddot) / l.
+    """
+    horizontal, vertical = chain.positions(angles)
+    x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
+    squares = np.diff(vertical * rates) ** 2 + np.diff(horizontal * rates) ** 2
+    inward = x * np.diff(horizontal * rates**2) + y * np.diff(vertical * rates**2)
+    return np.asarray((inward - squares) / np.hypot(x, y))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -35,8 +36,13 @@ class Simulation(ABC):
         period: float = 0.01,
         tolerance: float = 1e-11,
         gravity: Gravity = NO_GRAVITY,
+        fixed: Sequence[int] = (),
     ) -> None:
-        """Start from angles [rad] and rates [rad/s], shape (N,); period in [s]."""
+        """Start from angles [rad] and rates [rad/s], shape (N,); period in [s].
+
+        The rotors numbered in `fixed` stay at the angle that they start from; their mounts bear
+        whatever acts on them.
+        """
         if not (math.isfinite(period) and period > 0):
             raise ValueError(f'period = {period} s must be a finite number above 0')
         if not 1e-13 <= tolerance <= 1e-2:
@@ -45,6 +51,9 @@ class Simulation(ABC):
         self.period = period
         self.tolerance = tolerance
         self.gravity = gravity
+        self.fixed = _checked_rotors(chain, fixed)
+        self._inertias = chain.moments_of_inertia.copy()
+        self._inertias[list(self.fixed)] = np.inf
         self.frame = 0
         given = chain.check_angles(angles).copy()
         moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
@@ -53,7 +62,8 @@ class Simulation(ABC):
         self._held_from = self.angles
         self._dissipated = 0.0
         self._dissipated_before = 0.0
-        self._work = self.energy
+        self._work = self._finite_energy()
+        self._stale = True
         self._gravity_at_start = float(gravity.energy(chain, self.angles))
         rounding = np.finfo(float).eps * chain.stiffness * chain.rest_length**2
         self._largest_energy = float(rounding) + gravity.scale(chain)
@@ -69,6 +79,11 @@ class Simulation(ABC):
         """Kinetic, elastic and gravitational energy of the current frame [J]."""
         weight = self.gravity.energy(self.chain, self.angles)
         return self._motion_and_springs() + float(weight)
+
+    @property
+    @abstractmethod
+    def link_torques(self) -> Array:
+        """Torque of the springs or bars on each rotor in the current frame [N m], shape (N,)."""
 
     @property
     def dissipated(self) -> float:
@@ -91,7 +106,7 @@ class Simulation(ABC):
         """Apply angular impulses [N m s], shape (N,), at the instant of the current frame."""
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
-            rates = self.rates + checked / self.chain.moments_of_inertia
+            rates = self.rates + checked / self._inertias
             _, rates = self._allowed(self.angles, rates)
             gained = float(
                 self.chain.kinetic_energy(rates) - self.chain.kinetic_energy(self.rates)
@@ -135,6 +150,9 @@ class Simulation(ABC):
 
     def step(self) -> None:
         """Take one step of the solver towards the next frame; the current one stays as it is."""
+        if self._stale:
+            self._solver = self._fresh_solver()
+            self._stale = False
         complaint = self._solver.step()
         self._steps += 1
         time_unit = min(self.chain.time_unit, self._solver.max_step)
@@ -198,6 +216,17 @@ class Simulation(ABC):
     def _after_step(self) -> None:
         """Mend what a step of the solver has spoilt."""
 
+    def _finite_energy(self) -> float:
+        with np.errstate(over='ignore', invalid='ignore'):
+            energy = self.energy
+        if not math.isfinite(energy):
+            rotor = int(np.argmax(np.abs(self.rates)))
+            raise ValueError(
+                f'rate of rotor {rotor} = {self.rates[rotor]:g} rad/s gives an energy that is no '
+                'finite number; start more slowly'
+            )
+        return energy
+
     def _motion_and_springs(self) -> float:
         elastic = self.chain.elastic_energy(self.angles)
         return float(elastic + self.chain.kinetic_energy(self.rates))
@@ -223,21 +252,34 @@ class Simulation(ABC):
         )
 
     def _restart(self) -> None:
-        """Start the solver anew at the current frame, whose forces are not those of the last."""
+        """Let the solver start anew at the current frame, where the state or forces jump."""
         self._first_frame = self.frame
         self._steps = 0
         self._ahead = 0
         self._dissipated_before += self._dissipated
         self._dissipated = 0.0
-        state = self._packed()
-        self._batch = np.empty((0, len(state)))
+        self._batch = np.empty((0, 0))
+        self._stale = True
+
+    def _fresh_solver(self) -> DOP853:
+        """Solver from the current frame on; it is made once however much happens at a frame."""
         tolerances, longest_step = self._tolerances()
-        self._solver: DOP853 = DOP853(
+        return DOP853(
             self._derivative,
             0.0,
-            state,
+            self._packed(),
             np.inf,
             rtol=_SMALLEST_RELATIVE_TOLERANCE,
             atol=tolerances,
             max_step=longest_step,
         )
+
+
+def _checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:
+    """Return the rotors in order, each once; raise ValueError where there is no such rotor."""
+    for rotor in rotors:
+        if rotor not in range(chain.number_of_rotors):
+            raise ValueError(
+                f'fixed rotor {rotor!r} must be one of 0 to {chain.number_of_rotors - 1}'
+            )
+    return tuple(sorted({int(rotor) for rotor in rotors}))

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from rclpy.node import Node
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.deviations import Deviations, Disorder
 from soliton_linkage.quantities import quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes import interfaces
@@ -48,6 +50,18 @@ class OptionalChainSourceParameters(ChainSourceParameters):
     )
 
 
+def declare_chain(node: Node) -> Chain:
+    """Declare the parameters `chain.*`, of deviations and disorder too, and return the chain.
+
+    Raises ValueError where they describe none.
+    """
+    chain = declare(node, Chain, 'chain.')
+    given = declare(node, Deviations, 'chain.deviations.')
+    disorder = declare(node, Disorder, 'chain.disorder.')
+    drawn = disorder.drawn(chain.number_of_rotors, chain.periodic)
+    return dataclasses.replace(chain, deviations=given.joined(drawn))
+
+
 class ChainSource:
     """The chain that a node works on; None until it is known."""
 
@@ -67,7 +81,7 @@ class ChainSource:
         self._learnt = learnt
         self.parameters = declare(node, parameters)
         check_names('parameter joints', self.parameters.joints)
-        chain = declare(node, Chain, 'chain.')
+        chain = declare_chain(node)
         if self.parameters.chain_from == 'parameters':
             self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
         elif self.parameters.chain_from == 'topic':

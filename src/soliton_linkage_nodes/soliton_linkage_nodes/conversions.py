@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -17,6 +18,7 @@ from soliton_linkage.analysis import AnalysedSoliton, Analysis, CyclePhase
 from soliton_linkage.chain import Chain, Motion
 from soliton_linkage.cycle_filter import Status
 from soliton_linkage.deviations import Deviations
+from soliton_linkage.initial_states import State
 from soliton_linkage.state_report import EdgeRotors, Energies, Topology
 from soliton_linkage.wobble import Wobble
 from soliton_linkage_msgs import msg
@@ -201,6 +203,23 @@ def impulses_from_msg(
 ) -> Array:
     """Angular impulse of each rotor [N m s]; raises ValueError unless all are acceptable."""
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
+
+
+def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
+    """Angles and rates that a `Reset.Request` names; other joints stay where they are, at rest.
+
+    Raises ValueError for a joint that is unknown or named twice, and unless each has an angle
+    and, where there are any, a rate that are finite.
+    """
+    rotors = {name: rotor for rotor, name in enumerate(named.joint_names)}
+    given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, math.inf)
+    rates = np.zeros(named.rotors)
+    if len(request.rate):
+        rates = _by_rotor(rotors, 'reset.rate', request.name, request.rate, math.inf)
+    angles = now.angles.copy()
+    at = [rotors[name] for name in request.name]
+    angles[at] = given[at]
+    return State(angles, rates)
 
 
 def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:

@@ -58,6 +58,7 @@ NUDGE = Topic('nudge', Float64, command_qos())
 EDGE_COMMAND = Topic('edge_command', EdgeCommand, command_qos())
 ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
 ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
+TILT = Topic('tilt', Float64, command_qos())
 SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
 CHAIN = Topic('chain', Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
@@ -70,6 +71,7 @@ SUITE = (
     EDGE_COMMAND,
     ROTOR_IMPULSES,
     ROTOR_TORQUES,
+    TILT,
     SOLITON_STATE,
     DIAGNOSTICS,
 )

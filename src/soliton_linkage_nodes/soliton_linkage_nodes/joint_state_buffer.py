@@ -14,21 +14,21 @@ _NANOSECONDS = 10**9
 
 
 class JointStateBuffer:
-    """Joint states of a chain as CDR bytes, of which only what changes is written anew.
+    """Joint states of named joints as CDR bytes, of which only what changes is written anew.
 
     The names are most of the cost of serializing a JointState and never change. CDR puts the
     three arrays at the end, each a count, padded to 8 bytes from the end of the encapsulation
-    header, and N doubles.
+    header, and one double a joint.
     """
 
     def __init__(self, named: NamedChain) -> None:
         """Lay out the message once."""
-        rotors = named.chain.number_of_rotors
-        zeros = np.zeros(rotors)
+        joints = len(named.joint_names)
+        zeros = np.zeros(joints)
         template = serialize_message(frame_to_msg(named, Frame(zeros, zeros), zeros, Time()))
         self._bytes = bytearray(template)
         body = np.frombuffer(self._bytes, dtype=np.uint8)[_ENCAPSULATION_BYTES:]
-        array_bytes = 8 * rotors
+        array_bytes = 8 * joints
         count_bytes = 8
         # Serializers may pad a message at its end; the counts tell where the arrays are.
         end = len(body) - (len(body) - 3 * array_bytes - 2 * count_bytes) % 8

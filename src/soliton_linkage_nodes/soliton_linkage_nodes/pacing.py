@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from dataclasses import dataclass
 
 _NANOSECONDS = 10**9
 _LONGEST_LAG = 10**8
+_LONGEST_SLEEP = 0.1
+_IDLE = 0.005
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,14 @@ class PacedLoop:
     A late call is made at once and the next deadlines stay where they are. Where the loop is
     more than 0.1 s behind, the rest of the deadlines are put off by that much: it then runs
     slower than asked for, and says so, but never in a burst.
+
+    A rate that is set later counts from that moment on, as t0. At an infinite rate each call
+    follows the last, but for one that returned False, as it had nothing to do.
     """
 
-    def __init__(self, rate: float, act: Callable[[], None]) -> None:
+    def __init__(self, rate: float, act: Callable[[], object]) -> None:
         """Prepare to call `act` at a rate [Hz]."""
-        self._rate = rate
+        self.rate = rate
         self._act = act
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
@@ -60,26 +66,52 @@ class PacedLoop:
 
     def _run(self) -> None:
         try:
-            self._loop()
+            while not self._stopping.is_set():
+                if math.isinf(self.rate):
+                    self._race()
+                else:
+                    self._pace(self.rate)
         except Exception as error:
             self.failure = error
 
-    def _loop(self) -> None:
-        period = round(_NANOSECONDS / self._rate)
+    def _race(self) -> None:
+        """Act without a pause until a finite rate is set."""
+        while math.isinf(self.rate) and not self._stopping.is_set():
+            if self._act() is False:
+                time.sleep(_IDLE)
+            else:
+                self._note(0, 0, 0)
+
+    def _pace(self, rate: float) -> None:
+        """Act at one rate until another is set."""
+        period = round(_NANOSECONDS / rate)
         start = time.monotonic_ns()
-        ticks, missed, latest, lag = 0, 0, 0, 0
-        while not self._stopping.is_set():
-            due = start + lag + round(ticks * _NANOSECONDS / self._rate)
-            early = due - time.monotonic_ns()
-            if early > 0:
-                time.sleep(early / _NANOSECONDS)
+        ticks, lag = 0, 0
+        while True:
+            due = start + lag + round(ticks * _NANOSECONDS / rate)
+            if not self._reach(due, rate):
+                return
             late = time.monotonic_ns() - due
             self._act()
             ticks += 1
-            missed += late > period
-            latest = max(latest, late)
-            if late > _LONGEST_LAG:
-                lag += late
-            self._punctuality = Punctuality(
-                ticks, missed, latest / _NANOSECONDS, lag / _NANOSECONDS
-            )
+            put_off = late if late > _LONGEST_LAG else 0
+            lag += put_off
+            self._note(late, late > period, put_off)
+
+    def _reach(self, due: int, rate: float) -> bool:
+        """Sleep until an instant is due [ns]; False where the loop stops or its rate changes."""
+        while not self._stopping.is_set() and self.rate == rate:
+            early = (due - time.monotonic_ns()) / _NANOSECONDS
+            if early <= 0:
+                return True
+            time.sleep(min(early, _LONGEST_SLEEP))
+        return False
+
+    def _note(self, late: int, missed: int, put_off: int) -> None:
+        before = self._punctuality
+        self._punctuality = Punctuality(
+            before.ticks + 1,
+            before.missed + missed,
+            max(before.largest_lateness, late / _NANOSECONDS),
+            before.lag + put_off / _NANOSECONDS,
+        )

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_type_hints
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -20,24 +20,32 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.deviations import Deviations, Disorder
 from soliton_linkage.quantities import Quantity, described_fields
 
 Parameters = TypeVar('Parameters')
 
-_TYPES = {
+_TYPES: dict[Any, int] = {
     bool: ParameterType.PARAMETER_BOOL,
     int: ParameterType.PARAMETER_INTEGER,
     float: ParameterType.PARAMETER_DOUBLE,
     str: ParameterType.PARAMETER_STRING,
-    tuple: ParameterType.PARAMETER_STRING_ARRAY,
+    tuple[str, ...]: ParameterType.PARAMETER_STRING_ARRAY,
+    tuple[float, ...]: ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
-_EXAMPLES = {
+_LISTS = {
+    tuple[str, ...]: Parameter.Type.STRING_ARRAY,
+    tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
+}
+_EXAMPLES: dict[Any, str] = {
     bool: 'true or false',
     int: 'a whole number such as 20',
     float: 'a number with a decimal point such as 1.0',
     str: 'a text',
-    tuple: 'a list of texts',
+    tuple[str, ...]: 'a list of texts',
+    tuple[float, ...]: 'a list of numbers with a decimal point such as [1.0, 0.5]',
 }
+_OF_CHAIN = {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder}
 _LARGEST_INTEGER = 2**63 - 1
 
 
@@ -48,8 +56,11 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     limit and remedy, where a value given for one is not allowed.
     """
     quantities = described_fields(parameters)
+    kinds = get_type_hints(parameters)
     values = {
-        field.name: _declare_one(node, prefix + field.name, field.default, quantities[field.name])
+        field.name: _declare_one(
+            node, prefix + field.name, kinds[field.name], field.default, quantities[field.name]
+        )
         for field in dataclasses.fields(cast(Any, parameters))
         if field.name in quantities
     }
@@ -61,13 +72,24 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     return parameters(**values)
 
 
+def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
+    """Return the values that the declared fields of a dataclass have now."""
+    values = {
+        name: node.get_parameter_or(prefix + name).value for name in described_fields(parameters)
+    }
+    kinds = get_type_hints(parameters)
+    return parameters(**{name: _kept(kinds[name], value) for name, value in values.items()})
+
+
 def refuse_unknown(node: Node) -> None:
     """Raise ValueError for a parameter that was given to a node and that it has not declared.
 
     The parameters of the chain may be given to every node, whether it needs them or not.
     """
     declared = set(node.get_parameters_by_prefix(''))
-    of_chain = {f'chain.{name}' for name in described_fields(Chain)}
+    of_chain = {
+        prefix + name for prefix, group in _OF_CHAIN.items() for name in described_fields(group)
+    }
     for name in sorted(_given(node).keys() - declared - of_chain):
         near = difflib.get_close_matches(name, declared | of_chain, n=1)
         meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
@@ -92,10 +114,9 @@ def _judge(
     return SetParametersResult(successful=True)
 
 
-def _declare_one(node: Node, name: str, default: Any, described: Quantity) -> Any:
-    kind = type(default)
+def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> Any:
     # rclpy takes an empty list for one of bytes; a type alone leaves the parameter unset.
-    value = Parameter.Type.STRING_ARRAY if kind is tuple else default
+    value = _LISTS.get(kind, default)
     given = _given(node).get(name)
     try:
         declared = node.declare_parameter(name, value, _descriptor(kind, described)).value
@@ -104,10 +125,15 @@ def _declare_one(node: Node, name: str, default: Any, described: Quantity) -> An
     complaint = described.complaint(declared)
     if complaint:
         raise ValueError(f'parameter {name} of {node.get_name()} = {declared!r} {complaint}')
-    return tuple(declared or ()) if kind is tuple else declared
+    return _kept(kind, declared)
 
 
-def _descriptor(kind: type, described: Quantity) -> ParameterDescriptor:
+def _kept(kind: Any, value: Any) -> Any:
+    """Value of a parameter as a field holds it; a list that was not given is empty."""
+    return tuple(value or ()) if kind in _LISTS else value
+
+
+def _descriptor(kind: Any, described: Quantity) -> ParameterDescriptor:
     unit = f' [{described.unit}]' if described.unit else ''
     descriptor = ParameterDescriptor(
         type=_TYPES[kind],
@@ -130,7 +156,7 @@ def _descriptor(kind: type, described: Quantity) -> ParameterDescriptor:
 
 
 def _complaint(
-    node: Node, name: str, kind: type, given: Parameter | None, described: Quantity
+    node: Node, name: str, kind: Any, given: Parameter | None, described: Quantity
 ) -> str:
     value = None if given is None else given.value
     complaint = described.complaint(value) if type(value) is kind else None

@@ -5,10 +5,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.elastic_simulation import ElasticSimulation
+from soliton_linkage.chain import Array
+from soliton_linkage.gravity import Gravity
+from soliton_linkage.initial_states import State
+from soliton_linkage.simulation import Simulation
+
+_MOST_KICKS = 10_000
 
 
 @dataclass(frozen=True)
@@ -26,42 +30,54 @@ class Status:
     """Of the current frame [J]."""
     energy_drift: float
     """Energy gained or lost by the solver, over the largest there was [1]."""
+    dissipated: float
+    """Energy that the damping has taken out since the last reset [J]."""
+
+
+@dataclass
+class _Commands:
+    """What waits for the next frame."""
+
+    kicks: list[Array] = field(default_factory=list)
+    torques: Array | None = None
+    count: int = 0
 
 
 class SimulationControl:
     """Publishes the frames of a simulation one by one, and what is commanded comes in between.
 
-    A command acts at the instant of the frame that is published next, right after it. Torques
-    are dropped `command_timeout` [s] of simulated time after they came, unless that is 0. Where
-    the next frame cannot be computed, the simulation is paused until it is reset.
+    A command acts at the instant of the frame that is published next, right after it: each of
+    the kicks that wait for it, of torques and of gravity the latest. Torques are dropped
+    `command_timeout` [s] of simulated time after that frame, unless it is 0. Where the next
+    frame cannot be computed, the simulation is paused until it is reset.
 
     A frame of a wild or a long chain takes seconds to compute. Only `step` waits for it.
     """
 
     def __init__(
         self,
-        chain: Chain,
-        lean: int,
-        rate: float,
-        tolerance: float,
+        begin: Callable[[State, Gravity], Simulation],
+        state: State,
+        gravity: Gravity,
         command_timeout: float,
-        publish: Callable[[int, ElasticSimulation], None],
+        publish: Callable[[int, Simulation], None],
     ) -> None:
-        """Start at rest in a uniform state; `publish` takes each frame's number and state."""
-        self._chain = chain
-        self._rate = rate
-        self._tolerance = tolerance
-        self._timeout = max(round(command_timeout * rate), 1) if command_timeout else None
+        """Begin in a state; `publish` takes each frame's number and the simulation at it."""
+        self._begin = begin
+        self._gravity = gravity
         self._publish = publish
         self._lock = threading.Lock()
         self._frame_in_work = threading.Lock()
         self._stopping = False
-        self._commands: list[Callable[[], None]] = []
         self._paused = False
         self._failure: str | None = None
+        self._commands = _Commands()
         self._torques_expire: int | None = None
         self._frame = 0
-        self._simulation = self._at_rest(lean)
+        self._simulation = begin(state, gravity)
+        self._timeout = 0
+        if command_timeout:
+            self._timeout = max(round(command_timeout / self._simulation.period), 1)
 
     @property
     def status(self) -> Status:
@@ -69,29 +85,49 @@ class SimulationControl:
         with self._lock:
             return Status(
                 self._frame,
-                len(self._commands),
+                self._commands.count,
                 self._paused,
                 self._failure,
                 self._simulation.energy,
                 self._simulation.energy_drift,
+                self._simulation.dissipated,
             )
 
-    def tick(self) -> None:
-        """Publish the current frame, obey the commands and go on to the next, unless paused."""
+    @property
+    def state(self) -> State:
+        """Angles and rates of the frame that is published next."""
+        with self._lock:
+            return State(self._simulation.angles, self._simulation.rates)
+
+    def tick(self) -> bool:
+        """Publish the current frame, obey and go on to the next; False, and nothing, if paused."""
         with self._frame_in_work:
             with self._lock:
                 if self._paused or self._stopping:
-                    return
+                    return False
                 simulation = self._begin_frame()
             self._finish_frame(simulation)
+            return True
 
-    def kick(self, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,)."""
-        self._command(lambda: self._simulation.kick(impulses))
+    def kick(self, impulses: Array) -> str | None:
+        """Apply angular impulses [N m s], shape (N,); return why that cannot be."""
+        with self._lock:
+            if len(self._commands.kicks) >= _MOST_KICKS:
+                return f'{_MOST_KICKS} kicks wait for the next frame already; let time go on'
+            self._commands.kicks.append(impulses)
+            self._commands.count += 1
+            return None
 
     def hold(self, torques: Array) -> None:
         """Apply torques [N m], shape (N,), until told otherwise or until the time is over."""
-        self._command(lambda: self._hold(torques))
+        with self._lock:
+            self._commands.torques = torques
+            self._commands.count += 1
+
+    def turn_gravity(self, gravity: Gravity) -> None:
+        """Let gravity be another, after a reset too."""
+        with self._lock:
+            self._gravity = gravity
 
     def pause(self, paused: bool) -> str | None:
         """Pause at once or go on; return why that cannot be."""
@@ -107,40 +143,39 @@ class SimulationControl:
             return 'the simulation is running; pause it before stepping'
         with self._frame_in_work:
             for _ in range(periods):
-                if self._failure is not None:
+                if self._failure is not None or self._stopping:
                     break
                 with self._lock:
                     simulation = self._begin_frame()
                 self._finish_frame(simulation)
             return self._failure
 
-    def reset(self, lean: int) -> None:
-        """Drop all commands and put the chain at rest in a uniform state; time goes on."""
+    def reset(self, state: State) -> None:
+        """Drop all commands and put the chain into a state; time goes on.
+
+        Raises ValueError, with nothing changed, where the mechanics do not allow the state.
+        """
         with self._lock:
-            self._commands.clear()
+            self._simulation = self._begin(state, self._gravity)
+            self._commands = _Commands()
             self._torques_expire = None
             if self._failure is not None:
                 self._failure, self._paused = None, False
-            self._simulation = self._at_rest(lean)
 
     def stop(self) -> None:
         """Give up the frame that is being computed and publish no other."""
         self._stopping = True
 
-    def _command(self, command: Callable[[], None]) -> None:
-        with self._lock:
-            self._commands.append(command)
-
-    def _begin_frame(self) -> ElasticSimulation:
-        self._publish(self._frame, self._simulation)
+    def _begin_frame(self) -> Simulation:
         try:
+            self._publish(self._frame, self._simulation)
             self._obey()
         except ValueError as error:
             self._fail(error)
         self._frame += 1
         return self._simulation
 
-    def _finish_frame(self, simulation: ElasticSimulation) -> None:
+    def _finish_frame(self, simulation: Simulation) -> None:
         """Go on to the next frame, with the lock free until that is computed."""
         failure = None
         try:
@@ -150,12 +185,15 @@ class SimulationControl:
             failure = error
         with self._lock:
             if self._failure is None and not self._forsaken(simulation):
-                if failure is None:
-                    simulation.advance()
-                else:
+                try:
+                    if failure is None:
+                        simulation.advance()
+                except ArithmeticError as error:
+                    failure = error
+                if failure is not None:
                     self._fail(failure)
 
-    def _forsaken(self, simulation: ElasticSimulation) -> bool:
+    def _forsaken(self, simulation: Simulation) -> bool:
         return self._stopping or simulation is not self._simulation
 
     def _fail(self, error: Exception) -> None:
@@ -163,21 +201,14 @@ class SimulationControl:
         self._failure = f'{error}; call ~/reset to go on'
 
     def _obey(self) -> None:
-        commands, self._commands = self._commands, []
-        for command in commands:
-            command()
+        simulation = self._simulation
+        commands, self._commands = self._commands, _Commands()
+        simulation.turn_gravity(self._gravity)
+        for impulses in commands.kicks:
+            simulation.kick(impulses)
+        if commands.torques is not None:
+            simulation.hold(commands.torques)
+            self._torques_expire = self._frame + self._timeout if self._timeout else None
         if self._torques_expire is not None and self._frame >= self._torques_expire:
-            self._simulation.hold(0 * self._simulation.torques)
+            simulation.hold(0 * simulation.torques)
             self._torques_expire = None
-
-    def _hold(self, torques: Array) -> None:
-        self._simulation.hold(torques)
-        self._torques_expire = None if self._timeout is None else self._frame + self._timeout
-
-    def _at_rest(self, lean: int) -> ElasticSimulation:
-        return ElasticSimulation(
-            self._chain,
-            self._chain.uniform_state(lean),
-            period=1 / self._rate,
-            tolerance=self._tolerance,
-        )

@@ -4,22 +4,25 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
-import time
 from dataclasses import dataclass
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
+from std_msgs.msg import Float64
 
-from soliton_linkage.chain import Chain
-from soliton_linkage.elastic_simulation import ElasticSimulation
+from soliton_linkage.encoders import EncoderErrors
+from soliton_linkage.gravity import Gravity
+from soliton_linkage.passage import find_obstacles
 from soliton_linkage.quantities import quantity
+from soliton_linkage.simulation import Simulation
 from soliton_linkage_msgs.msg import RotorImpulses
-from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.chain_source import declare_chain
 from soliton_linkage_nodes.conversions import (
     NamedChain,
     chain_to_msg,
@@ -29,28 +32,38 @@ from soliton_linkage_nodes.conversions import (
     torques_from_msg,
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
 from soliton_linkage_nodes.pacing import PacedLoop
-from soliton_linkage_nodes.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.sensed_joints import SensedJoints
+from soliton_linkage_nodes.simulated_world import World, WorldParameters, rotors_of
 from soliton_linkage_nodes.simulation_control import SimulationControl
+from soliton_linkage_nodes.simulation_report import SimulationReport
+from soliton_linkage_nodes.simulation_services import SimulationServices
+from soliton_linkage_nodes.standard_services import serve_standard
 
-_LEANS = {'left_leaning': -1, 'right_leaning': 1}
 _NANOSECONDS = 10**9
 _SWITCH_INTERVAL = 1e-4
-_FRAMES_OVERDUE = 3
+_SLOWEST = 1e-6
 
 
 @dataclass(frozen=True)
-class SimulatorParameters:
-    """Parameters of the simulator besides those of its chain."""
+class SimulatorParameters(WorldParameters):
+    """Parameters of the simulator besides those of chain, gravity and sensors."""
 
-    publish_rate: float = quantity(500.0, 'rate of joint_states', 'Hz', 1.0, 2000.0)
-    tolerance: float = quantity(
-        1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
+    publish_rate: float = quantity(
+        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 2000.0
     )
-    initial_state: str = quantity(
-        'left_leaning', 'uniform state to start from', choices=tuple(_LEANS)
+    real_time_factor: float = quantity(
+        1.0,
+        'simulated time over that of the clock, 0 for as fast as possible',
+        '',
+        0.0,
+        1000.0,
+        adjustable=True,
+    )
+    missing_joints: tuple[str, ...] = quantity(
+        (), 'joints left out of joint_states, by name or number; empty for none'
     )
     command_timeout: float = quantity(
         0.5, 'time after which torques are dropped without a new message, 0 for never', 's', 0.0
@@ -64,33 +77,43 @@ class Simulator(Node):
     """Publishes the angles of a simulated chain at a fixed rate.
 
     Publishes `joint_states`, `chain` (latched), `/diagnostics` and, if asked to, `/clock`.
-    Subscribes to `rotor_impulses` and `rotor_torques`. Serves `~/pause`, `~/step`, `~/reset`.
-    Parameters: those of `SimulatorParameters`, and `chain.*` of `Chain`.
+    Subscribes to `rotor_impulses`, `rotor_torques` and `tilt` [rad], which sets the parameter
+    `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`, and what `standard_services` lists.
+    Parameters: those of `SimulatorParameters`, `chain.*` of `declare_chain`, `gravity.*` of
+    `Gravity` and `sensors.*` of `EncoderErrors`. A change of one acts at the instant of a frame.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         """Read the parameters, announce the chain and start the clockwork."""
         super().__init__('simulator', **kwargs)
-        self.settings = declare(self, SimulatorParameters)
-        chain = declare(self, Chain, 'chain.')
+        settings = self.settings = declare(self, SimulatorParameters)
+        chain = declare_chain(self)
+        gravity = declare(self, Gravity, 'gravity.')
+        errors = declare(self, EncoderErrors, 'sensors.')
         refuse_unknown(self)
-        self._named = NamedChain(chain, default_joint_names(chain.number_of_rotors))
-        self._rotors = {name: rotor for rotor, name in enumerate(self._named.joint_names)}
+        names = default_joint_names(chain.number_of_rotors)
+        self._named = NamedChain(chain, names)
+        self._rotors = {name: rotor for rotor, name in enumerate(names)}
+        period = 1 / settings.publish_rate
+        missing = rotors_of('missing_joints', settings.missing_joints, names)
+        self._joints = SensedJoints(self._named, period, errors, missing)
+        world = World(self._named, settings, period)
         self.control = SimulationControl(
-            chain,
-            _LEANS[self.settings.initial_state],
-            self.settings.publish_rate,
-            self.settings.tolerance,
-            self.settings.command_timeout,
-            self._publish,
+            world.begin, world.initial_state(), gravity, settings.command_timeout, self._publish
         )
         self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        self._loop = PacedLoop(self._pace(settings.real_time_factor), self.control.tick)
+        self._figures = SimulationReport(
+            self.control, self._loop, settings.publish_rate, self.get_logger().error
+        )
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
-        self._reported = (time.monotonic(), 0, 0)
-        self._said: str | None = None
-        self._buffer = JointStateBuffer(self._named)
+        self._obstacles = find_obstacles(chain)
         self._connect()
-        self._loop = PacedLoop(self.settings.publish_rate, self.control.tick)
+        depth = self._joint_states.qos_profile.depth
+        services = SimulationServices(self, self._named, world, self.control, period, depth)
+        serve_standard(self, services)
+        self._warn_of_obstacles()
+        self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
         self._loop.start()
 
     @property
@@ -106,7 +129,7 @@ class Simulator(Node):
 
     def _connect(self) -> None:
         self._joint_states = self.create_publisher(
-            JointState, interfaces.JOINT_STATES.name, interfaces.stream_qos(len(self._buffer))
+            JointState, interfaces.JOINT_STATES.name, interfaces.stream_qos(len(self._joints))
         )
         self._clock_publisher = None
         if self.settings.publish_clock:
@@ -120,20 +143,15 @@ class Simulator(Node):
         for topic, callback in (
             (interfaces.ROTOR_IMPULSES, self._on_impulses),
             (interfaces.ROTOR_TORQUES, self._on_torques),
+            (interfaces.TILT, self._on_tilt),
         ):
             self.create_subscription(topic.type, topic.name, callback, topic.qos)
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        self.create_service(Step, '~/step', self._on_step)
-        self.create_service(Reset, '~/reset', self._on_reset)
 
-    def _publish(self, frame: int, simulation: ElasticSimulation) -> None:
+    def _publish(self, frame: int, simulation: Simulation) -> None:
         stamp = self._epoch + round(frame * _NANOSECONDS / self.settings.publish_rate)
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
-        torques = simulation.chain.spring_torques(simulation.angles)
-        self._joint_states.publish(
-            self._buffer.write(stamp, simulation.angles, simulation.rates, torques)
-        )
+        self._joint_states.publish(self._joints.write(stamp, frame, simulation))
 
     def _on_impulses(self, message: RotorImpulses) -> None:
         try:
@@ -141,8 +159,9 @@ class Simulator(Node):
         except ValueError as error:
             self._diagnostics.refuse('rotor_impulses', error)
             return
-        if impulses.any():
-            self.control.kick(impulses)
+        complaint = self.control.kick(impulses) if impulses.any() else None
+        if complaint:
+            self._diagnostics.refuse('rotor_impulses', complaint)
 
     def _on_torques(self, message: JointState) -> None:
         try:
@@ -152,73 +171,45 @@ class Simulator(Node):
             return
         self.control.hold(torques)
 
-    def _on_pause(self, request: Any, response: Any) -> Any:
-        complaint = self.control.pause(bool(request.data))
-        return _answer(response, complaint, 'paused' if request.data else 'running')
-
-    def _on_step(self, request: Any, response: Any) -> Any:
-        most = self._joint_states.qos_profile.depth
-        if 1 <= request.periods <= most:
-            complaint = self.control.step(request.periods)
-        else:
-            complaint = (
-                f'periods = {request.periods} must lie in the range 1 to {most}, '
-                'the frames that a subscriber can hold'
+    def _on_tilt(self, message: Float64) -> None:
+        (result,) = self.set_parameters([Parameter('gravity.tilt', value=message.data)])
+        if not result.successful:
+            self._diagnostics.refuse('tilt', result.reason)
+        elif not self.get_parameter('gravity.acceleration').value:
+            self.get_logger().warning(
+                'tilt does nothing without gravity; set gravity.acceleration', once=True
             )
-        reached = self.control.status.frames / self.settings.publish_rate
-        return _answer(response, complaint, f'reached t = {reached:g} s')
 
-    def _on_reset(self, request: Any, response: Any) -> Any:
-        states = {
-            Reset.Request.INITIAL: self.settings.initial_state,
-            Reset.Request.LEFT_LEANING: 'left_leaning',
-            Reset.Request.RIGHT_LEANING: 'right_leaning',
-        }
-        if request.state not in states:
-            return _answer(response, f'state = {request.state} must be one of 0, 1, 2', '')
-        state = states[request.state]
-        self.control.reset(_LEANS[state])
-        return _answer(response, None, f'at rest, {state.replace("_", "-")}')
+    def _follow_parameters(self) -> None:
+        self.control.turn_gravity(current(self, Gravity, 'gravity.'))
+        self._joints.change(current(self, EncoderErrors, 'sensors.'))
+        self._loop.rate = self._pace(self.get_parameter('real_time_factor').value)
+
+    def _pace(self, real_time_factor: float) -> float:
+        """Rate of frames on the clock [Hz]; without a limit where the factor is 0."""
+        if real_time_factor == 0:
+            return math.inf
+        return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
+
+    def _warn_of_obstacles(self) -> None:
+        if self._obstacles:
+            first = self._obstacles[0]
+            self.get_logger().warning(
+                f'{len(self._obstacles)} bonds may stop a wall, first bond {first.bond} between '
+                f'rotors {first.bond} and {first.bond + 1}: its spring of {first.rest_length:.6g} '
+                f'm {first.reason}; lower the deviations of the chain'
+            )
 
     def _report(self) -> Report:
-        status = self.control.status
-        punctuality = self._loop.punctuality
-        now = time.monotonic()
-        before, frames_before, missed_before = self._reported
-        self._reported = (now, status.frames, punctuality.missed)
-        rate = (status.frames - frames_before) / (now - before)
-        late = 0 if status.paused else punctuality.missed - missed_before
-        overdue = (now - before) * self.settings.publish_rate > _FRAMES_OVERDUE
-        slow = not status.paused and not rate and overdue
-        message = f'{late} deadlines missed in the last second' if late else 'on time'
-        if slow:
-            message = 'the next frame takes long to compute'
-        if status.paused:
-            message = f'paused, {status.failure}' if status.failure else 'paused'
-        if status.failure and status.failure != self._said:
-            self.get_logger().error(message)
-        self._said = status.failure
-        return Report(
-            message,
+        gravity = current(self, Gravity, 'gravity.')
+        return self._figures(
             {
-                'publish rate [Hz]': rate,
-                'real-time factor': rate / self.settings.publish_rate,
-                'frames': status.frames,
-                'missed deadlines': punctuality.missed,
-                'largest lateness [s]': punctuality.largest_lateness,
-                'lag [s]': punctuality.lag,
-                'energy [J]': status.energy,
-                'energy drift': status.energy_drift,
                 'motion': self._named.chain.motion.value,
-            },
-            warning=bool(status.failure or late or slow),
+                'bonds that may stop a wall': len(self._obstacles),
+                'gravity [m/s^2]': gravity.acceleration,
+                'tilt [rad]': gravity.tilt,
+            }
         )
-
-
-def _answer(response: Any, complaint: str | None, message: str) -> Any:
-    response.success = complaint is None
-    response.message = complaint or message
-    return response
 
 
 def _finished(simulator: Simulator) -> bool:

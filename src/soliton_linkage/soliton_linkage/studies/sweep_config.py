@@ -40,7 +40,7 @@ def _limits() -> dict[str, tuple[float, float]]:
 
 
 _LIMITS = _limits()
-_CHAIN = (*described_fields(Chain), 'damping')
+_CHAIN = tuple(name for name in described_fields(Chain) if name != 'periodic')
 _TRIAL = tuple(described_fields(Trial))
 _LENGTHS = {'rotor_length', 'rotor_length_ratio'}
 
