@@ -5,7 +5,14 @@ from pathlib import Path
 
 from setuptools import setup
 
-NODES = ['simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player']
+NODES = [
+    'simulator',
+    'edge_actuator',
+    'soliton_analyser',
+    'soliton_steering',
+    'bag_recorder',
+    'bag_player',
+]
 TOOLS = ['experiment', 'nudge', 'watch_soliton']
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 

@@ -15,7 +15,9 @@ from std_msgs.msg import Header
 from soliton_linkage.chain import Chain, Motion
 from soliton_linkage.quantities import described_fields
 from soliton_linkage.soliton import Soliton
+from soliton_linkage.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs import msg
+from soliton_linkage_msgs.action import MoveSoliton
 
 Array = NDArray[np.float64]
 
@@ -26,6 +28,17 @@ _MOTIONS = {
     Motion.FLIPPER: msg.SolitonState.FLIPPER,
     Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,
     Motion.SPINNER: msg.SolitonState.SPINNER,
+}
+_OUTCOMES = {
+    Outcome.REACHED: MoveSoliton.Result.REACHED,
+    Outcome.STOPPED: MoveSoliton.Result.CANCELLED,
+    Outcome.PREEMPTED: MoveSoliton.Result.PREEMPTED,
+    Outcome.OUT_OF_CHAIN: MoveSoliton.Result.OUT_OF_CHAIN,
+    Outcome.OUT_OF_REACH: MoveSoliton.Result.OUT_OF_REACH,
+    Outcome.NO_SOLITON: MoveSoliton.Result.NO_SOLITON,
+    Outcome.SOLITON_LOST: MoveSoliton.Result.SOLITON_LOST,
+    Outcome.NOT_HELD: MoveSoliton.Result.NOT_HELD,
+    Outcome.INVALID_SPEED: MoveSoliton.Result.INVALID_SPEED,
 }
 
 
@@ -160,6 +173,18 @@ def solitons_from_msg(message: msg.SolitonState) -> tuple[Soliton, ...]:
         Soliton(**{f.name: getattr(soliton, f.name) for f in fields(Soliton)})
         for soliton in message.solitons
     )
+
+
+def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
+    """How a move of the soliton ended, as the result of the action."""
+    return MoveSoliton.Result(
+        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
+    )
+
+
+def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
+    """Where the soliton is on its way, with the energy of the phonons [J]."""
+    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
