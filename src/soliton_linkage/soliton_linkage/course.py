@@ -20,7 +20,7 @@ from soliton_linkage.cycle import Cycle
 _SAMPLES = 2048
 _RADIATED = 1e-5
 _BELOW = 0.5
-_GAP_OVER_BANDWIDTH = 5.0
+_GAP_OVER_BANDWIDTH = 8.0
 _LONGEST_STEP = 0.1
 _TIMES_TO_BRAKE = 10.0
 _PEAK = 1.875
@@ -117,8 +117,8 @@ def gentle_rate(cycle: Cycle) -> float:
 def bandwidth(cycle: Cycle, period: float) -> float:
     """Bandwidth of the feedback [rad/s] for frames that come every period [s].
 
-    A fifth of the gap, so that phonons do not follow it, and no more than a tenth over the
-    period, so that a late frame does not matter.
+    An eighth of the gap, so that what noise makes of it wakes no phonons, and no more than a
+    tenth over the period, so that a late frame does not matter.
     """
     return min(gap(cycle.chain) / _GAP_OVER_BANDWIDTH, _LONGEST_STEP / period)
 

@@ -147,6 +147,6 @@ def _gains(frames: int, kept: float) -> tuple[float, float, float]:
     counted = (n + 1) * (n + 2) * (n + 3)
     expanding = 3 * (3 * n * n + 3 * n + 2) / counted
     if expanding > 1 - kept**3:
-        return expanding, 18 * (2 * n + 1) / counted, 120 / counted
+        return expanding, 18 * (2 * n + 1) / counted, 60 / counted
     gone = 1 - kept
     return 1 - kept**3, 1.5 * gone**2 * (1 + kept), gone**3
