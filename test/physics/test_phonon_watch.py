@@ -77,6 +77,16 @@ def test_frames_without_rates_say_nothing() -> None:
     before = watch.energy
     watch.update(1.0, None, arc)
     watch.update(1.1, np.full(ROTORS, np.nan), arc)
-    watch.update(0.0, 100 * rates[0], arc)
+    watch.update(0.1, 100 * rates[0], arc)
     assert watch.energy == before
     assert math.isnan(PhononWatch(cycle).energy)
+
+
+def test_a_clock_that_goes_back_begins_anew() -> None:
+    cycle = cycle_of(FLIPPER, ROTORS)
+    arc = cycle.arc_at(5.3, 0)
+    watch = PhononWatch(cycle)
+    for frame, rates in enumerate(vibrating(cycle, arc, 1e-6, 50)):
+        watch.update(100 + frame * PERIOD, rates, arc)
+    watch.update(1.0, np.zeros(ROTORS), arc)
+    assert math.isnan(watch.energy)

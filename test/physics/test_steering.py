@@ -374,6 +374,25 @@ def test_a_wall_that_does_not_come_to_rest_is_said_not_to_be_held() -> None:
     assert loop.steering.holding
 
 
+def test_a_clock_that_goes_back_loses_the_wall() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    loop.steering.move(6.0)
+    loop.go_on(1.0)
+    loop.frames = 0
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.SOLITON_LOST
+    assert 'the clock went back by 1.' in ended.message
+
+
+def test_a_gap_between_frames_does_not_slow_it_down() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    loop.steering.move(6.0)
+    loop.until_ended()
+    loop.frames += 15
+    loop.go_on(0.1)
+    assert loop.steering._bandwidth == pytest.approx(bandwidth(loop.steering.cycle, PERIOD))
+
+
 def test_stopping_and_letting_go_of_nothing_does_nothing() -> None:
     loop = rigid_loop(FLIPPER, 2.0)
     loop.steering.stop()

@@ -43,7 +43,13 @@ class PhononWatch:
         return max(self._sum / self._weight, 0.0) if self._weight else math.nan
 
     def update(self, time: float, rates: Array | None, arc: float) -> None:
-        """Take in a frame [s] with its rates [rad/s], shape (N,), and the wall's arc [rad]."""
+        """Take in a frame [s] with its rates [rad/s], shape (N,), and the wall's arc [rad].
+
+        Frames that come late or twice change nothing; a clock that goes back far begins anew.
+        """
+        if time < self._time - self._memory:
+            self._rates.clear()
+            self._time, self._sum, self._weight = -math.inf, 0.0, 0.0
         if rates is None or not np.isfinite(rates).all() or time <= self._time:
             return
         elapsed, self._time = time - self._time, time

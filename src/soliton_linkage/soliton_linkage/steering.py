@@ -81,8 +81,9 @@ class WallState:
 class Steering:
     """Observes a wall frame by frame, and says which torques carry it on its way.
 
-    It is at rest until `move`. After the end of a move the wall is held where it is, until the
-    next move or `release`; where it is lost, it is let go.
+    After each `observe` it must be asked for the `torques`, once. It is at rest until `move`.
+    After the end of a move the wall is held where it is, until the next move or `release`; where
+    it is lost, it is let go.
     """
 
     def __init__(self, cycle: Cycle, grip: Grip, tolerance: float = 0.1, latency: int = 1) -> None:
@@ -93,7 +94,6 @@ class Steering:
         self._tolerance = tolerance
         self._inertia = cycle.chain.moment_of_inertia
         self._period = math.nan
-        self._latency = latency
         self._observer = WallObserver(cycle, _OBSERVER_FASTER * bandwidth(cycle, 1e-3))
         self._sent = deque([0.0] * (latency + 1), maxlen=latency + 1)
         self._course: Course | None = None
@@ -130,6 +130,8 @@ class Steering:
         estimate = self._observer.update(time, angles, self._sent[0])
         if estimate is None:
             return self._lost('no wall is seen any more in the angles')
+        if before is not None and estimate.time < before.time:
+            return self._lost(f'the clock went back by {before.time - estimate.time:.3g} s')
         if self._course is None:
             return None
         off = (self._course.at(time).arc - estimate.arc) / self.cycle.site_arc
@@ -197,7 +199,8 @@ class Steering:
         """Take the running mean of the times between frames [s], and the gains that go with it."""
         if math.isnan(self._period):
             self._period = elapsed
-        self._period += (elapsed - self._period) / _PERIOD_MEMORY
+        # A gap says nothing of the period.
+        self._period += (min(elapsed, 2 * self._period) - self._period) / _PERIOD_MEMORY
         self._observer.bandwidth = _OBSERVER_FASTER * self._bandwidth
 
     def _begin(self, course: Course, stopping: bool) -> None:

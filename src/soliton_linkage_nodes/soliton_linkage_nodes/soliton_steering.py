@@ -246,7 +246,8 @@ class SolitonSteering(Node):
             handle.canceled()
         else:
             handle.abort()
-        self._server.conclude(handle, move_result_to_msg(ended))
+        if self.executor is not None:
+            self._server.conclude(handle, move_result_to_msg(ended))
 
     def _send(self, torques: Array) -> None:
         if self._named is not None:

@@ -19,6 +19,7 @@ from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.elastic_simulation import ElasticSimulation
 from soliton_linkage.grip import Grip
 from soliton_linkage.normal_modes import phonon_energy
+from soliton_linkage.passage import blocked_bonds
 from soliton_linkage.statics import unstretched
 from soliton_linkage.steering import Ended, Outcome, Steering
 
@@ -26,7 +27,7 @@ _TOLERANCE = 1e-8
 _SEEN_BEFORE = 0.2
 _LONGEST = 120.0
 _SAMPLE_EVERY = 20
-_DRAWS = 20
+_DRAWS = 100
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def made(task: Task) -> MoveRun:
 def _started(task: Task, cycle: Cycle) -> tuple[Chain, Array]:
     """Chain with the damping and disorder of the task, at rest with its wall at the start.
 
-    Of deviations that do not let it be assembled there, others are drawn.
+    In place of deviations that may stop a wall, or do not let it be there, others are drawn.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -145,13 +146,15 @@ def _started(task: Task, cycle: Cycle) -> tuple[Chain, Array]:
             stiffness=share,
             rest_length=share,
         )
+        disordered = replace(chain, deviations=drawn)
+        if blocked_bonds(disordered).any():
+            continue
         try:
-            disordered = replace(chain, deviations=drawn)
             return disordered, unstretched(disordered, wall)
         except ValueError:
             continue
     raise ValueError(
         f'no chain of {task.chain.motion.value}s with a disorder of {task.condition.disorder:g} '
-        f'could be assembled with its wall at {task.start:.2f} in {_DRAWS} draws; lower the '
+        f'lets a wall pass that begins at {task.start:.2f}, in {_DRAWS} draws; lower the '
         'disorder'
     )
