@@ -39,7 +39,6 @@ _PERIOD_MEMORY = 50
 _FORCE_RESERVE = 2.0
 _RESTING_TIMES = 3.0
 _PATIENCE_TIMES = 30.0
-_SHARE_OF_TOLERANCE = 0.5
 _FARTHEST_OFF = 1.5
 
 
@@ -225,7 +224,7 @@ class Steering:
         """Tell whether the wall has come to rest where it is to be."""
         if not self._moving or estimate.time < course.end:
             return None
-        allowed = _SHARE_OF_TOLERANCE * self._tolerance * self.cycle.site_arc
+        allowed = self._tolerance * self.cycle.site_arc
         if abs(estimate.arc - course.goal) > allowed:
             self._resting_since = None
         elif self._resting_since is None:
