@@ -108,6 +108,15 @@ def test_what_it_reaches_it_carries_to_and_no_farther() -> None:
     assert not grip.carries(cycle.arc_at(30.0, 0), cycle.arc_at(1.0, 0), force)
 
 
+def test_the_least_share_is_that_of_the_farthest_place() -> None:
+    cycle = cycle_of(WIDE_SPINNER, 40)
+    start, goal = cycle.arc_at(1.0, 0), cycle.arc_at(9.0, 0)
+    share = float(tangent_at(cycle, goal)[0] ** 2 + tangent_at(cycle, goal)[1] ** 2)
+    assert Grip(cycle, (0, 1)).least_share(start, goal) == pytest.approx(share, rel=1e-6)
+    assert Grip(cycle, (0, 1)).least_share(goal, start) == pytest.approx(share, rel=1e-6)
+    assert Grip(cycle).least_share(start, goal) == 1
+
+
 def test_actuators_everywhere_reach_all_places_with_torques_up_to_the_force() -> None:
     cycle = cycle_of(FLIPPER, ROTORS)
     grip = Grip(cycle, torque_limit=0.1)

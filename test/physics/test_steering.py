@@ -336,6 +336,28 @@ def test_from_the_edge_alone_it_reaches_as_far_as_the_edge_mode() -> None:
     assert not steering.torques()[1:].any()
 
 
+def test_from_far_it_takes_its_time_so_that_noise_does_not_make_larger_torques() -> None:
+    cycle = cycle_of(SPINNER, ROTORS)
+    goal = cycle.arc_at(3.0, 0)
+    times, torques = [], []
+    for rotors in ((), (0,)):
+        steering = Steering(cycle, Grip(cycle, rotors, torque_limit=0.1))
+        loop = Loop(steering, RigidWall(cycle, cycle.arc_at(0.5, 0)), noise=NOISE)
+        loop.go_on(SEEN)
+        assert steering.move(3.0) is None
+        assert loop.until_ended().outcome is Outcome.REACHED
+        times.append(loop.time)
+        held = []
+        for _ in range(1500):
+            loop.step()
+            held.append(np.linalg.norm(steering.grip.torques(goal, steering._sent[-1])[0]))
+        torques.append(float(np.sqrt(np.mean(np.square(held)))))
+    share = Grip(cycle, (0,)).least_share(cycle.arc_at(0.5, 0), goal)
+    assert share < 0.05
+    assert times[1] / times[0] == pytest.approx(share**-0.2, rel=0.3)
+    assert torques[1] / torques[0] == pytest.approx(1, rel=0.5)
+
+
 def test_a_wall_that_jumps_is_lost_and_let_go() -> None:
     loop = rigid_loop(FLIPPER, 2.0)
     assert isinstance(loop.wall, RigidWall)

@@ -104,9 +104,14 @@ class Grip:
         """Whether a force [N m] can be had all the way between two arc lengths [rad]."""
         if self._everywhere and abs(force) <= self.torque_limit:
             return True
-        steps = math.ceil(abs(goal - start) / self.cycle.site_arc * _STEPS_A_SITE)
-        arcs = np.linspace(start, goal, steps + 1).tolist()
-        return all(self._holds(arc, force) for arc in arcs)
+        return all(self._holds(arc, force) for arc in self._way(start, goal))
+
+    def least_share(self, start: float, goal: float) -> float:
+        """Return the least q between two arc lengths [rad], to whose root torques are inverse."""
+        if self._everywhere:
+            return 1.0
+        tangents = np.array([self._tangent(arc) for arc in self._way(start, goal)])
+        return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
         """Places that can be reached from an arc length [rad] on its leg with a force [N m]."""
@@ -125,6 +130,11 @@ class Grip:
                 place = beyond
             ends.append(place)
         return Reach(*ends)
+
+    def _way(self, start: float, goal: float) -> list[float]:
+        """Arc lengths from one to another [rad], a few in every spacing."""
+        steps = math.ceil(abs(goal - start) / self.cycle.site_arc * _STEPS_A_SITE)
+        return [float(arc) for arc in np.linspace(start, goal, steps + 1)]
 
     def _holds(self, arc: float, force: float) -> bool:
         hold = self.hold(arc, force)

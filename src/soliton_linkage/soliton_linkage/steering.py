@@ -9,6 +9,9 @@ r(t) leads to the goal, and the force
 along the orbit keeps the wall on it: with the observed arc, rate and disturbance d, errors decay
 as (1 + b t) e^(-b t). Both are taken at the instant from which the torques act, the latency
 after their frame, so that the latency itself costs no stability.
+
+Noise makes a force that goes as b^(5/2), and torques that go as q^(-1/2) where only some rotors
+are actuated (`grip`): there b is lowered by q^(1/5), lest the torques shake the chain.
 """
 
 from __future__ import annotations
@@ -40,6 +43,7 @@ _FORCE_RESERVE = 2.0
 _RESTING_TIMES = 3.0
 _PATIENCE_TIMES = 30.0
 _FARTHEST_OFF = 1.5
+_QUIET = 0.2
 
 
 class Outcome(enum.Enum):
@@ -99,6 +103,7 @@ class Steering:
         self._stopping = False
         self._resting_since: float | None = None
         self._moving = False
+        self._quiet = 1.0
 
     @property
     def wall(self) -> WallState | None:
@@ -151,13 +156,15 @@ class Steering:
         if refusal is not None or estimate is None:
             return refusal
         limit = min(speed or math.inf, self.gentle_speed) * self.cycle.site_arc
-        shortest = shortest_time(self._bandwidth)
+        shortest = shortest_time(self._bandwidth / self._quiet)
         aim = self._aim(estimate)
         goal = self._nearest_arc(place, aim.arc + aim.rate * shortest / 2)
         course = course_to(goal, estimate.time, aim, limit, shortest)
         refusal = self._out_of_reach(place, estimate, course)
         if refusal is None:
-            self._begin(course, stopping=False)
+            self._quiet = self.grip.least_share(estimate.arc, goal) ** _QUIET
+            shortest = shortest_time(self._bandwidth)
+            self._begin(course_to(goal, estimate.time, aim, limit, shortest), stopping=False)
         return refusal
 
     def stop(self) -> None:
@@ -192,7 +199,8 @@ class Steering:
 
     @property
     def _bandwidth(self) -> float:
-        return bandwidth(self.cycle, self._period if math.isfinite(self._period) else 1e-3)
+        period = self._period if math.isfinite(self._period) else 1e-3
+        return self._quiet * bandwidth(self.cycle, period)
 
     def _measure_period(self, elapsed: float) -> None:
         """Take the running mean of the times between frames [s], and the gains that go with it."""
