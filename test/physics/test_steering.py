@@ -370,6 +370,20 @@ def test_a_wall_that_jumps_is_lost_and_let_go() -> None:
     assert not loop.steering.torques().any()
 
 
+def test_a_wall_that_is_torn_from_its_hold_is_lost() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(3.0)
+    loop.until_ended()
+    loop.wall.rate = 40.0
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.SOLITON_LOST
+    assert not loop.steering.holding
+    loop.ended = None
+    loop.go_on(0.5)
+    assert loop.ended is None
+
+
 def test_a_wall_that_is_pushed_too_hard_gets_off_its_course_and_is_lost() -> None:
     cycle = cycle_of(FLIPPER, ROTORS)
     wall = RigidWall(cycle, cycle.arc_at(4.0, 0))

@@ -127,7 +127,7 @@ class Steering:
         return self._course is not None
 
     def observe(self, time: float, angles: Array) -> Ended | None:
-        """Take in a frame [s], [rad]; tell how the move has ended, if it has now."""
+        """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""
         before = self._observer.estimate
         if before is not None and time > before.time:
             self._measure_period(time - before.time)
@@ -257,9 +257,9 @@ class Steering:
         return Ended(outcome, message, math.nan if self.wall is None else self.wall.place)
 
     def _lost(self, message: str) -> Ended | None:
-        moving = self._moving
+        held = self.holding
         self.release()
-        return self._ended(Outcome.SOLITON_LOST, f'{message}; it is let go') if moving else None
+        return self._ended(Outcome.SOLITON_LOST, f'{message}; it is let go') if held else None
 
     def _refusal(self, place: float, speed: float, estimate: WallEstimate | None) -> Ended | None:
         last = self.cycle.chain.number_of_rotors - 1

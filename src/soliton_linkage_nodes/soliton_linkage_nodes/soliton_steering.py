@@ -164,6 +164,8 @@ class SolitonSteering(Node):
         if held or self._steering.holding:
             self._send(torques)
         if ended is not None:
+            if ended.outcome is Outcome.SOLITON_LOST:
+                self.get_logger().warning(ended.message)
             self._conclude(ended)
         self._tell()
 
