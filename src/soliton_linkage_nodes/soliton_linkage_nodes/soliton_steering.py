@@ -12,6 +12,7 @@ import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -42,6 +43,7 @@ from soliton_linkage_nodes.process import run
 _NANOSECONDS = 10**9
 _WATCH_PERIOD = 0.02
 _FEEDBACK_PERIOD = 0.1
+_LAST_WORDS = Duration(seconds=0.5)
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,7 @@ class SolitonSteering(Node):
     def destroy_node(self) -> None:
         """Let the soliton go and end the goal, then go."""
         self._let_go('the steering is shut down')
+        self._torques.wait_for_all_acked(_LAST_WORDS)
         self._server.destroy()
         super().destroy_node()
 
