@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy moves benchmark format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -40,6 +40,9 @@ sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/st
 
 accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
 	@$(enter) accuracy config/studies/accuracy.yaml --output out/accuracy $(ARGS)
+
+moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
+	@$(enter) moves config/studies/moves.yaml --output out/moves $(ARGS)
 
 benchmark: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)

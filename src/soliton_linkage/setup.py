@@ -3,7 +3,7 @@
 
 from setuptools import setup
 
-STUDIES = ['accuracy', 'figures', 'films', 'sweep']
+STUDIES = ['accuracy', 'figures', 'films', 'moves', 'sweep']
 
 setup(
     name='soliton_linkage',

@@ -5,8 +5,15 @@ from pathlib import Path
 
 from setuptools import setup
 
-NODES = ['simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player']
-TOOLS = ['analyse_bag', 'experiment', 'nudge', 'watch_soliton']
+NODES = [
+    'simulator',
+    'edge_actuator',
+    'soliton_analyser',
+    'soliton_steering',
+    'bag_recorder',
+    'bag_player',
+]
+TOOLS = ['analyse_bag', 'experiment', 'move_soliton', 'nudge', 'watch_soliton']
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 
 setup(

@@ -32,12 +32,14 @@ from soliton_linkage_nodes.experiment import ExperimentParameters
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.simulator import Simulator, SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
+from soliton_linkage_nodes.soliton_steering import SolitonSteering, SolitonSteeringParameters
 
 CONFIG = Path(__file__).parents[2] / 'config'
 OF_NODE = {
     '/**': {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder},
     'simulator': {'': SimulatorParameters, 'gravity.': Gravity, 'sensors.': EncoderErrors},
     'edge_actuator': {'': EdgeActuatorParameters, 'source': ChainSourceParameters},
+    'soliton_steering': {'': SolitonSteeringParameters, 'source': ChainSourceParameters},
     'soliton_analyser': {'source': ChainSourceParameters},
     'bag_recorder': {'': BagRecorderParameters},
     'bag_player': {'': BagPlayerParameters},
@@ -183,7 +185,9 @@ def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize(
-    'create', [Simulator, EdgeActuator, SolitonAnalyser, BagRecorder], ids=lambda c: c.__name__
+    'create',
+    [Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering, BagRecorder],
+    ids=lambda c: c.__name__,
 )
 def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change(
     graph: Graph, create: Callable[..., Node], tmp_path: Path

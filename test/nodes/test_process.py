@@ -15,7 +15,14 @@ from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.conversions import NamedChain
 
-NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player')
+NODES = (
+    'simulator',
+    'edge_actuator',
+    'soliton_analyser',
+    'soliton_steering',
+    'bag_recorder',
+    'bag_player',
+)
 MINUTE = 60 * 10**9
 
 

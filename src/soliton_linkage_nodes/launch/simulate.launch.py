@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated chain with its actuator and analyser, and a recorder if asked for."""
+"""The simulated chain with actuator, analyser and steering, and a recorder if asked for."""
 
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
@@ -37,7 +37,7 @@ def generate_launch_description():
             ),
             *(
                 Node(executable=name, **common)
-                for name in ('simulator', 'edge_actuator', 'soliton_analyser')
+                for name in ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
             ),
             Node(
                 executable='bag_recorder',

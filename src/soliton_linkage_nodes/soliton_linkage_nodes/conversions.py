@@ -20,8 +20,10 @@ from soliton_linkage.cycle_filter import Status
 from soliton_linkage.deviations import Deviations
 from soliton_linkage.initial_states import State
 from soliton_linkage.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.steering import Ended, Outcome, WallState
 from soliton_linkage.wobble import Wobble
 from soliton_linkage_msgs import msg
+from soliton_linkage_msgs.action import MoveSoliton
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,17 @@ _WOBBLE = {
 }
 _CYCLE_FIELDS = tuple(f.name for f in fields(CyclePhase))
 _SOLITON_FIELDS = tuple(f.name for f in fields(AnalysedSoliton))
+_OUTCOMES = {
+    Outcome.REACHED: MoveSoliton.Result.REACHED,
+    Outcome.STOPPED: MoveSoliton.Result.CANCELLED,
+    Outcome.PREEMPTED: MoveSoliton.Result.PREEMPTED,
+    Outcome.OUT_OF_CHAIN: MoveSoliton.Result.OUT_OF_CHAIN,
+    Outcome.OUT_OF_REACH: MoveSoliton.Result.OUT_OF_REACH,
+    Outcome.NO_SOLITON: MoveSoliton.Result.NO_SOLITON,
+    Outcome.SOLITON_LOST: MoveSoliton.Result.SOLITON_LOST,
+    Outcome.NOT_HELD: MoveSoliton.Result.NOT_HELD,
+    Outcome.INVALID_SPEED: MoveSoliton.Result.INVALID_SPEED,
+}
 
 
 @dataclass(frozen=True)
@@ -266,6 +279,18 @@ def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
         AnalysedSoliton(**{name: getattr(soliton, name) for name in _SOLITON_FIELDS})
         for soliton in message.solitons
     )
+
+
+def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
+    """How a move of the soliton ended, as the result of the action."""
+    return MoveSoliton.Result(
+        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
+    )
+
+
+def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
+    """Where the soliton is on its way, with the energy of the phonons [J]."""
+    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:

@@ -63,6 +63,8 @@ SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
 CHAIN = Topic('chain', Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
 CLOCK = Topic('/clock', Clock, stream_qos())
+MOVE_SOLITON = 'move_soliton'
+"""Name of the action."""
 
 SUITE = (
     CHAIN,

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walls under torques that are held from frame to frame, with rigid bars and with springs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+from chains import chain_of
+
+from soliton_linkage.chain import Array
+from soliton_linkage.cycle import Cycle
+from soliton_linkage.elastic_simulation import ElasticSimulation
+from soliton_linkage.steering import Ended, Steering
+
+Disturbance = Callable[[float], float]
+
+
+@lru_cache(maxsize=32)
+def cycle_of(example: tuple[float, float], rotors: int) -> Cycle:
+    return Cycle(chain_of(example, rotors))
+
+
+def tangent_at(cycle: Cycle, arc: float) -> Array:
+    """Unit tangent of the orbit [1], shape (N,)."""
+    tangent = np.zeros(cycle.chain.number_of_rotors)
+    about = cycle.stretch(arc)
+    tangent[about.first : about.first + len(about.tangent)] = about.tangent
+    return tangent
+
+
+class RigidWall:
+    """The one degree of freedom of rigid bars, I s'' = t . tau + I push."""
+
+    def __init__(self, cycle: Cycle, arc: float, rate: float = 0.0, push: float = 0.0) -> None:
+        self.cycle, self.arc, self.rate, self.push = cycle, arc, rate, push
+
+    @property
+    def place(self) -> float:
+        return self.cycle.place(self.arc)
+
+    def frame(self) -> Array:
+        return self.cycle.configuration(self.arc)
+
+    def go_on(self, torques: Array, period: float) -> None:
+        """Hold torques [N m] for a period [s]."""
+        force = float(tangent_at(self.cycle, self.arc) @ torques)
+        acceleration = force / self.cycle.chain.moment_of_inertia + self.push
+        self.arc += (self.rate + acceleration * period / 2) * period
+        self.rate += acceleration * period
+
+
+class SpringWall:
+    """A chain of springs, whose place is that of the nearest point of the orbit."""
+
+    def __init__(self, simulation: ElasticSimulation) -> None:
+        self.simulation = simulation
+
+    def frame(self) -> Array:
+        return self.simulation.angles
+
+    def go_on(self, torques: Array, period: float) -> None:
+        assert period == self.simulation.period
+        self.simulation.hold(torques)
+        self.simulation.advance()
+
+
+class Loop:
+    """A steering around a wall; torques act so many frames after theirs."""
+
+    def __init__(
+        self,
+        steering: Steering,
+        wall: RigidWall | SpringWall,
+        period: float = 0.01,
+        noise: float = 0.0,
+        delay: int = 1,
+        seed: int = 0,
+    ) -> None:
+        self.steering, self.wall, self.period = steering, wall, period
+        self.frames = 0
+        self.ended: Ended | None = None
+        self._noise, self._random = noise, np.random.default_rng(seed)
+        self._waiting = [np.zeros(steering.cycle.chain.number_of_rotors)] * delay
+
+    @property
+    def time(self) -> float:
+        return self.frames * self.period
+
+    def step(self) -> None:
+        """One frame, and the wall's motion until the next."""
+        frame = self.wall.frame()
+        seen = frame + self._noise * self._random.standard_normal(len(frame))
+        ended = self.steering.observe(self.time, seen)
+        self.ended = self.ended if ended is None else ended
+        self._waiting.append(self.steering.torques())
+        self.wall.go_on(self._waiting.pop(0), self.period)
+        self.frames += 1
+
+    def go_on(self, seconds: float) -> None:
+        for _ in range(round(seconds / self.period)):
+            self.step()
+
+    def until_ended(self, longest: float = 60.0) -> Ended:
+        """Go on until a move ends."""
+        self.ended = None
+        limit = self.time + longest
+        while self.ended is None:
+            assert self.time < limit
+            self.step()
+        return self.ended
