@@ -489,3 +489,17 @@ def test_a_wrong_parameter_stops_it(graph: Graph, name: str, value: Any, complai
     with pytest.raises(ValueError, match=r'^parameter .* of simulator .*') as refusal:
         graph.start(Simulator, {name: value})
     assert complaint in str(refusal.value)
+
+
+def test_time_begins_once_there_are_as_many_subscribers_as_asked_for(graph: Graph) -> None:
+    first = graph.hear(interfaces.JOINT_STATES)
+    chains = graph.hear(interfaces.CHAIN)
+    reports = graph.reports('simulator')
+    graph.start(Simulator, {**GIVEN, 'subscribers': 2})
+    waiting = 'waiting for 2 subscribers of joint_states, there are 1'
+    graph.until(lambda: any(r.message == waiting for r in reports), 'a warning')
+    assert first == []
+    second = graph.hear(interfaces.JOINT_STATES)
+    graph.until(lambda: len(first) > 5 and len(second) > 5, 'frames')
+    assert first[0] == second[0]
+    assert first[0].header.stamp == chains[0].header.stamp

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ _STRANGEST = 0.6
 _STRANGE_SHARE = 0.1
 _STRANGE_RATIO = 9.0
 _ELASTIC_SHARE = 0.03
+_QUIET_SHARE = 0.07
 _MOST_OUTLIERS = 0.3
 _GAIN = 25.0
 _SAME_PLACE = 2.0
@@ -147,6 +148,7 @@ class CycleFilter:
         swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
         self._tolerated = (_STRANGE_SHARE * swing) ** 2
         self._elastic = (_ELASTIC_SHARE * swing) ** 2
+        self._quiet = (_QUIET_SHARE * swing) ** 2
         self._upside_down = self._doubts = False
         self._forget(math.nan)
 
@@ -287,8 +289,14 @@ class CycleFilter:
             apart = abs(cycle.place(place.arc) - cycle.place(view.arc))
             moved = cycle.leg(place.arc) != cycle.leg(view.arc) and apart < _SAME_PLACE
         if moved:
-            self._start_at(place, time, seen)
+            self._start_at(place if strange else self._on_this_turn(place), time, seen)
         return moved
+
+    def _on_this_turn(self, place: _Place) -> _Place:
+        """The same point of the orbit, with as many cycles gone round as the wall has."""
+        length = self.cycle.length
+        turns = round((self._estimate.arc - place.arc) / length)
+        return replace(place, arc=place.arc + turns * length)
 
     def _correct(self, motion: CycleMotion, seen: Array, view: FrameView, elapsed: float) -> None:
         noise = self._noise
@@ -296,7 +304,10 @@ class CycleFilter:
         noise.update(view, elapsed)
         self._legs.update(view, max(noise.variance, view.mean_square))
         if self._far.add(view.residuals, self.cycle.place(view.arc), elapsed):
-            self._learn_offsets(seen, view)
+            if noise.scatter < self._quiet:
+                self._learn_offsets(seen, view)
+            else:
+                self._far.forget()
 
     def _variance(self, motion: CycleMotion, view: FrameView, elapsed: float) -> float:
         """Variance of the arc that a frame shows [rad^2].

@@ -146,7 +146,6 @@ class FrameNoise:
     def forget_what_lasted(self) -> None:
         """Begin anew with all but the noise, as what encoders add has been found out."""
         self._squares = self.variance * self._freedoms
-        self._squares_of_late = self.variance * self._freedoms_of_late
         self._products = self._pairs = 0.0
         self._wall = self._wall_share = self._wall_chance = 0.0
         self._earlier = []

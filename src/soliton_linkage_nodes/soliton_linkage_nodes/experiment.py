@@ -163,8 +163,13 @@ class Experiment:
     def _start_nodes(self) -> None:
         _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
         name = self.bag.with_name(self._settings.scenario)
+        # All of them hear the first frame: a replay begins where the live analysis did.
+        own = {
+            'bag_recorder': ['-p', f'output:={name}'],
+            'simulator': ['-p', f'subscribers:={len(_NODES) - 1}'],
+        }
         for node in _NODES:
-            self._start(node, ['-p', f'output:={name}'] if node == 'bag_recorder' else [])
+            self._start(node, own.get(node, []))
         self._wait_until(self._ready, _LONGEST_START, self._unready)
 
     def _start(self, node: str, arguments: list[str]) -> None:

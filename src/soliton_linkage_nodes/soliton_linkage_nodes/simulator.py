@@ -45,6 +45,7 @@ from soliton_linkage_nodes.standard_services import serve_standard
 _NANOSECONDS = 10**9
 _SWITCH_INTERVAL = 1e-4
 _SLOWEST = 1e-6
+_POLL_INTERVAL = 0.02
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,9 @@ class SimulatorParameters(WorldParameters):
     impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0)
     torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0)
     publish_clock: bool = quantity(False, 'whether to publish the simulated time on /clock')
+    subscribers: int = quantity(
+        0, 'number of subscribers of joint_states to wait for before time begins', '', 0, 1000
+    )
 
 
 class Simulator(Node):
@@ -101,7 +105,7 @@ class Simulator(Node):
         self.control = SimulationControl(
             world.begin, world.initial_state(), gravity, settings.command_timeout, self._publish
         )
-        self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        self._epoch = 0
         self._loop = PacedLoop(self._pace(settings.real_time_factor), self.control.tick)
         self._figures = SimulationReport(
             self.control, self._loop, settings.publish_rate, self.get_logger().error
@@ -114,7 +118,9 @@ class Simulator(Node):
         serve_standard(self, services)
         self._warn_of_obstacles()
         self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
-        self._loop.start()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._beginning = self.create_timer(_POLL_INTERVAL, self._begin, clock=steady)
+        self._begin()
 
     @property
     def failure(self) -> Exception | None:
@@ -126,6 +132,15 @@ class Simulator(Node):
         self.control.stop()
         self._loop.stop()
         super().destroy_node()
+
+    def _begin(self) -> None:
+        """Let time begin once there are as many subscribers as asked for."""
+        if self._joint_states.get_subscription_count() < self.settings.subscribers:
+            return
+        self._beginning.cancel()
+        self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        self._chain_publisher.publish(chain_to_msg(self._named, time_to_msg(self._epoch)))
+        self._loop.start()
 
     def _connect(self) -> None:
         self._joint_states = self.create_publisher(
@@ -139,7 +154,6 @@ class Simulator(Node):
         self._chain_publisher = self.create_publisher(
             interfaces.CHAIN.type, interfaces.CHAIN.name, interfaces.CHAIN.qos
         )
-        self._chain_publisher.publish(chain_to_msg(self._named, time_to_msg(self._epoch)))
         for topic, callback in (
             (interfaces.ROTOR_IMPULSES, self._on_impulses),
             (interfaces.ROTOR_TORQUES, self._on_torques),
@@ -201,6 +215,12 @@ class Simulator(Node):
             )
 
     def _report(self) -> Report:
+        if not self._beginning.is_canceled():
+            heard, wanted = self._joint_states.get_subscription_count(), self.settings.subscribers
+            return Report(
+                f'waiting for {wanted} subscribers of joint_states, there are {heard}',
+                warning=True,
+            )
         gravity = current(self, Gravity, 'gravity.')
         return self._figures(
             {
