@@ -28,6 +28,7 @@ from soliton_linkage_nodes.conversions import (
     time_to_msg,
     torques_from_msg,
 )
+from soliton_linkage_nodes.delivery import DeliveryPublisher
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
 from soliton_linkage_nodes.pacing import PacedLoop
@@ -63,7 +64,8 @@ class SimulatorParameters:
 class Simulator(Node):
     """Publishes the angles of a simulated chain at a fixed rate.
 
-    Publishes `joint_states`, `chain` (latched), `/diagnostics` and, if asked to, `/clock`.
+    Publishes `joint_states`, `chain` and `delivery` (latched), `/diagnostics` and, if asked to,
+    `/clock`.
     Subscribes to `rotor_impulses` and `rotor_torques`. Serves `~/pause`, `~/step`, `~/reset`.
     Parameters: those of `SimulatorParameters`, and `chain.*` of `Chain`.
     """
@@ -117,6 +119,7 @@ class Simulator(Node):
             interfaces.CHAIN.type, interfaces.CHAIN.name, interfaces.CHAIN.qos
         )
         self._chain_publisher.publish(chain_to_msg(self._named, time_to_msg(self._epoch)))
+        self._delivery = DeliveryPublisher(self, self._named.rotors, self._epoch)
         for topic, callback in (
             (interfaces.ROTOR_IMPULSES, self._on_impulses),
             (interfaces.ROTOR_TORQUES, self._on_torques),
@@ -134,6 +137,7 @@ class Simulator(Node):
         self._joint_states.publish(
             self._buffer.write(stamp, simulation.angles, simulation.rates, torques)
         )
+        self._delivery.note(stamp, simulation)
 
     def _on_impulses(self, message: RotorImpulses) -> None:
         try:
