@@ -247,11 +247,10 @@ class EdgeActuator(Node):
         if not order.instantaneous:
             driver.order(name, meant, side)
             return
-        impulses = order.value * mode
         if order.kind is Kind.KICK:
-            impulses *= chain.moments_of_inertia
+            impulses = chain.moments_of_inertia * order.value * mode
         elif stamp > before:
-            impulses *= (stamp - before) / _NANOSECONDS
+            impulses = (stamp - before) / _NANOSECONDS * order.value * mode
         else:
             raise ValueError(
                 'a pulse without duration lasts for a period of joint_states, which is not '
