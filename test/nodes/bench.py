@@ -96,14 +96,19 @@ class Bench:
         self.impulses.clear()
         return impulses_from_msg(self._order(), message, math.inf)
 
-    def drive(self, frames: Sequence[Array], start: float, period: float, messages: int) -> Array:
+    def drive(
+        self, frames: Sequence[Array], start: float, period: float, messages: int = 0
+    ) -> Array:
         """Publish frames from an instant on [s], and return the torques that come of it [N m].
 
-        There must be so many messages of them, and no more.
+        There must be so many messages of them and no more, or the last of them must be zero.
         """
         for number, angles in enumerate(frames):
             self.joints(angles, stamp=start + period * number)
-        torques = np.array([self.next_torques() for _ in range(messages)])
+        if not messages:
+            heard = self.torques
+            self.graph.until(lambda: heard and not any(heard[-1].effort), 'the end of torques')
+        torques = np.array([self.next_torques() for _ in range(messages or len(self.torques))])
         self.graph.next_report('edge_actuator')
         assert self.torques == []
         return torques
