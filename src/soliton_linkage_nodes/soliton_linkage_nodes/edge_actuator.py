@@ -113,6 +113,7 @@ class EdgeActuator(Node):
         self._latest: bytes | None = None
         self._latest_at = -math.inf
         self._driver: ChainDriver | None = None
+        self._delivery: Delivery | None = None
         self._carried_out = 0
         self._diagnostics = Diagnostics(self, 'actuation', self._report)
         self._impulses, self._torques, self._last_kick = (
@@ -192,12 +193,15 @@ class EdgeActuator(Node):
             settings.state_timeout,
             self._tell,
         )
+        if self._delivery is not None:
+            self._on_delivery(self._delivery)
 
     def _tell(self, kick: Kick) -> None:
         if self._driver is not None:
             self._last_kick.publish(last_kick_to_msg(self._driver.named, kick))
 
     def _on_delivery(self, message: Delivery) -> None:
+        self._delivery = message
         driver = self._driver
         if driver is not None and len(message.impulse_of_torques) == driver.named.rotors:
             driver.record.deliver(delivery_from_msg(message))
