@@ -91,15 +91,17 @@ class ChainDriver:
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
         """Torques to send with a frame [N m], shape (N,), or None where there is nothing to send.
 
-        `before` is the stamp of the frame before it [ns]. Raises ValueError, and ends all that
-        was asked for, where the stamps do not increase.
+        `before` is the stamp of the frame before it [ns]. Raises ValueError where the stamps do
+        not increase; where they go back, all that was asked for ends.
         """
         time = self._time(stamp)
-        if stamp <= before or (self._driving and stamp < self._last):
-            self._drop(stamp)
+        if stamp <= before:
+            ended = stamp < before
+            if ended:
+                self._drop(stamp)
             raise ValueError(
                 f'joint_states.header.stamp = {stamp} ns must be later than the one before, '
-                f'{max(before, self._last)} ns; all torques are dropped'
+                f'{before} ns; {"all torques are dropped" if ended else "stamp each frame"}'
             )
         self.record.frame(stamp, angles)
         gap = (stamp - self._last) / _NANOSECONDS

@@ -50,6 +50,8 @@ from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 
 _NANOSECONDS = 10**9
+# Half of what the queue of rotor_impulses holds, so that none that is accepted is lost.
+_MOST_KICKS_WAITING = 50
 
 
 @dataclass(frozen=True)
@@ -209,17 +211,21 @@ class EdgeActuator(Node):
     def _on_joint_states(self, serialized: bytes) -> None:
         self._previous, self._latest = self._latest, serialized
         self._latest_at = time.monotonic()
-        if self._driver is None or self._previous is None or not self._driver.busy:
+        driver = self._driver
+        if driver is None or self._previous is None or not driver.busy:
             return
+        was_driving = driver.driving
+        torques: Array | None
         try:
-            frame, before, stamp = self._state(self._driver.named)
-            torques = self._driver.frame(before, stamp, frame.angles)
+            frame, before, stamp = self._state(driver.named)
+            torques = driver.frame(before, stamp, frame.angles)
         except ValueError as error:
             self._diagnostics.refuse('joint_states', error)
-            return
+            ended = was_driving and not driver.driving
+            torques = np.zeros(driver.named.rotors) if ended else None
         if torques is not None:
-            named, now = self._driver.named, self.get_clock().now().to_msg()
-            self._torques.publish(torques_to_msg(named, torques, now))
+            now = self.get_clock().now().to_msg()
+            self._torques.publish(torques_to_msg(driver.named, torques, now))
 
     def _obey_nudge(self, name: str, message: Float64) -> None:
         edge = Edge(self.get_parameter('nudge_edge').value)
@@ -271,6 +277,11 @@ class EdgeActuator(Node):
         frame: Frame,
         stamp: int,
     ) -> None:
+        if driver.record.waiting >= _MOST_KICKS_WAITING:
+            raise ValueError(
+                f'{driver.record.waiting} kicks wait for the simulator, the limit is '
+                f'{_MOST_KICKS_WAITING}; kick less often'
+            )
         now = self.get_clock().now().to_msg()
         self._impulses.publish(impulses_to_msg(driver.named, impulses, now))
         rates = np.zeros_like(impulses) if frame.rates is None else frame.rates

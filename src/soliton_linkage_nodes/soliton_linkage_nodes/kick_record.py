@@ -108,6 +108,11 @@ class KickRecord:
         """Whether there is something to be told of."""
         return bool(self._impulses or self._ended or self._spell)
 
+    @property
+    def waiting(self) -> int:
+        """How many impulses were sent that are not booked yet."""
+        return len(self._impulses)
+
     def kicked(
         self, stamp: int, source: str, asked: EdgeOrder, impulses: Array, work: float
     ) -> None:
