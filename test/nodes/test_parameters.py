@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.pneumatics import PneumaticActuator
 from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes.bag_player import BagPlayerParameters
 from soliton_linkage_nodes.bag_recorder import BagRecorder, BagRecorderParameters
@@ -33,7 +34,11 @@ CONFIG = Path(__file__).parents[2] / 'config'
 OF_NODE = {
     '/**': {'chain.': Chain},
     'simulator': {'': SimulatorParameters},
-    'edge_actuator': {'': EdgeActuatorParameters, 'source': ChainSourceParameters},
+    'edge_actuator': {
+        '': EdgeActuatorParameters,
+        'pneumatics': PneumaticActuator,
+        'source': ChainSourceParameters,
+    },
     'soliton_analyser': {'source': ChainSourceParameters},
     'bag_recorder': {'': BagRecorderParameters},
     'bag_player': {'': BagPlayerParameters},
@@ -200,14 +205,14 @@ def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change
         assert parameter.type != ParameterType.PARAMETER_NOT_SET
 
 
-def test_the_only_parameter_that_can_change_at_run_time_is_the_edge_of_nudges() -> None:
+def test_only_what_nudges_are_can_change_at_run_time() -> None:
     adjustable = {
         name
         for node in OF_NODE
         for name, field in of_node(node).items()
         if field.metadata['quantity'].adjustable
     }
-    assert adjustable == {'nudge_edge'}
+    assert adjustable == {'nudge_edge', 'nudge_as', 'nudge_duration'}
 
 
 @pytest.mark.parametrize('node', OF_NODE)
