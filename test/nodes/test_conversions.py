@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from soliton_linkage.chain import Chain
+from soliton_linkage.deviations import Deviations
 from soliton_linkage.soliton import Soliton
 from soliton_linkage_msgs.msg import RotorImpulses, SolitonState
 from soliton_linkage_nodes import conversions
@@ -36,8 +37,15 @@ def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
     assert conversions.time_from_msg(conversions.time_to_msg(nanoseconds)) == nanoseconds
 
 
+@pytest.mark.parametrize('periodic', [True, False])
+def test_the_ends_of_a_chain_come_back(periodic: bool) -> None:
+    named = NamedChain(Chain(number_of_rotors=4, periodic=periodic), default_joint_names(4))
+    assert conversions.chain_from_msg(conversions.chain_to_msg(named, STAMP)) == named
+
+
 def test_a_chain_and_its_names_come_back() -> None:
-    chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0)
+    deviations = Deviations((0.1, 0.2), (), (0.3, -0.4, 0.5), (), (0.0, -0.9), (1.0, 2.0, 3.0))
+    chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0, damping=1e-3, deviations=deviations)
     named = NamedChain(chain, ('left', 'middle', 'right'))
     message = conversions.chain_to_msg(named, STAMP)
     assert conversions.chain_from_msg(message) == named
@@ -215,6 +223,9 @@ def test_a_wrong_message_is_refused_with_what_is_wrong(
         ({'rest_angle': 3.0}, 'rest_angle = 3.0 must lie in the range'),
         ({'joint_names': ['only']}, 'number_of_rotors = 1 must lie in the range'),
         ({'joint_names': ['a', 'b', 'a']}, "'a' twice"),
+        ({'damping': -1.0}, 'damping = -1.0 N m s/rad must be'),
+        ({'mass_deviations': [0.1]}, '1 deviations of mass do not fit a chain of 5 rotors'),
+        ({'mass_deviations': [-1.5] * 5}, 'deviation 0 of mass = -1.5 must be'),
     ],
 )
 def test_a_message_that_describes_no_chain_is_refused(

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from soliton_linkage.chain import Chain, Motion
-from soliton_linkage.quantities import described_fields
+from soliton_linkage.deviations import Deviations
 from soliton_linkage.soliton import Soliton
 from soliton_linkage_msgs import msg
 
@@ -21,7 +21,10 @@ Array = NDArray[np.float64]
 
 FRAME = 'linkage'
 _NANOSECONDS = 10**9
-_CHAIN_FIELDS = tuple(name for name in described_fields(Chain) if name != 'number_of_rotors')
+_CHAIN_FIELDS = tuple(
+    f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
+)
+_DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _MOTIONS = {
     Motion.FLIPPER: msg.SolitonState.FLIPPER,
     Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,
@@ -68,11 +71,13 @@ def time_from_msg(stamp: Time) -> int:
 
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
     """Chain and joint names as a message."""
-    parameters = {name: getattr(named.chain, name) for name in _CHAIN_FIELDS}
+    chain = named.chain
+    deviations = {f'{name}_deviations': getattr(chain.deviations, name) for name in _DEVIATIONS}
     return msg.Chain(
         header=Header(stamp=stamp, frame_id=FRAME),
         joint_names=list(named.joint_names),
-        **parameters,
+        **{name: getattr(chain, name) for name in _CHAIN_FIELDS},
+        **deviations,
     )
 
 
@@ -81,7 +86,11 @@ def chain_from_msg(message: msg.Chain) -> NamedChain:
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
-    return NamedChain(Chain(number_of_rotors=len(names), **parameters), names)
+    deviations = Deviations(
+        **{name: tuple(getattr(message, f'{name}_deviations')) for name in _DEVIATIONS}
+    )
+    chain = Chain(number_of_rotors=len(names), deviations=deviations, **parameters)
+    return NamedChain(chain, names)
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
