@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,21 @@ def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None
     assert (first.cut_short, second.cut_short) == (True, False)
     assert first.asked.duration == 600.0
     assert first.work + second.work == pytest.approx(rig.energy, rel=1e-8)
+
+
+def test_a_pulse_that_is_paused_goes_on_after_resume_with_nothing_lost(graph: Graph) -> None:
+    rig = Rig(graph, {'state_timeout': 1.0})
+    rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=0.4))
+    graph.until(lambda: rig.energy > 0, 'the pulse')
+    rig.simulator.control.pause(True)
+    paused = time.monotonic()
+    graph.until(lambda: time.monotonic() - paused > 1.5, 'more than the timeout')
+    assert rig.kicks == []
+    rig.simulator.control.pause(False)
+    kick = rig.next_kick()
+    assert kick.work == pytest.approx(rig.energy, rel=1e-8)
+    assert kick.duration == pytest.approx(0.4, abs=0.02)
+    assert not kick.cut_short
 
 
 def test_saturation_is_told(graph: Graph) -> None:

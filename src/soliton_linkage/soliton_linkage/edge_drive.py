@@ -11,7 +11,7 @@ import numpy as np
 
 from soliton_linkage.actuation import Edge
 from soliton_linkage.pneumatics import PneumaticActuator
-from soliton_linkage.profile import Profile, trapezoid
+from soliton_linkage.profile import RESOLUTION, Profile, trapezoid
 
 # Of the largest pressure since the command: less is none.
 _EMPTY = 1e-6
@@ -164,11 +164,11 @@ class EdgeDrive:
             asked = self.pneumatics.torque_per_pressure * pressure
             torque += _SENSES[edge] * given
             saturated |= abs(asked) > abs(given)
+        since = start - self._started
+        if self._pulse is not None and since >= self._pulse.end - RESOLUTION:
+            self._pulse = None
         if self._pulse is not None:
-            since = start - self._started
             torque += self._sense * float(self._pulse.mean(since, since + end - start))
-            if since >= self._pulse.end:
-                self._pulse = None
         return MeanTorque(torque, saturated)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
-from soliton_linkage.profile import Profile
+from soliton_linkage.profile import RESOLUTION, Profile
 
 Rotors = NDArray[np.intp]
 
@@ -71,10 +71,10 @@ class JointDrive:
     def mean_torques(self, start: float, end: float) -> Array:
         """Mean torque on each rotor over a stretch of time that begins now [N m], shape (N,)."""
         torques = np.zeros(self._number)
+        self._orders = [order for order in self._orders if start < order.duty_ends - RESOLUTION]
         for order in self._orders:
             since = start - order.started
             torques[order.rotors] = order.profile.mean(since, since + end - start)
-        self._orders = [order for order in self._orders if start < order.duty_ends]
         return torques
 
     def _now(self, time: float) -> Array:

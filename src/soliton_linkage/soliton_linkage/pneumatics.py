@@ -6,11 +6,11 @@ The pressure p [Pa] tends to the commanded one, u, at a rate that depends on the
     dp/dt = (u - p) / tau,    tau = tau_fill where u > p, tau_vent where u < p,
 
 and gives the torque k p, up to a largest one. That is what a chamber of volume V does behind
-valves whose flow is proportional to the pressure difference, tau = R T V / C, with a supply and
-an exhaust of different conductance C. Real valves choke and real chambers stretch; that
-pressure dynamics of its supply, not its own inertia, sets what a soft actuator can do, and that
-rise and fall take different times, is measured by S. Joshi and J. Paik, Soft Robotics 8, 152
-(2021), doi:10.1089/soro.2019.0134.
+valves whose flow is proportional to the pressure difference, tau = V / (R T C), with a supply and
+an exhaust of different conductance C [kg/(s Pa)]. Real valves choke and real chambers stretch.
+That the supply governs the pressure in a soft actuator, with rise and fall times of their own,
+is from S. Joshi and J. Paik, Soft Robotics 8, 152 (2021), doi:10.1089/soro.2019.0134, who model
+the flow itself.
 """
 
 from __future__ import annotations

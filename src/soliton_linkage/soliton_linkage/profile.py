@@ -12,6 +12,9 @@ import numpy as np
 
 from soliton_linkage.chain import Array
 
+# Of instants [s]: what is nearer than that to its end is over.
+RESOLUTION = 1e-9
+
 
 @dataclass(frozen=True)
 class Piece:
