@@ -11,6 +11,7 @@ from std_srvs.srv import SetBool
 
 from soliton_linkage.chain import Chain
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
+from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import time_from_msg
 from soliton_linkage_nodes.simulator import Simulator
@@ -89,7 +90,7 @@ def test_books_go_on_through_a_reset(rig: Rig) -> None:
     before = rig.booked[-1]
     assert before.impulses == 1
     assert before.work_of_impulses == pytest.approx((3e-4) ** 2 / (2 * CHAIN.moment_of_inertia))
-    rig.node.control.reset(-1)
+    assert rig.graph.call(Reset, 'simulator/reset').success
     rig.step(2)
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
