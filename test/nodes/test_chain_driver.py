@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,11 +72,12 @@ def test_an_order_that_takes_over_is_told_of_apart(desk: Desk) -> None:
     assert impulses == [pytest.approx(2e-5), pytest.approx(5e-5)]
 
 
-def test_frames_that_cease_for_long_cut_short_what_they_swallow(desk: Desk) -> None:
-    desk.driver.order('edge_command', PULSE, Edge.FIRST)
+@pytest.mark.parametrize('duration', [0.05, 1.2])
+def test_frames_that_cease_for_long_cut_short_what_goes_on(desk: Desk, duration: float) -> None:
+    desk.driver.order('edge_command', replace(PULSE, duration=duration), Edge.FIRST)
     desk.torques(2)
     desk.frame(step=10**9)
-    desk.torques(3)
+    desk.torques(25)
     (kick,) = desk.told
     assert kick.cut_short
 

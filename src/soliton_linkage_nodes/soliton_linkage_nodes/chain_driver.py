@@ -105,7 +105,8 @@ class ChainDriver:
             )
         self.record.frame(stamp, angles)
         gap = (stamp - self._last) / _NANOSECONDS
-        cut = self._driving and gap > self._longest_gap
+        if self._driving and gap > self._longest_gap:
+            self.record.interrupt()
         self._last = stamp
         self._begin(time, stamp)
         if not (self._drive.active or self._driving):
@@ -115,7 +116,7 @@ class ChainDriver:
         if self._drive.active:
             self.record.sent(drive.torques, drive.saturated)
         else:
-            self.record.end(stamp, cut)
+            self.record.end(stamp)
         self._driving = self._drive.active
         return drive.torques
 
@@ -128,7 +129,7 @@ class ChainDriver:
         for command in commands:
             if command.takes_over and self._driving:
                 unfinished = self._drive.edges.unfinished(time)
-                self.record.end(stamp, unfinished, superseded=True)
+                self.record.end(stamp, superseded=True, cut_short=unfinished)
             command.begin(time)
             if self._drive.active:
                 self.record.begin(stamp, command.source, command.order)

@@ -132,7 +132,12 @@ class KickRecord:
             self._spell.sources.append(source)
         self._spell.asked = asked or self._spell.asked
 
-    def end(self, stamp: int, cut_short: bool, superseded: bool = False) -> None:
+    def interrupt(self) -> None:
+        """Note that frames failed to come for long while torques acted."""
+        if self._spell is not None:
+            self._spell.cut_short = True
+
+    def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
         """Note that torques are over, or that others take their place from this frame on."""
         if self._spell is not None:
             self._spell.ended, self._spell.superseded = stamp, superseded
