@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bench import Bench
 from graphs import Graph, values
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Header
 
 from soliton_linkage.actuation import Edge, edge_mode
-from soliton_linkage.chain import Array, Chain
+from soliton_linkage.chain import Chain
 from soliton_linkage.elastic_simulation import simulate
+from soliton_linkage.profile import trapezoid
 from soliton_linkage.rigidity import rigidity_matrix
 from soliton_linkage.soliton import find_solitons
 from soliton_linkage_msgs.msg import EdgeCommand
@@ -25,12 +24,9 @@ from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.conversions import (
     Frame,
     NamedChain,
-    chain_to_msg,
     frame_to_msg,
-    impulses_from_msg,
     time_from_msg,
     time_to_msg,
-    torques_from_msg,
 )
 from soliton_linkage_nodes.edge_actuator import EdgeActuator
 
@@ -38,78 +34,7 @@ pytestmark = pytest.mark.usefixtures('often')
 
 LEFT, RIGHT = -1, 1
 NEAR_EDGE = {LEFT: EdgeCommand.FIRST, RIGHT: EdgeCommand.LAST}
-PATIENT = {'state_timeout': 60.0}
 LASTING = EdgeCommand.PRESSURE
-
-
-class Bench:
-    """An actuator between a test that plays the joints and one that plays the user."""
-
-    def __init__(
-        self, graph: Graph, named: NamedChain, parameters: dict[str, Any] | None = None
-    ) -> None:
-        self.graph, self.named = graph, named
-        self.impulses = graph.hear(interfaces.ROTOR_IMPULSES)
-        self.torques = graph.hear(interfaces.ROTOR_TORQUES)
-        self.reports = graph.reports('edge_actuator')
-        self.node = graph.start(EdgeActuator, {**PATIENT, **(parameters or {})})
-        self._joints = graph.speak(interfaces.JOINT_STATES)
-        self._nudges = graph.speak(interfaces.NUDGE)
-        self._commands = graph.speak(interfaces.EDGE_COMMAND)
-        for publisher in self.node.publishers:
-            if publisher.topic_name in ('/rotor_impulses', '/rotor_torques'):
-                graph.until(publisher.get_subscription_count, publisher.topic_name)
-        self._stamp = 0.0
-
-    def tell_chain(self) -> None:
-        self.graph.speak(interfaces.CHAIN).publish(chain_to_msg(self.named, time_to_msg(0)))
-        self.graph.until(lambda: self.node._source.named, 'the chain')
-
-    def joints(self, angles: Array, stamp: float | None = None, order: int = 1) -> None:
-        """Publish joint states of a stamp [s], and wait until they are there."""
-        self._stamp = self._stamp + 0.01 if stamp is None else stamp
-        zeros = np.zeros(self.named.rotors)
-        instant = time_to_msg(round(self._stamp * 1e9))
-        message = frame_to_msg(self.named, Frame(angles, zeros), zeros, instant)
-        for field in ('name', 'position', 'velocity', 'effort'):
-            setattr(message, field, list(getattr(message, field))[::order])
-        self.raw_joints(message)
-
-    def raw_joints(self, message: JointState) -> None:
-        before = self.node._latest_at
-        self._joints.publish(message)
-        self.graph.until(lambda: self.node._latest_at > before, 'the joint states')
-
-    def nudge(self, speed: float) -> None:
-        self._nudges.publish(Float64(data=speed))
-
-    def command(self, **fields: Any) -> None:
-        self._commands.publish(EdgeCommand(**fields))
-
-    def next_impulses(self) -> Array:
-        """Return the angular impulse of each rotor of the one message that comes."""
-        self.graph.until(lambda: self.impulses, 'impulses')
-        (message,) = self.impulses
-        self.impulses.clear()
-        return impulses_from_msg(self._order(), message, math.inf)
-
-    def next_torques(self) -> Array:
-        self.graph.until(lambda: self.torques, 'torques')
-        message = self.torques.pop(0)
-        assert (len(message.position), len(message.velocity)) == (0, 0)
-        return torques_from_msg(self._order(), message, math.inf)
-
-    def refusal(self, number: int = 1) -> str:
-        """Return what was refused last, once so many commands were."""
-        self.graph.until(
-            lambda: self.reports and values(self.reports[-1])['refused'] == str(number),
-            f'{number} refusals',
-        )
-        assert self.impulses == []
-        return values(self.reports[-1])['last refusal']
-
-    def _order(self) -> dict[str, int]:
-        return {name: rotor for rotor, name in enumerate(self.named.joint_names)}
 
 
 @pytest.fixture
@@ -182,58 +107,111 @@ def test_joints_may_come_in_any_order(bench: Bench) -> None:
 def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench: Bench) -> None:
     bench.joints(bench.named.chain.uniform_state(LEFT))
     for edge, allowed in (('last', True), ('middle', False)):
-        change = Parameter('nudge_edge', value=edge).to_parameter_msg()
-        response = bench.graph.call(
-            SetParameters, 'edge_actuator/set_parameters', parameters=[change]
-        )
-        assert response.results[0].successful == allowed
+        assert bench.set('nudge_edge', edge) == allowed
     bench.nudge(1.0)
     assert bench.refusal().endswith('nearer the first edge than the last; name the first edge')
 
 
-def test_a_pressure_is_a_torque_that_follows_the_mode_until_its_time_is_over(
-    bench: Bench,
+@pytest.mark.parametrize('speed', [7.0, -2.0])
+def test_a_nudge_can_be_a_pressure_with_the_impulse_of_the_kick(
+    bench: Bench, speed: float
 ) -> None:
+    assert bench.set('nudge_as', 'pressure')
+    assert bench.set('nudge_duration', 0.08)
     chain = bench.named.chain
-    settings = bench.node.settings
+    rest = chain.uniform_state(LEFT)
+    bench.joints(rest, stamp=-0.01)
+    bench.joints(rest, stamp=0.0)
+    bench.nudge(speed)
+    bench.graph.until(lambda: bench.node._carried_out, 'the nudge')
+    torques = bench.drive([rest] * 90, 0.01, 0.01)
+    impulse = 0.01 * torques.sum(axis=0)
+    expected = chain.moment_of_inertia * speed * edge_mode(chain, rest, Edge.FIRST)
+    np.testing.assert_allclose(impulse, expected, rtol=1e-5)
+    assert bench.impulses == []
+    assert not torques[-1].any()
+
+
+def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench: Bench) -> None:
+    chain = bench.named.chain
     rest = chain.uniform_state(LEFT)
     moved = simulate(
         chain, rest, 10.0 * edge_mode(chain, rest, Edge.FIRST), duration=0.6, period=0.1
     )
-    bench.joints(moved.angles[0], stamp=0.0)
-    bench.command(edge=EdgeCommand.FIRST, kind=LASTING, value=1e5, duration=0.35)
-    strength = 1e5 * settings.torque_per_pressure
-    for number, angles in enumerate(moved.angles):
-        if number:
-            bench.joints(angles, stamp=0.1 * number)
-        pushing = number < 4
-        mode = edge_mode(chain, angles, Edge.FIRST, anywhere=True)
-        np.testing.assert_array_equal(bench.next_torques(), strength * mode * pushing)
-        if not pushing:
-            break
-    bench.joints(moved.angles[-1], stamp=0.6)
-    bench.nudge(1.0)
-    bench.next_impulses()
-    assert bench.torques == []
-
-
-def test_a_pressure_for_ever_lasts_until_it_is_vented(bench: Bench) -> None:
-    rest = bench.named.chain.uniform_state(LEFT)
     bench.joints(rest, stamp=0.0)
-    bench.command(edge=EdgeCommand.NEAREST, kind=LASTING, value=-1e5)
-    assert np.any(bench.next_torques())
-    bench.joints(rest, stamp=1e6)
-    assert np.any(bench.next_torques())
-    bench.command(edge=EdgeCommand.NEAREST, kind=LASTING, value=0.0)
-    assert not np.any(bench.next_torques())
-    bench.joints(rest, stamp=1e6 + 1)
-    bench.nudge(1.0)
-    bench.next_impulses()
-    assert bench.torques == []
+    bench.joints(rest, stamp=0.1)
+    bench.order(
+        edge=EdgeCommand.FIRST,
+        kind=EdgeCommand.PULSE,
+        value=5e-3,
+        ramp_up=0.1,
+        duration=0.15,
+        ramp_down=0.1,
+    )
+    torques = bench.drive(moved.angles, 0.2, 0.1, messages=5)
+    # Means over the periods of a rise, a plateau and a fall that begin with the next frame.
+    for mean, given, angles in zip(
+        (0.5, 1.0, 0.875, 0.125, 0.0), torques, moved.angles, strict=False
+    ):
+        mode = edge_mode(chain, angles, Edge.FIRST, anywhere=True)
+        np.testing.assert_allclose(given, 5e-3 * mean * mode, atol=1e-15)
+
+
+def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench: Bench) -> None:
+    chain = bench.named.chain
+    rest = chain.uniform_state(RIGHT)
+    pulse = {'edge': EdgeCommand.LAST, 'kind': EdgeCommand.PULSE, 'value': -0.05}
+    bench.joints(rest, stamp=1.0)
+    bench.command(**pulse)
+    assert 'which is not known yet; give a duration' in bench.refusal()
+    bench.joints(rest, stamp=1.004)
+    bench.command(**pulse)
+    expected = -0.05 * 0.004 * edge_mode(chain, rest, Edge.LAST)
+    np.testing.assert_allclose(bench.next_impulses(), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
+def test_a_pressure_comes_and_goes_as_the_chamber_fills_and_vents(
+    bench: Bench, side: Edge
+) -> None:
+    chain = bench.named.chain
+    rest = chain.uniform_state(LEFT if side is Edge.FIRST else RIGHT)
+    bench.joints(rest, stamp=0.0)
+    bench.joints(rest, stamp=0.01)
+    bench.order(edge=EdgeCommand.NEAREST, kind=LASTING, value=1e5, duration=0.1, ramp_up=0.02)
+    torques = bench.drive([rest] * 100, 0.02, 0.01, messages=83)
+    model = bench.node._pneumatics
+    areas = [
+        model.driven(0.0, trapezoid(1e5, 0.02, 0.1, 0.0), 0.0, 0.01 * n)[1] for n in range(84)
+    ]
+    strengths = model.torque_per_pressure * np.diff(areas) / 0.01
+    strengths[-1] = 0.0
+    expected = strengths[:, None] * edge_mode(chain, rest, side)
+    np.testing.assert_allclose(torques, expected, atol=1e-14)
+
+
+def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(
+    bench: Bench,
+) -> None:
+    chain = bench.named.chain
+    left, right = chain.uniform_state(LEFT), chain.uniform_state(RIGHT)
+    bench.joints(left, stamp=0.0)
+    bench.joints(left, stamp=0.5)
+    bench.order(edge=EdgeCommand.NEAREST, kind=LASTING, value=-5e4)
+    held = bench.drive([left, left, right], 1.0, 1e3, messages=3)
+    strength = -5e4 * bench.node._pneumatics.torque_per_pressure
+    expected = strength * edge_mode(chain, right, Edge.FIRST, anywhere=True)
+    np.testing.assert_allclose(held[-1], expected, rtol=1e-9)
+    bench.order(edge=EdgeCommand.FIRST, kind=LASTING, value=0.0)
+    vented = bench.drive([right] * 3, 3e3, 1.0, messages=2)
+    assert vented[0].any()
+    assert not vented[1].any()
 
 
 FULL_KICK = {'edge': EdgeCommand.FIRST, 'kind': EdgeCommand.KICK, 'value': 5.0}
 FULL_PRESSURE = {'edge': EdgeCommand.FIRST, 'kind': LASTING, 'value': 1e4, 'duration': 1.0}
+FULL_PULSE = FULL_PRESSURE | {'kind': EdgeCommand.PULSE, 'value': 0.01}
+LONG_AGO = Header(stamp=time_to_msg(10**18))
 
 
 @pytest.mark.parametrize(
@@ -249,25 +227,33 @@ FULL_PRESSURE = {'edge': EdgeCommand.FIRST, 'kind': LASTING, 'value': 1e4, 'dura
         (FULL_KICK | {'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
         (FULL_KICK | {'duration': math.nan}, 'duration of a kick = nan s must be 0'),
         (FULL_KICK | {'edge': 3}, 'edge = 3 must be one of 0, 1, 2'),
-        (FULL_KICK | {'kind': 2}, 'kind = 2 must be one of 0, 1'),
+        (FULL_KICK | {'kind': 3}, 'kind = 3 must be one of 0, 1, 2'),
+        (FULL_KICK | {'ramp_up': 0.1}, 'ramp_up of a kick = 0.1 s must be 0'),
+        (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it in time, or'),
         (FULL_KICK | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
         (FULL_PRESSURE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
         (FULL_PRESSURE | {'value': math.nan}, 'pressure = nan Pa must be a finite number'),
         (
             FULL_PRESSURE | {'value': -3e5},
-            'pressure = -300000 Pa must lie in the range -200000 to 200000 Pa',
+            'pressure = -300000 Pa must lie in the range -80000 to 200000 Pa',
         ),
+        (FULL_PRESSURE | {'duration': 0.0, 'ramp_down': 1.0}, 'ramp_down = 1 s must be 0 for'),
+        (FULL_PULSE | {'value': 0.2}, 'torque = 0.2 N m must lie in the range -0.1 to 0.1 N m'),
+        (FULL_PULSE | {'ramp_down': -1e-3}, 'ramp_down = -0.001 s must be a finite number of 0'),
+        (FULL_PULSE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
         (FULL_PRESSURE | {'duration': -1.0}, 'duration = -1 s must be a finite number of 0 or'),
         (FULL_PRESSURE | {'duration': math.inf}, 'duration = inf s must be a finite number'),
         (FULL_PRESSURE | {'edge': 255}, 'edge = 255 must be one of 0, 1, 2'),
     ],
 )
-def test_a_wrong_command_is_refused_and_the_pressure_that_is_held_goes_on(
+def test_a_wrong_command_is_refused_and_what_is_going_on_goes_on(
     bench: Bench, command: dict[str, Any], complaint: str
 ) -> None:
     rest = bench.named.chain.uniform_state(LEFT)
     bench.joints(rest)
-    bench.command(edge=EdgeCommand.FIRST, kind=LASTING, value=2e4, duration=0.0)
+    bench.joints(rest)
+    bench.order(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=2e-3, duration=9.0)
+    bench.joints(rest)
     held = bench.next_torques()
     bench.command(**command)
     assert complaint in bench.refusal()
@@ -376,10 +362,12 @@ def test_a_report_tells_what_it_waits_for(graph: Graph, named: NamedChain) -> No
     bench.joints(named.chain.uniform_state(LEFT))
     report = graph.next_report('edge_actuator')
     assert (report.message, report.level) == ('ready', report.OK)
-    bench.command(edge=EdgeCommand.FIRST, kind=LASTING, value=2e4)
+    bench.joints(named.chain.uniform_state(LEFT))
+    bench.order(edge=EdgeCommand.FIRST, kind=LASTING, value=2e4)
+    bench.joints(named.chain.uniform_state(LEFT))
     bench.next_torques()
     report = graph.next_report('edge_actuator')
-    assert (report.message, report.level) == ('holding a pressure', report.OK)
+    assert (report.message, report.level) == ('driving', report.OK)
     assert values(report)['commands carried out'] == '1'
 
 

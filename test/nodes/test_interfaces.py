@@ -26,6 +26,11 @@ ENDPOINTS = {
     'joint_states': (1, 3),
     'nudge': (1, 2),
     'edge_command': (0, 2),
+    'joint_commands': (0, 2),
+    'edge_actuator/commands': (0, 2),
+    'edge_actuator/joint_trajectory': (0, 2),
+    'last_kick': (1, 1),
+    'delivery': (1, 2),
     'rotor_impulses': (1, 2),
     'rotor_torques': (1, 2),
     'tilt': (0, 2),
@@ -67,9 +72,10 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
 
 
 @pytest.mark.parametrize('topic', interfaces.SUITE, ids=lambda topic: topic.name)
-def test_topics_are_reliable_and_only_the_chain_is_kept_for_late_joiners(topic: Topic) -> None:
+def test_topics_are_reliable_and_what_lasts_is_kept_for_late_joiners(topic: Topic) -> None:
     assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
-    assert topic.latched == (topic is interfaces.CHAIN)
+    lasting = (interfaces.CHAIN, interfaces.LAST_KICK, interfaces.DELIVERY)
+    assert topic.latched == (topic in lasting)
     assert (topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL) == topic.latched
 
 

@@ -23,24 +23,29 @@ from soliton_linkage.chain import Chain
 from soliton_linkage.deviations import Deviations, Disorder
 from soliton_linkage.encoders import EncoderErrors
 from soliton_linkage.gravity import Gravity
+from soliton_linkage.pneumatics import PneumaticActuator
 from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes.bag_player import BagPlayerParameters
 from soliton_linkage_nodes.bag_recorder import BagRecorder, BagRecorderParameters
-from soliton_linkage_nodes.chain_source import ChainSourceParameters
+from soliton_linkage_nodes.chain_source import ChainSourceParameters, OptionalChainSourceParameters
 from soliton_linkage_nodes.edge_actuator import EdgeActuator, EdgeActuatorParameters
 from soliton_linkage_nodes.experiment import ExperimentParameters
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.simulator import Simulator, SimulatorParameters
-from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
+from soliton_linkage_nodes.soliton_analyser import AnalyserParameters, SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering import SolitonSteering, SolitonSteeringParameters
 
 CONFIG = Path(__file__).parents[2] / 'config'
 OF_NODE = {
     '/**': {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder},
     'simulator': {'': SimulatorParameters, 'gravity.': Gravity, 'sensors.': EncoderErrors},
-    'edge_actuator': {'': EdgeActuatorParameters, 'source': ChainSourceParameters},
+    'edge_actuator': {
+        '': EdgeActuatorParameters,
+        'pneumatics': PneumaticActuator,
+        'source': ChainSourceParameters,
+    },
     'soliton_steering': {'': SolitonSteeringParameters, 'source': ChainSourceParameters},
-    'soliton_analyser': {'source': ChainSourceParameters},
+    'soliton_analyser': {'': AnalyserParameters, 'source': OptionalChainSourceParameters},
     'bag_recorder': {'': BagRecorderParameters},
     'bag_player': {'': BagPlayerParameters},
     'experiment': {'': ExperimentParameters},
@@ -223,6 +228,8 @@ def test_the_parameters_that_can_change_at_run_time() -> None:
     assert adjustable == {
         'gravity.acceleration',
         'gravity.tilt',
+        'nudge_as',
+        'nudge_duration',
         'nudge_edge',
         'real_time_factor',
         'sensors.noise',

@@ -35,5 +35,7 @@ Q          charge                  +1: right-leaning before the wall, free at re
 u          displacement            r sin(theta) [m]
 m          order field             +1 where the chain leans right, -1 where it leans left
 X, w       position, width         of a wall m = -tanh((x - X) / w) [m]
+p, u       pressure, command       in the chamber of a soft actuator, and asked for [Pa]
+tau        filling, venting time   with which p tends to u [s]
 ========== ======================= ==========================================================
 """

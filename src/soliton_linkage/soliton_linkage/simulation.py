@@ -25,7 +25,8 @@ class Simulation(ABC):
     takes: it is read off the solver's dense output. Kicks, torques and changes of gravity act
     at the instant of the current frame. The error that the solver may make in a step is
     `tolerance` [rad] in the angles, and as much per `chain.time_unit` in the rates (norm over
-    all rotors), however many rotors there are and however far they have turned.
+    all rotors), however many rotors there are and however far they have turned. `kicks` counts
+    kicks and `kick_work` is the energy that they have given [J].
     """
 
     def __init__(
@@ -58,6 +59,8 @@ class Simulation(ABC):
         given = chain.check_angles(angles).copy()
         moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
         self.torques = np.zeros_like(given)
+        self.kicks = 0
+        self.kick_work = 0.0
         self.angles, self.rates = self._allowed(given, moving.copy())
         self._held_from = self.angles
         self._dissipated = 0.0
@@ -118,6 +121,8 @@ class Simulation(ABC):
                 'finite number; kick more gently'
             )
         self.rates = rates
+        self.kicks += 1
+        self.kick_work += gained
         self._work += gained
         self._restart()
 

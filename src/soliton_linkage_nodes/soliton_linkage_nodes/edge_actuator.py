@@ -1,25 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The edge actuator: a soft actuator that drives the chain along its zero-energy mode."""
+"""The edge actuator: soft actuators that drive the chain along its zero mode or joint by joint."""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, make_dataclass, replace
 from typing import Any
 
+import numpy as np
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
 from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.edge_drive import EdgeLimits, EdgeOrder, Kind
+from soliton_linkage.pneumatics import PneumaticActuator
 from soliton_linkage.quantities import quantity
-from soliton_linkage_msgs.msg import EdgeCommand
+from soliton_linkage.torque_books import work_of_impulse
+from soliton_linkage_msgs.msg import Delivery, EdgeCommand
 from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.chain_driver import ChainDriver
 from soliton_linkage_nodes.chain_source import ChainSource
+from soliton_linkage_nodes.command_conversions import (
+    delivery_from_msg,
+    efforts_from_array,
+    efforts_from_msg,
+    joint_actuators,
+    last_kick_to_msg,
+    order_from_msg,
+    trajectory_from_msg,
+)
 from soliton_linkage_nodes.conversions import (
     Array,
+    Frame,
     NamedChain,
     frame_from_msg,
     impulses_to_msg,
@@ -27,20 +45,18 @@ from soliton_linkage_nodes.conversions import (
     torques_to_msg,
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.kick_record import Kick
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 
-_EDGES = {
-    EdgeCommand.NEAREST: Edge.NEAREST,
-    EdgeCommand.FIRST: Edge.FIRST,
-    EdgeCommand.LAST: Edge.LAST,
-}
 _NANOSECONDS = 10**9
+# Half of what the queue of rotor_impulses holds, so that none that is accepted is lost.
+_MOST_KICKS_WAITING = 50
 
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the actuator."""
+    """Parameters of the actuator besides those of its pneumatics."""
 
     nudge_edge: str = quantity(
         'nearest',
@@ -48,138 +64,287 @@ class EdgeActuatorParameters:
         choices=tuple(edge.value for edge in Edge),
         adjustable=True,
     )
+    nudge_as: str = quantity(
+        'kick',
+        'what a nudge is: a kick at once, or a pressure of nudge_duration with the same impulse',
+        choices=(Kind.KICK.value, Kind.PRESSURE.value),
+        adjustable=True,
+    )
+    nudge_duration: float = quantity(
+        0.1, 'how long the pressure of a nudge lasts', 's', 1e-3, 60.0, adjustable=True
+    )
     state_timeout: float = quantity(
         0.2, 'age beyond which joint_states are too old to act on', 's', 1e-3, 60.0
     )
-    speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0)
-    pressure_limit: float = quantity(200e3, 'largest pressure', 'Pa', 0.0)
-    torque_per_pressure: float = quantity(
-        5e-8, 'torque along the unit zero mode that a pressure gives', 'N m/Pa', 0.0
+    command_timeout: float = quantity(
+        0.5,
+        'how long torques of joints are held without a new command, and age beyond which '
+        'commands are refused, 0 for never',
+        's',
+        0.0,
     )
-
-
-@dataclass(frozen=True)
-class Pressure:
-    """A pressure that is being held."""
-
-    edge: Edge
-    torque: float
-    """Along the unit zero mode [N m]."""
-    end: float
-    """Stamp of the joint states at which it ends [ns]."""
+    speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0)
+    torque_limit: float = quantity(
+        0.1,
+        'largest torque of a pulse along the unit zero mode, and of a joint without a limit of '
+        'its own',
+        'N m',
+        0.0,
+    )
+    joints: tuple[str, ...] = quantity((), 'joints that carry an actuator; empty for all of them')
 
 
 class EdgeActuator(Node):
-    """Turns nudges and edge commands into impulses and torques along the zero-energy mode.
+    """Turns commands into impulses and torques, and tells what they did.
 
-    Subscribes to `nudge`, `edge_command`, `joint_states` and, unless told the chain by
-    parameters, to `chain`. Publishes `rotor_impulses`, `rotor_torques` and `/diagnostics`.
-    Parameters: those of `EdgeActuatorParameters`, `chain_from`, and `chain.*` of `Chain` [SI].
+    Subscribes to `nudge`, `edge_command`, `joint_commands`, `~/commands`, `~/joint_trajectory`,
+    `joint_states`, `delivery` and, unless told the chain by parameters, to `chain`. Publishes
+    `rotor_impulses`, `rotor_torques`, `last_kick` (latched) and `/diagnostics`. Parameters:
+    those of `EdgeActuatorParameters` and `PneumaticActuator`, `torque_limits.<joint>` [N m] of
+    each of `joints`, `chain_from`, and `chain.*` of `Chain` [SI].
     """
 
     def __init__(self, **kwargs: Any) -> None:
         """Connect the topics."""
         super().__init__('edge_actuator', **kwargs)
         self.settings = declare(self, EdgeActuatorParameters)
+        self._limits = EdgeLimits(self.settings.speed_limit, self.settings.torque_limit)
+        self._joint_limits = self._declare_joint_limits()
+        self._pneumatics = declare(self, PneumaticActuator)
+        self._previous: bytes | None = None
         self._latest: bytes | None = None
         self._latest_at = -math.inf
-        self._pressure: Pressure | None = None
+        self._driver: ChainDriver | None = None
+        self._delivery: Delivery | None = None
         self._carried_out = 0
         self._diagnostics = Diagnostics(self, 'actuation', self._report)
-        self._source = ChainSource(self, self._diagnostics)
-        refuse_unknown(self)
-        self._impulses, self._torques = (
+        self._impulses, self._torques, self._last_kick = (
             self.create_publisher(topic.type, topic.name, topic.qos)
-            for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES)
+            for topic in (
+                interfaces.ROTOR_IMPULSES,
+                interfaces.ROTOR_TORQUES,
+                interfaces.LAST_KICK,
+            )
         )
-        for topic, callback in (
-            (interfaces.NUDGE, self._on_nudge),
-            (interfaces.EDGE_COMMAND, self._on_edge_command),
+        self._source = ChainSource(self, self._diagnostics, self._learn)
+        refuse_unknown(self)
+        self._listen()
+
+    def _declare_joint_limits(self) -> dict[str, float]:
+        joints = self.settings.joints
+        limit = self.settings.torque_limit
+        fields = [
+            (name, float, quantity(limit, f'largest torque of {name}', 'N m', 0.0))
+            for name in joints
+        ]
+        try:
+            limits = make_dataclass('TorqueLimits', fields, frozen=True)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f'parameter joints of {self.get_name()} = {list(joints)} must be names of '
+                f'joints, each once: {error}'
+            ) from error
+        return asdict(declare(self, limits, 'torque_limits.'))
+
+    def _listen(self) -> None:
+        for topic, name, obey in (
+            (interfaces.NUDGE, 'nudge', self._obey_nudge),
+            (interfaces.EDGE_COMMAND, 'edge_command', self._obey_edge_command),
+            (interfaces.JOINT_COMMANDS, 'joint_commands', self._obey_joint_commands),
+            (interfaces.EFFORT_COMMANDS, '~/commands', self._obey_efforts),
+            (interfaces.JOINT_TRAJECTORY, '~/joint_trajectory', self._obey_trajectory),
         ):
-            self.create_subscription(topic.type, topic.name, callback, topic.qos)
+            self.create_subscription(topic.type, name, self._obeying(name, obey), topic.qos)
+        topic = interfaces.DELIVERY
+        self.create_subscription(topic.type, topic.name, self._on_delivery, topic.qos)
         topic = interfaces.JOINT_STATES
         self.create_subscription(
             topic.type, topic.name, self._on_joint_states, topic.qos, raw=True
         )
 
-    def _on_joint_states(self, serialized: bytes) -> None:
-        self._latest, self._latest_at = serialized, time.monotonic()
-        if self._pressure is not None:
+    def _obeying(self, name: str, obey: Callable[[str, Any], None]) -> Callable[[Any], None]:
+        def on_command(message: Any) -> None:
             try:
-                self._press(self._pressure)
+                obey(name, message)
             except ValueError as error:
-                self._diagnostics.refuse('joint_states', error)
+                self._diagnostics.refuse(name, error)
+                return
+            self._carried_out += 1
 
-    def _on_nudge(self, message: Float64) -> None:
-        edge = Edge(self.get_parameter('nudge_edge').value)
+        return on_command
+
+    def _learn(self, named: NamedChain) -> None:
+        settings = self.settings
+        if self._driver is not None:
+            self._driver.abandon()
         try:
-            self._kick(edge, message.data)
-        except ValueError as error:
-            self._diagnostics.refuse('nudge', error)
-
-    def _on_edge_command(self, message: EdgeCommand) -> None:
-        try:
-            if message.edge not in _EDGES:
-                raise ValueError(f'edge = {message.edge} must be one of 0, 1, 2')
-            if message.kind == EdgeCommand.KICK:
-                if message.duration != 0:
-                    raise ValueError(
-                        f'duration of a kick = {message.duration:g} s must be 0; '
-                        'a kick acts at once, use PRESSURE for what lasts'
-                    )
-                self._kick(_EDGES[message.edge], message.value)
-            elif message.kind == EdgeCommand.PRESSURE:
-                self._start_pressure(_EDGES[message.edge], message.value, message.duration)
-            else:
-                raise ValueError(f'kind = {message.kind} must be one of 0, 1')
-        except ValueError as error:
-            self._diagnostics.refuse('edge_command', error)
-
-    def _kick(self, edge: Edge, speed: float) -> None:
-        """Give the zero mode a speed [rad/s], away from the edge where it is positive."""
-        _check('speed', speed, self.settings.speed_limit, 'rad/s')
-        if not self._impulses.get_subscription_count():
-            raise ValueError('nothing subscribes to rotor_impulses; start the simulator first')
-        named, angles, _ = self._state()
-        impulses = named.chain.moment_of_inertia * speed * edge_mode(named.chain, angles, edge)
-        now = self.get_clock().now().to_msg()
-        self._impulses.publish(impulses_to_msg(named, impulses, now))
-        self._carried_out += 1
-
-    def _start_pressure(self, edge: Edge, pressure: float, duration: float) -> None:
-        """Hold a pressure [Pa] for a duration [s] of the joint states' time, 0 for ever."""
-        _check('pressure', pressure, self.settings.pressure_limit, 'Pa')
-        if not (math.isfinite(duration) and duration >= 0):
-            raise ValueError(f'duration = {duration:g} s must be a finite number of 0 or more')
-        if not self._torques.get_subscription_count():
-            raise ValueError('nothing subscribes to rotor_torques; start the simulator first')
-        named, angles, stamp = self._state()
-        side = edge.resolved(named.chain, angles)
-        edge_mode(named.chain, angles, side)
-        torque = pressure * self.settings.torque_per_pressure
-        end = stamp + round(duration * _NANOSECONDS) if duration else math.inf
-        self._pressure = Pressure(side, torque, end)
-        self._carried_out += 1
-        self._press(self._pressure)
-
-    def _press(self, pressure: Pressure) -> None:
-        """Send the torques of the pressure that is held, for the mode as it is now."""
-        named, angles, stamp = self._state()
-        if pressure.torque == 0 or stamp >= pressure.end:
-            self._pressure = None
-            torques = 0 * angles
-        else:
-            torques = pressure.torque * edge_mode(
-                named.chain, angles, pressure.edge, anywhere=True
+            actuators = joint_actuators(
+                named,
+                settings.joints,
+                lambda name: self._joint_limits.get(name, settings.torque_limit),
             )
-        self._torques.publish(torques_to_msg(named, torques, self.get_clock().now().to_msg()))
+        except ValueError as error:
+            self._driver = None
+            self._diagnostics.refuse('chain', error)
+            return
+        self._driver = ChainDriver(
+            named,
+            actuators,
+            self._pneumatics,
+            settings.command_timeout,
+            settings.state_timeout,
+            self._tell,
+        )
+        if self._delivery is not None:
+            self._on_delivery(self._delivery)
 
-    def _state(self) -> tuple[NamedChain, Array, int]:
-        """Return the chain, its angles [rad] and their stamp [ns]; ValueError if they are old."""
-        if self._source.named is None:
+    def _tell(self, kick: Kick) -> None:
+        if self._driver is not None:
+            self._last_kick.publish(last_kick_to_msg(self._driver.named, kick))
+
+    def _on_delivery(self, message: Delivery) -> None:
+        self._delivery = message
+        driver = self._driver
+        if driver is not None and len(message.impulse_of_torques) == driver.named.rotors:
+            driver.record.deliver(delivery_from_msg(message))
+
+    def _on_joint_states(self, serialized: bytes) -> None:
+        self._previous, self._latest = self._latest, serialized
+        self._latest_at = time.monotonic()
+        driver = self._driver
+        if driver is None or self._previous is None or not driver.busy:
+            return
+        was_driving = driver.driving
+        torques: Array | None
+        try:
+            frame, before, stamp = self._state(driver.named)
+            torques = driver.frame(before, stamp, frame.angles)
+        except ValueError as error:
+            self._diagnostics.refuse('joint_states', error)
+            ended = was_driving and not driver.driving
+            torques = np.zeros(driver.named.rotors) if ended else None
+        if torques is not None:
+            now = self.get_clock().now().to_msg()
+            self._torques.publish(torques_to_msg(driver.named, torques, now))
+
+    def _obey_nudge(self, name: str, message: Float64) -> None:
+        edge = Edge(self.get_parameter('nudge_edge').value)
+        kick = EdgeOrder(edge, Kind.KICK, message.data)
+        if self.get_parameter('nudge_as').value == Kind.KICK.value:
+            self._obey_order(name, kick)
+            return
+        kick.check(self._limits, self._pneumatics)
+        chain = self._ready(self._torques).named.chain
+        duration = float(self.get_parameter('nudge_duration').value)
+        impulse = chain.moment_of_inertia * message.data
+        pressure = self._pneumatics.pulse_pressure(impulse, duration)
+        self._obey_order(name, EdgeOrder(edge, Kind.PRESSURE, pressure, duration))
+
+    def _obey_edge_command(self, name: str, message: EdgeCommand) -> None:
+        order = order_from_msg(message)
+        self._check_age(message.header.stamp)
+        self._obey_order(name, order)
+
+    def _obey_order(self, name: str, order: EdgeOrder) -> None:
+        order.check(self._limits, self._pneumatics)
+        driver = self._ready(self._impulses if order.instantaneous else self._torques)
+        frame, before, stamp = self._state(driver.named)
+        chain, angles = driver.named.chain, frame.angles
+        side = order.edge.resolved(chain, angles)
+        venting = order.kind is Kind.PRESSURE and order.value == 0
+        mode = edge_mode(chain, angles, side, anywhere=venting)
+        meant = replace(order, edge=side)
+        if not order.instantaneous:
+            driver.order(name, meant, side)
+            return
+        if order.kind is Kind.KICK:
+            impulses = chain.moments_of_inertia * order.value * mode
+        elif stamp > before:
+            impulses = (stamp - before) / _NANOSECONDS * order.value * mode
+        else:
+            raise ValueError(
+                'a pulse without duration lasts for a period of joint_states, which is not '
+                'known yet; give a duration'
+            )
+        self._kick(driver, name, meant, impulses, frame, stamp)
+
+    def _kick(
+        self,
+        driver: ChainDriver,
+        name: str,
+        order: EdgeOrder,
+        impulses: Array,
+        frame: Frame,
+        stamp: int,
+    ) -> None:
+        if driver.record.waiting >= _MOST_KICKS_WAITING:
+            raise ValueError(
+                f'{driver.record.waiting} kicks wait for the simulator, the limit is '
+                f'{_MOST_KICKS_WAITING}; kick less often'
+            )
+        now = self.get_clock().now().to_msg()
+        self._impulses.publish(impulses_to_msg(driver.named, impulses, now))
+        rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
+        work = work_of_impulse(driver.named.chain, rates, impulses)
+        driver.record.booked = self._booked
+        driver.record.kicked(stamp, name, order, impulses, work)
+
+    def _obey_joint_commands(self, name: str, message: JointState) -> None:
+        driver = self._ready(self._torques)
+        rotors, torques = efforts_from_msg(driver.actuators, message)
+        self._check_age(message.header.stamp)
+        self._check_fresh()
+        driver.hold(name, rotors, torques)
+
+    def _obey_efforts(self, name: str, message: Float64MultiArray) -> None:
+        driver = self._ready(self._torques)
+        rotors, torques = efforts_from_array(driver.actuators, message)
+        self._check_fresh()
+        driver.hold(name, rotors, torques)
+
+    def _obey_trajectory(self, name: str, message: JointTrajectory) -> None:
+        driver = self._ready(self._torques)
+        rotors, times, torques = trajectory_from_msg(driver.actuators, message)
+        delay = -self._age(message.header.stamp)
+        if times[-1] + delay < 0:
+            raise ValueError(
+                f'~/joint_trajectory was over {-times[-1] - delay:.3g} s ago; send it in time, or '
+                'with a stamp of 0, which means now'
+            )
+        self._check_fresh()
+        driver.follow(name, rotors, times, torques, delay)
+
+    def _ready(self, publisher: Any) -> ChainDriver:
+        """Return the driver; ValueError where the chain or a listener is missing."""
+        if not publisher.get_subscription_count():
+            name = publisher.topic_name.rsplit('/', 1)[-1]
+            raise ValueError(f'nothing subscribes to {name}; start the simulator first')
+        if self._driver is None:
             raise ValueError(
                 'the chain is not known yet; publish chain or set chain_from to parameters'
             )
+        self._driver.record.booked = self._booked
+        return self._driver
+
+    @property
+    def _booked(self) -> bool:
+        return bool(self.count_publishers(interfaces.DELIVERY.name))
+
+    def _age(self, stamp: Time) -> float:
+        """How long ago a command was made [s]; 0 for one without a stamp."""
+        made = time_from_msg(stamp)
+        return (self.get_clock().now().nanoseconds - made) / _NANOSECONDS if made else 0.0
+
+    def _check_age(self, stamp: Time) -> None:
+        age, limit = self._age(stamp), self.settings.command_timeout
+        if limit and age > limit:
+            raise ValueError(
+                f'the command is {age:.3g} s old, the limit is {limit:g} s; send it in time, or '
+                'raise command_timeout'
+            )
+
+    def _check_fresh(self) -> bytes:
+        """Return the latest joint states; ValueError where they are too old."""
         age = time.monotonic() - self._latest_at
         if self._latest is None or age > self.settings.state_timeout:
             seen = 'none has come' if self._latest is None else f'the last is {age:.3g} s old'
@@ -187,22 +352,30 @@ class EdgeActuator(Node):
                 f'no fresh joint_states: {seen}, the limit is {self.settings.state_timeout:g} s; '
                 'start or resume the simulator, or raise state_timeout'
             )
-        message = deserialize_message(self._latest, JointState)
-        frame = frame_from_msg(self._source.named, message)
-        return self._source.named, frame.angles, time_from_msg(message.header.stamp)
+        return self._latest
+
+    def _state(self, named: NamedChain) -> tuple[Frame, int, int]:
+        """Return a fresh frame, the stamp of the one before and its own [ns], or ValueError."""
+        message = deserialize_message(self._check_fresh(), JointState)
+        frame = frame_from_msg(named, message)
+        stamp = time_from_msg(message.header.stamp)
+        if self._previous is None:
+            return frame, stamp, stamp
+        before = deserialize_message(self._previous, JointState)
+        return frame, time_from_msg(before.header.stamp), stamp
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at
-        fresh = age <= self.settings.state_timeout
+        driving = self._driver is not None and self._driver.driving
         message = (
             'waiting for the topic chain'
             if self._source.named is None
             else 'waiting for joint_states'
-            if not fresh
+            if age > self.settings.state_timeout
             else 'nothing subscribes to rotor_impulses'
             if not self._impulses.get_subscription_count()
-            else 'holding a pressure'
-            if self._pressure is not None
+            else 'driving'
+            if driving
             else 'ready'
         )
         values = {
@@ -210,17 +383,7 @@ class EdgeActuator(Node):
             'age of joint_states [s]': age,
             'subscribers': self._impulses.get_subscription_count(),
         }
-        return Report(message, values, warning=message not in ('ready', 'holding a pressure'))
-
-
-def _check(name: str, value: float, limit: float, unit: str) -> None:
-    if not math.isfinite(value):
-        raise ValueError(f'{name} = {value} {unit} must be a finite number')
-    if abs(value) > limit:
-        raise ValueError(
-            f'{name} = {value:g} {unit} must lie in the range {-limit:g} to {limit:g} {unit}; '
-            f'ask for less or raise {name}_limit'
-        )
+        return Report(message, values, warning=message not in ('ready', 'driving'))
 
 
 def main() -> None:

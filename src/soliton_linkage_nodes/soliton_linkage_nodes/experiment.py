@@ -42,11 +42,14 @@ from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import initialise, stop_on_signals
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
-_RECORDED_TOPICS = {
-    f'/{topic.name}'
-    for topic in interfaces.SUITE
-    if topic not in (interfaces.EDGE_COMMAND, interfaces.DIAGNOSTICS)
-}
+_UNUSED = (
+    interfaces.EDGE_COMMAND,
+    interfaces.JOINT_COMMANDS,
+    interfaces.EFFORT_COMMANDS,
+    interfaces.JOINT_TRAJECTORY,
+    interfaces.DIAGNOSTICS,
+)
+_RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
 _LONGEST_START = 30.0
 _SPIN = 0.02
 _NEAR_EDGE = 2.0

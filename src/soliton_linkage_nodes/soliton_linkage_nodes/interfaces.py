@@ -10,9 +10,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
-from soliton_linkage_msgs.msg import Chain, EdgeCommand, RotorImpulses, SolitonState
+from soliton_linkage_msgs.msg import (
+    Chain,
+    Delivery,
+    EdgeCommand,
+    LastKick,
+    RotorImpulses,
+    SolitonState,
+)
 
 _DEEPEST_QUEUE = 1000
 _QUEUE_BYTES = 64 * 2**20
@@ -56,6 +64,11 @@ class Topic:
 JOINT_STATES = Topic('joint_states', JointState, stream_qos())
 NUDGE = Topic('nudge', Float64, command_qos())
 EDGE_COMMAND = Topic('edge_command', EdgeCommand, command_qos())
+JOINT_COMMANDS = Topic('joint_commands', JointState, command_qos())
+EFFORT_COMMANDS = Topic('edge_actuator/commands', Float64MultiArray, command_qos())
+JOINT_TRAJECTORY = Topic('edge_actuator/joint_trajectory', JointTrajectory, command_qos())
+LAST_KICK = Topic('last_kick', LastKick, latched_qos())
+DELIVERY = Topic('delivery', Delivery, latched_qos())
 ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
 ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
 TILT = Topic('tilt', Float64, command_qos())
@@ -71,6 +84,11 @@ SUITE = (
     JOINT_STATES,
     NUDGE,
     EDGE_COMMAND,
+    JOINT_COMMANDS,
+    EFFORT_COMMANDS,
+    JOINT_TRAJECTORY,
+    LAST_KICK,
+    DELIVERY,
     ROTOR_IMPULSES,
     ROTOR_TORQUES,
     TILT,

@@ -31,6 +31,7 @@ from soliton_linkage_nodes.conversions import (
     time_to_msg,
     torques_from_msg,
 )
+from soliton_linkage_nodes.delivery import DeliveryPublisher
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.pacing import PacedLoop
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
@@ -80,7 +81,8 @@ class SimulatorParameters(WorldParameters):
 class Simulator(Node):
     """Publishes the angles of a simulated chain at a fixed rate.
 
-    Publishes `joint_states`, `chain` (latched), `/diagnostics` and, if asked to, `/clock`.
+    Publishes `joint_states`, `chain` and `delivery` (latched), `/diagnostics` and, if asked to,
+    `/clock`.
     Subscribes to `rotor_impulses`, `rotor_torques` and `tilt` [rad], which sets the parameter
     `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`, and what `standard_services` lists.
     Parameters: those of `SimulatorParameters`, `chain.*` of `declare_chain`, `gravity.*` of
@@ -140,6 +142,7 @@ class Simulator(Node):
         self._beginning.cancel()
         self._epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._chain_publisher.publish(chain_to_msg(self._named, time_to_msg(self._epoch)))
+        self._delivery = DeliveryPublisher(self, self._named.rotors, self._epoch)
         self._loop.start()
 
     def _connect(self) -> None:
@@ -166,6 +169,7 @@ class Simulator(Node):
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         self._joint_states.publish(self._joints.write(stamp, frame, simulation))
+        self._delivery.note(stamp, simulation)
 
     def _on_impulses(self, message: RotorImpulses) -> None:
         try:

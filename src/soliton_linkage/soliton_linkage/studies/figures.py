@@ -16,6 +16,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage.studies.actuator_figures import actuator_figure
 from soliton_linkage.studies.cell_figures import figure_4
 from soliton_linkage.studies.linear_figures import figure_1
 from soliton_linkage.studies.motion_figures import snapshot_figure
@@ -45,6 +46,7 @@ FIGURES: dict[str, Callable[[Section, bool], Plate]] = {
     'disorder_against_passage': disorder_figure,
     'elastic_against_rigid': rigid_limit_figure,
     'anti_kink_cost': anti_kink_figure,
+    'soft_actuator': actuator_figure,
 }
 
 
