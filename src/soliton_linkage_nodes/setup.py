@@ -13,7 +13,7 @@ NODES = [
     'bag_recorder',
     'bag_player',
 ]
-TOOLS = ['analyse_bag', 'experiment', 'move_soliton', 'nudge', 'watch_soliton']
+TOOLS = ['analyse_bag', 'contraction', 'experiment', 'move_soliton', 'nudge', 'watch_soliton']
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 
 setup(

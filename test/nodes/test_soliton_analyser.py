@@ -243,7 +243,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
         angles, rates = chance.uniform(-size, size, (2, 5))
         angles[chance.random(5) < 0.2] = chance.choice([math.nan, math.inf])
         frame = Frame(angles, rates if number % 2 else np.zeros(5))
-        joints.publish(frame_to_msg(named, frame, 0 * angles, time_to_msg(number)))
+        joints.publish(frame_to_msg(named, frame, np.zeros(5), time_to_msg(number)))
     graph.until(lambda: len(states) == 300, 'an answer to each frame')
     assert not reports or values(reports[-1])['refused'] == '0'
 
@@ -268,7 +268,7 @@ def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> N
     joints = [f'wheel_{7 - rotor}' for rotor in range(8)]
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser, {'joints': joints})
+    graph.start(SolitonAnalyser, {'joint_names': joints})
     publisher = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, 10.0)
     for frame in frames:
@@ -288,8 +288,10 @@ def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> N
 def test_joints_that_do_not_fit_the_chain_are_said(graph: Graph, named: NamedChain) -> None:
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser, {'joints': ['a', 'b']})
-    graph.until(lambda: any('parameter joints has 2 names' in r.message for r in reports), 'it')
+    graph.start(SolitonAnalyser, {'joint_names': ['a', 'b']})
+    graph.until(
+        lambda: any('parameter joint_names has 2 names' in r.message for r in reports), 'it'
+    )
 
 
 def test_without_any_chain_the_angles_alone_tell_how_it_moves(

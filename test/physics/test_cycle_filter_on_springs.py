@@ -177,6 +177,55 @@ def test_a_kick_is_noticed_within_a_few_rotors(share: float) -> None:
     assert np.abs(after).max() < 6
 
 
+@pytest.mark.parametrize(
+    ('example', 'rotors', 'factor'),
+    [(FLIPPER, 16, 1.0), (WOBBLER, 12, 1.0), (SPINNER, 16, 1.0), (SPINNER, 20, 4.0)],
+)
+def test_a_wall_that_leaves_the_edge_is_placed_where_it_is(
+    example: tuple[float, float], rotors: int, factor: float
+) -> None:
+    chain = chain_of(example, rotors)
+    start = chain.uniform_state(-1)
+    rates = factor * SPEEDS[example] * mode_towards_last(chain, start)
+    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(1.2 / factor).angles
+    cycle, random = Cycle(chain), np.random.default_rng(5)
+    for noise in (0.0, 0.002, 0.01):
+        tracker = CycleFilter(cycle)
+        for frame, exact in enumerate(angles):
+            noisy = exact + noise * random.standard_normal(rotors)
+            estimate = tracker.update(frame * PERIOD, noisy)
+            image = math.pi - exact if estimate.upside_down else exact
+            off = estimate.arc - fit_near(cycle, image, estimate.arc).arc
+            assert abs(off) < 6 * estimate.arc_deviation
+        assert tracker.starts == 1
+        assert not tracker.offsets.corrections.any()
+        if noise == 0:
+            assert estimate.noise < 1e-4 < estimate.misfit
+
+
+def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() -> None:
+    chain = chain_of(FLIPPER, 20)
+    start = chain.uniform_state(-1)
+    rates = 4 * SPEEDS[FLIPPER] * mode_towards_last(chain, start)
+    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(1.6).angles
+    cycle, random = Cycle(chain), np.random.default_rng(1)
+    tracker, legs, places, true = CycleFilter(cycle), [], [], []
+    arc = 0.0
+    for frame, exact in enumerate(angles):
+        estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
+        arc = fit_near(cycle, exact, arc).arc
+        legs.append(estimate.leg)
+        places.append(estimate.place)
+        true.append(cycle.place(arc))
+    assert np.abs(np.diff(places[20:])).max() < 3 * np.abs(np.diff(true)).max()
+    assert np.abs(np.subtract(places, true)[20:]).max() < 0.2
+    # The last rotor, which the wall had toggled, is on its first side again.
+    toggled = [cycle.background(cycle.arc_at(cycle.middle, leg))[1][-1] for leg in (0, 1)]
+    apart = np.abs(np.angle(np.exp(1j * (np.array(toggled) - angles[-60:, -1].mean()))))
+    assert apart[0] < apart[1]
+    assert legs[-60] == 0
+
+
 def test_another_pair_of_walls_does_not_disturb() -> None:
     record = passage(FLIPPER, 40, 4.0)
     turned = record.cycle.chain.uniform_state(-1) - record.cycle.chain.uniform_state(1)

@@ -22,12 +22,10 @@ def measured(frames: int, noise: float, seed: int) -> Array:
 
 def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[CycleMotion, int]:
     motion = CycleMotion(float(arcs[0]), noise**2, 50.0, SITE_ARC)
-    kicks = 0
     for arc in arcs[1:].tolist():
         motion.predict(PERIOD, at_edge)
-        kicks += motion.surprised(arc, noise**2, PERIOD, math.inf)
         motion.correct(arc, noise**2)
-    return motion, kicks
+    return motion, motion.kicks
 
 
 class Twin:
@@ -118,6 +116,37 @@ def test_a_kick_is_noticed_before_the_wall_has_passed_two_rotors(share: float) -
         assert kicks > 0 or motion.steadiness < 0.5
         assert motion.rate == pytest.approx((1 + share) * RATE, abs=5 * motion.rate_deviation)
         assert motion.rate_deviation < 0.1 * RATE
+
+
+def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
+    noise, rotor = 0.01, round(SITE_ARC / RATE / PERIOD)
+    for share in (0.2, -0.2, 0.5, -2.0):
+        arcs = measured(900, noise, 4)
+        arcs[600:] += share * RATE * PERIOD * np.arange(300)
+        true = RATE * PERIOD * (np.arange(900) + share * np.maximum(np.arange(900) - 600, 0))
+        motion = CycleMotion(float(arcs[0]), noise**2, 50.0, SITE_ARC)
+        scores = []
+        for frame, arc in enumerate(arcs[1:].tolist(), start=1):
+            motion.predict(PERIOD, False)
+            motion.correct(arc, noise**2)
+            scores.append((motion.arc - true[frame]) / motion.arc_deviation)
+        assert np.abs(scores[599 + rotor :]).max() < 6
+        assert motion.kicks == 1
+
+
+def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> None:
+    noise, ratios = 0.05, []
+    for seed in range(10):
+        arcs = measured(600, noise, seed)
+        motion = CycleMotion(float(arcs[0]), noise**2, 50.0, SITE_ARC)
+        for frame, arc in enumerate(arcs[1:].tolist(), start=1):
+            motion.predict(PERIOD, False)
+            motion.correct(arc, noise**2)
+            if frame > 100:
+                ratios.append(motion.arc_deviation / (2 * noise / math.sqrt(frame + 1)))
+        assert motion.kicks == 0
+    assert np.median(ratios) == pytest.approx(1, abs=0.02)
+    assert np.quantile(ratios, 0.97) < 1.1
 
 
 def test_a_rate_that_wanders_is_followed_with_true_deviations() -> None:

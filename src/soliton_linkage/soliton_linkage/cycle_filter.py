@@ -32,8 +32,8 @@ _UNKNOWN = 1.0
 _STRANGEST = 0.6
 _STRANGE_SHARE = 0.1
 _STRANGE_RATIO = 9.0
-_ELASTIC_SHARE = 0.03
-_QUIET_SHARE = 0.07
+_QUIET_SHARE = 0.1
+_ELASTIC_SHARES = (0.03, 0.06)
 _MOST_OUTLIERS = 0.3
 _GAIN = 25.0
 _SAME_PLACE = 2.0
@@ -147,8 +147,8 @@ class CycleFilter:
         ]
         swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
         self._tolerated = (_STRANGE_SHARE * swing) ** 2
-        self._elastic = (_ELASTIC_SHARE * swing) ** 2
         self._quiet = (_QUIET_SHARE * swing) ** 2
+        self._elastic = [(share * swing) ** 2 for share in _ELASTIC_SHARES]
         self._upside_down = self._doubts = False
         self._forget(math.nan)
 
@@ -260,12 +260,16 @@ class CycleFilter:
 
     def _predict(self, motion: CycleMotion, elapsed: float) -> None:
         """Go on by a time [s]; where rotors deviate, the rate varies along the orbit."""
-        last = self.cycle.chain.number_of_rotors - 1
-        to_edge = min(self._estimate.place, last - self._estimate.place)
         before = self.cycle.free_rate(motion.arc) if self._deviates else 1.0
-        motion.predict(elapsed, to_edge < _ROTORS_AT_EDGE + self._depth)
+        motion.predict(elapsed, self._at_edge())
         if self._deviates:
             motion.change_rate(self.cycle.free_rate(motion.arc) / before)
+
+    def _at_edge(self) -> bool:
+        """Whether the wall was so near to an edge that springs take up or give back energy."""
+        last = self.cycle.chain.number_of_rotors - 1
+        to_edge = min(self._estimate.place, last - self._estimate.place)
+        return to_edge < _ROTORS_AT_EDGE + self._depth
 
     def _is_elsewhere(self, view: FrameView, strange: bool, time: float, seen: Array) -> bool:
         """Start anew where a frame that is not as expected fits far better than it does there.
@@ -332,7 +336,8 @@ class CycleFilter:
                 turns = round((expected - place.arc) / self.cycle.length)
                 return self._view(seen, place.arc + turns * self.cycle.length)
         arc = expected
-        limit = BEYOND_CHANCE**2 * (self._noise.scatter + self._noise.excess) + self._elastic
+        limit = BEYOND_CHANCE**2 * (self._noise.scatter + self._noise.excess)
+        limit += self._elastic[self._at_edge()]
         for _ in range(_ITERATIONS):
             view = self._view(seen, arc, limit, spread)
             if view.information == 0:
@@ -354,7 +359,10 @@ class CycleFilter:
         expected = np.concatenate([before[: about.first], about.angles, beyond[end:]])
         angles = seen - self.offsets.corrections
         left = wrapped((math.pi - angles if self._upside_down else angles) - expected)
-        doubtful = self._far.doubtful if self._doubts else None
+        doubtful = None
+        if self._doubts:
+            doubtful = self._far.doubtful
+            left[self._far.stuck] = np.nan
         return FrameView(arc, about.first, about.tangent, left, limit, spread, doubtful)
 
     def _learn_offsets(self, seen: Array, view: FrameView) -> None:

@@ -115,6 +115,7 @@ class FarRotors:
         self._read = np.full(rotors, np.nan)
         self._apart = np.zeros(rotors)
         self._waves = 0.0
+        self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self.forget()
 
@@ -177,8 +178,9 @@ class FarRotors:
         """
         same = read == self._read
         if np.count_nonzero(same) > _FEW * np.count_nonzero(np.isfinite(read)):
-            same &= outlying | self.doubtful
+            same &= outlying | self.stuck
         self._read = read
+        self.stuck = same
         limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * float(np.median(self._apart))
         far_off = self._apart > limit + _LEAST_DOUBTED
         self.doubtful = same | (far_off & (self._offsets.corrections == 0))

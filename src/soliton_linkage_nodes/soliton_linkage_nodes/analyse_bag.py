@@ -124,12 +124,12 @@ def chain_of_file(path: Path) -> NamedChain:
     if unknown:
         raise ValueError(f'{path}: chain.{unknown[0]} is unknown; known: {", ".join(known)}')
     chain = Chain(**parameters)
-    joints = tuple(given.get('joints', ())) or default_joint_names(chain.number_of_rotors)
-    check_names(f'{path}: joints', joints)
+    joints = tuple(given.get('joint_names', ())) or default_joint_names(chain.number_of_rotors)
+    check_names(f'{path}: joint_names', joints)
     if len(joints) != chain.number_of_rotors:
         raise ValueError(
-            f'{path}: joints has {len(joints)} names for {chain.number_of_rotors} rotors; name '
-            'one joint a rotor'
+            f'{path}: joint_names has {len(joints)} names for {chain.number_of_rotors} rotors; '
+            'name one joint a rotor'
         )
     return NamedChain(chain, joints)
 

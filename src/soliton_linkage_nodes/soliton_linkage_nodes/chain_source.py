@@ -33,7 +33,7 @@ class ChainSourceParameters:
         'whether the chain is learnt from the topic chain or from the parameters chain.*',
         choices=('topic', 'parameters'),
     )
-    joints: tuple[str, ...] = quantity(
+    joint_names: tuple[str, ...] = quantity(
         (), 'names of the joints, rotor 0 first; empty for those that the chain has'
     )
 
@@ -80,7 +80,7 @@ class ChainSource:
         self._diagnostics = diagnostics
         self._learnt = learnt
         self.parameters = declare(node, parameters)
-        check_names('parameter joints', self.parameters.joints)
+        check_names('parameter joint_names', self.parameters.joint_names)
         chain = declare_chain(node)
         if self.parameters.chain_from == 'parameters':
             self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
@@ -95,11 +95,11 @@ class ChainSource:
             self._diagnostics.refuse('chain', error)
 
     def _learn(self, named: NamedChain) -> None:
-        joints = self.parameters.joints
+        joints = self.parameters.joint_names
         if joints and len(joints) != named.rotors:
             raise ValueError(
-                f'parameter joints has {len(joints)} names for a chain of {named.rotors} rotors; '
-                'name one joint a rotor'
+                f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
+                'rotors; name one joint a rotor'
             )
         self.named = NamedChain(named.chain, joints or named.joint_names)
         self._learnt(self.named)

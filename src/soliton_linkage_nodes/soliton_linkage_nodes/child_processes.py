@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import subprocess
 import time
@@ -28,12 +29,18 @@ class ChildProcesses:
         self._log_folder.mkdir(parents=True, exist_ok=True)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, node: str, arguments: list[str], environment: dict[str, str]) -> None:
-        """Start a node with its ROS arguments."""
+    def start(
+        self,
+        node: str,
+        arguments: list[str],
+        environment: dict[str, str],
+        own: Sequence[str] = (),
+    ) -> None:
+        """Start a node with its ROS arguments, and its own before them."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
         with self._log(node).open('wb') as log:
             self._running[node] = subprocess.Popen(
-                [str(executable), '--ros-args', *arguments],
+                [str(executable), *own, '--ros-args', *arguments],
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -77,6 +84,16 @@ class ChildProcesses:
         said = self._log(node).read_text(encoding='utf-8', errors='replace').splitlines()
         tail = '\n  '.join(said[-_LOG_TAIL:])
         return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
+
+
+def isolate(domain: int) -> None:
+    """Keep this process and its children to a domain of their own on this machine."""
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    # Shared memory left behind by a killed process can keep new ones from talking.
+    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
+        os.environ.pop(name, None)
 
 
 def _end(process: subprocess.Popen[bytes], deadline: float) -> int:

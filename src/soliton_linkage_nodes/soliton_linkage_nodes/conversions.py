@@ -191,7 +191,7 @@ class FrameReader:
             first = next(iter(self._rotors))
             raise ValueError(
                 f'joint_states.name has none of the {len(self._rotors)} rotors, whose first is '
-                f'{first!r}; tell the names of the joints by the parameter joints'
+                f'{first!r}; tell the names of the joints by the parameter joint_names'
             )
         self._joints, self._places = np.array(known, dtype=np.intp).T
         self._names = list(names)

@@ -36,7 +36,7 @@ from soliton_linkage_nodes.bag_report import (
     read_run,
     summarise,
 )
-from soliton_linkage_nodes.child_processes import ChildProcesses
+from soliton_linkage_nodes.child_processes import ChildProcesses, isolate
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import initialise, stop_on_signals
@@ -47,6 +47,7 @@ _UNUSED = (
     interfaces.JOINT_COMMANDS,
     interfaces.EFFORT_COMMANDS,
     interfaces.JOINT_TRAJECTORY,
+    interfaces.TILT,
     interfaces.DIAGNOSTICS,
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
@@ -333,7 +334,7 @@ def main() -> None:
     stopping = stop_on_signals()
     # An OSError must not get to domain_id(): it would take it for a domain that is in use.
     with domain_coordinator.domain_id() as domain:
-        _isolate(domain)
+        isolate(domain)
         code = _run(arguments.configuration, arguments.output, stopping)
     sys.exit(code)
 
@@ -374,16 +375,6 @@ def _arguments() -> argparse.Namespace:
             'give a parameter file such as config/flipper.yaml\n',
         )
     return arguments
-
-
-def _isolate(domain: int) -> None:
-    """Keep this process and its children to a domain of their own on this machine."""
-    os.environ['ROS_DOMAIN_ID'] = str(domain)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    # Shared memory left behind by a killed process can keep new ones from talking.
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
-        os.environ.pop(name, None)
 
 
 def _conclude(summary: dict[str, Any], output: Path, bag: Path) -> None:

@@ -40,7 +40,7 @@ class SolitonAnalyser(Node):
 
     Subscribes to `joint_states` and, unless told the chain by parameters, to `chain`.
     Publishes `soliton_state` and `/diagnostics`.
-    Parameters: `noise` [rad], `chain_from`, `joints`, and `chain.*` of `Chain` [SI].
+    Parameters: `noise` [rad], `chain_from`, `joint_names`, and `chain.*` of `Chain` [SI].
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -82,7 +82,7 @@ class SolitonAnalyser(Node):
         begin = time.perf_counter()
         try:
             if self._analysis.analyser is None:
-                self._analysis.learn_joints(self._source.parameters.joints or message.name)
+                self._analysis.learn_joints(self._source.parameters.joint_names or message.name)
             state = self._analysis.analyse(message)
         except ValueError as error:
             self._diagnostics.refuse('joint_states', error)

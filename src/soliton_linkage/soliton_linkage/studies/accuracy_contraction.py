@@ -103,13 +103,17 @@ class ContractionStudy:
         plate.save(folder, 'contraction')
         write_table(lines, folder / 'contraction.md', list(lines))
 
+    def duration(self, walls: int, kick: int) -> float:
+        """Time in which a wall crosses its chain [time units sqrt(M / k_e)], and some more."""
+        chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
+        fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
+        return max(_SLACK * slow_crossing(chain, kicks[kick]), 1.5 * fastest / chain.time_unit)
+
     def passage(self, walls: int, kick: int) -> Passage:
         """Kick a chain, both by number, and measure its wall from noisy angles."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
-        fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
-        duration = max(_SLACK * slow_crossing(chain, kicks[kick]), 1.5 * fastest / chain.time_unit)
-        recording = kicked(chain, kicks[kick], duration, self.frames)
+        recording = kicked(chain, kicks[kick], self.duration(walls, kick), self.frames)
         noise = self.noise * generator.standard_normal(recording.angles.shape)
         return measured_passage(chain, recording.times, recording.angles + noise)
 
