@@ -30,3 +30,12 @@ def test_it_ends_when_it_is_told_to_stop(graph: Graph) -> None:
     stopping = threading.Event()
     stopping.set()
     assert not wait_for_subscriber(publisher, FOR_EVER, stopping)
+
+
+def test_it_waits_for_as_many_as_asked_for(graph: Graph) -> None:
+    publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
+    graph.hear(TOPIC)
+    assert wait_for_subscriber(publisher, FOR_EVER)
+    assert not wait_for_subscriber(publisher, 0.0, fewest=2)
+    graph.hear(TOPIC)
+    assert wait_for_subscriber(publisher, FOR_EVER, fewest=2)

@@ -27,7 +27,7 @@ def test_it_says_that_nobody_listens(start: Callable[..., Program]) -> None:
     program = start('nudge', '10')
     assert program.wait() == 1
     assert program.said == [
-        'nudge: nothing subscribes to /nudge after 5 s; start edge_actuator first'
+        'nudge: /nudge has 0 of 1 subscribers after 5 s; start edge_actuator first'
     ]
 
 

@@ -32,7 +32,6 @@ _UNKNOWN = 1.0
 _STRANGEST = 0.6
 _STRANGE_SHARE = 0.1
 _STRANGE_RATIO = 9.0
-_QUIET_SHARE = 0.1
 _ELASTIC_SHARES = (0.03, 0.06)
 _MOST_OUTLIERS = 0.3
 _GAIN = 25.0
@@ -138,7 +137,6 @@ class CycleFilter:
         self._given_noise = noise
         self._clock_limit = clock_limit
         self._depth = penetration_depth(chain) / chain.spacing
-        self._far = FarRotors(self.offsets, 1 + _DEPTHS_BESIDE * self._depth, chain.time_unit)
         self._legs = LegEvidence(cycle)
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._backgrounds = [
@@ -147,8 +145,9 @@ class CycleFilter:
         ]
         swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
         self._tolerated = (_STRANGE_SHARE * swing) ** 2
-        self._quiet = (_QUIET_SHARE * swing) ** 2
         self._elastic = [(share * swing) ** 2 for share in _ELASTIC_SHARES]
+        margin = 1 + _DEPTHS_BESIDE * self._depth
+        self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic[0])
         self._upside_down = self._doubts = False
         self._forget(math.nan)
 
@@ -308,10 +307,7 @@ class CycleFilter:
         noise.update(view, elapsed)
         self._legs.update(view, max(noise.variance, view.mean_square))
         if self._far.add(view.residuals, self.cycle.place(view.arc), elapsed):
-            if noise.scatter < self._quiet:
-                self._learn_offsets(seen, view)
-            else:
-                self._far.forget()
+            self._learn_offsets(seen, view)
 
     def _variance(self, motion: CycleMotion, view: FrameView, elapsed: float) -> float:
         """Variance of the arc that a frame shows [rad^2].

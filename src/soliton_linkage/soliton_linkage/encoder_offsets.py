@@ -18,10 +18,13 @@ from soliton_linkage.chain import Array
 
 _WIDEST = 2.0
 _SIGNIFICANT = 5.5
+_LEAST_TIMES = 5
 _BLOCK = 16
 _BEYOND_CHANCE = 5.0
 _DEVIATION_PER_MEDIAN = 1.4826
 _WAVES = 10.0
+_LEAST_STRONG = 4.0
+_FEW_LARGEST = 0.1
 _LEAST_ERROR = 3e-4
 _LEAST_DOUBTED = 0.01
 _FEW = 0.2
@@ -37,6 +40,7 @@ class EncoderOffsets:
         self._weights = np.zeros((2, number_of_rotors))
         self._sums = np.zeros((2, number_of_rotors))
         self._repeated = 0.0
+        self._times = np.zeros(number_of_rotors)
         self._solve()
 
     @property
@@ -74,11 +78,17 @@ class EncoderOffsets:
         is the same in all frames so far is the repeated.
         """
         self._repeated = repeated
+        seen = (sides != 0) & np.isfinite(residuals)
+        self._times[seen] += 1
         for row, side in enumerate((1, -1)):
             known = (sides == side) & np.isfinite(residuals)
             self._weights[row, known] += 1 / variance
             self._sums[row, known] += residuals[known] / variance
         self._solve()
+
+    def doubt(self, rotors: NDArray[np.bool_]) -> None:
+        """Let some rotors, shape (N,), not be what they were before; all else they showed counts."""
+        self._times[rotors] = np.minimum(self._times[rotors], _LEAST_TIMES) - 1
 
     def _solve(self) -> None:
         """Means and covariances of o and delta, from their 2 x 2 normal equations."""
@@ -94,6 +104,7 @@ class EncoderOffsets:
         self._mixed: Array = -mixed / determinant
         self._deviations: Array = np.sqrt(self._variances + self._repeated)
         sure = np.abs(self._values) > _SIGNIFICANT * self._deviations
+        sure &= self._times >= _LEAST_TIMES
         self._corrections = np.where(sure, self._values, 0.0)
 
 
@@ -104,11 +115,17 @@ class FarRotors:
     encoder is stuck, or another wall is there.
     """
 
-    def __init__(self, offsets: EncoderOffsets, margin: float, time_unit: float) -> None:
-        """Learn these offsets beyond a margin [rotor spacings] of a wall; time unit in [s]."""
+    def __init__(
+        self, offsets: EncoderOffsets, margin: float, time_unit: float, strong: float
+    ) -> None:
+        """Learn these offsets beyond a margin [rotor spacings] of a wall; time unit in [s].
+
+        Waves of a strong mean square [rad^2] tell nothing of encoders.
+        """
         self._offsets = offsets
         self._margin = margin
         self._time_unit = time_unit
+        self._strong = strong
         rotors = len(offsets.values)
         self._rotors = np.arange(rotors)
         self._sums = np.zeros(rotors)
@@ -149,6 +166,9 @@ class FarRotors:
         expected, spreads = offsets.expected(sides)
         surprises = np.where(sides == 0, np.nan, means - expected)
         unsure, noise = np.sqrt(spreads), variance / self._frames
+        if _most(surprises) > self._strong + _LEAST_STRONG * noise:
+            self.forget()
+            return
         of_waves = max(_typical(surprises, unsure) ** 2 - noise, 0.0)
         repeats = max(_WAVES * self._time_unit / self._time, 1.0)
         noise += of_waves * repeats
@@ -156,6 +176,7 @@ class FarRotors:
         repeated = _LEAST_ERROR**2 + _SHARE_OF_WAVES**2 * self._waves + self._common() ** 2
         strange = np.abs(surprises) > _BEYOND_CHANCE * (unsure + math.sqrt(noise))
         offsets.update(np.where(strange, np.nan, means), sides, noise, repeated)
+        offsets.doubt(strange)
         expected, spreads = offsets.expected(sides)
         apart = np.maximum(np.abs(expected) - _BEYOND_CHANCE * np.sqrt(spreads + repeated), 0)
         self._apart = np.where(sides == 0, self._apart, apart)
@@ -184,6 +205,13 @@ class FarRotors:
         limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * float(np.median(self._apart))
         far_off = self._apart > limit + _LEAST_DOUBTED
         self.doubtful = same | (far_off & (self._offsets.corrections == 0))
+
+
+def _most(surprises: Array) -> float:
+    """Mean square of all surprises but the few largest, which may be of offsets [rad^2]."""
+    squares = np.sort(surprises[np.isfinite(surprises)] ** 2)
+    kept = squares[: len(squares) - max(2, math.ceil(_FEW_LARGEST * len(squares)))]
+    return float(kept.mean()) if kept.size else 0.0
 
 
 def _typical(surprises: Array, unsure: ArrayLike) -> float:

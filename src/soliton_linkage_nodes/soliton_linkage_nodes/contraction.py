@@ -72,8 +72,13 @@ def record(
         }
         processes.start('simulator', _given(**simulated), environment)
         nudge = speed * chain.spacing / (chain.rotor_length * chain.time_unit)
-        processes.start('nudge', [], environment, [repr(nudge)])
-        if not processes.wait('nudge', _LONGEST_START):
+        processes.start(
+            'nudge',
+            [],
+            environment,
+            [repr(nudge), '--subscribers=2', f'--timeout={_LONGEST_START}'],
+        )
+        if not processes.wait('nudge', 2 * _LONGEST_START):
             raise RuntimeError('the nudge found nobody to hear it; see the logs')
         stopping.wait(_SECONDS)
         processes.check()

@@ -13,9 +13,14 @@ _TIME_TO_MEET_ANOTHER = 1.0
 
 
 def wait_for_subscriber(
-    publisher: Publisher, seconds: float, stopping: threading.Event | None = None
+    publisher: Publisher,
+    seconds: float,
+    stopping: threading.Event | None = None,
+    fewest: int = 1,
 ) -> bool:
-    """Wait until a topic has a subscriber; False where it has none in time or is told to stop.
+    """Wait until a topic has a subscriber, or as many as asked for.
+
+    False where it has not in time, or is told to stop.
 
     Subscribers are met one after the other, so that after the first one it waits until no
     other has come for a second.
@@ -23,11 +28,11 @@ def wait_for_subscriber(
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds
     met, met_at = 0, 0.0
-    while not met or time.monotonic() - met_at < _TIME_TO_MEET_ANOTHER:
+    while met < fewest or time.monotonic() - met_at < _TIME_TO_MEET_ANOTHER:
         matched = publisher.get_subscription_count()
         if matched != met:
             met, met_at = matched, time.monotonic()
-        elif not met and time.monotonic() > deadline:
+        elif met < fewest and time.monotonic() > deadline:
             return False
         if stopped.wait(_POLL_INTERVAL):
             return False

@@ -23,11 +23,20 @@ _POLL_INTERVAL = Duration(seconds=0.1)
 _INTERRUPTED = 130
 
 
-def publish_nudge(node: Node, speed: float, stopping: threading.Event) -> None:
-    """Publish a nudge [rad/s] once somebody listens; raises ValueError where nobody does."""
+def publish_nudge(
+    node: Node,
+    speed: float,
+    stopping: threading.Event,
+    subscribers: int = 1,
+    timeout: float = _LONGEST_WAIT,
+) -> None:
+    """Publish a nudge [rad/s] once somebody listens, or as many as asked for.
+
+    Raises ValueError where they do not.
+    """
     topic = interfaces.NUDGE
     publisher = node.create_publisher(topic.type, topic.name, topic.qos)
-    if wait_for_subscriber(publisher, _LONGEST_WAIT, stopping):
+    if wait_for_subscriber(publisher, timeout, stopping, subscribers):
         publisher.publish(Float64(data=speed))
         deadline = time.monotonic() + _LONGEST_WAIT
         while not (stopping.is_set() or publisher.wait_for_all_acked(_POLL_INTERVAL)):
@@ -35,7 +44,8 @@ def publish_nudge(node: Node, speed: float, stopping: threading.Event) -> None:
                 raise ValueError(f'the subscriber of {publisher.topic_name} does not respond')
     elif not stopping.is_set():
         raise ValueError(
-            f'nothing subscribes to {publisher.topic_name} after {_LONGEST_WAIT:g} s; '
+            f'{publisher.topic_name} has {publisher.get_subscription_count()} of {subscribers} '
+            f'subscribers after {timeout:g} s; '
             'start edge_actuator first'
         )
 
@@ -44,11 +54,18 @@ def main() -> None:
     """Publish the nudge that the command line asks for."""
     parser = argparse.ArgumentParser(prog='nudge', description=__doc__)
     parser.add_argument('speed', type=float, help='of the kick along the zero mode [rad/s]')
-    speed = parser.parse_args(remove_ros_args(sys.argv)[1:]).speed
+    parser.add_argument(
+        '--subscribers', type=int, default=1, help='how many to wait for, a recorder being one'
+    )
+    parser.add_argument(
+        '--timeout', type=float, default=_LONGEST_WAIT, help='how long to wait for them [s]'
+    )
+    options = parser.parse_args(remove_ros_args(sys.argv)[1:])
     stopping = stop_on_signals()
     try:
         initialise()
-        publish_nudge(rclpy.create_node('nudge'), speed, stopping)
+        node = rclpy.create_node('nudge')
+        publish_nudge(node, options.speed, stopping, options.subscribers, options.timeout)
     except ValueError as error:
         sys.exit(f'nudge: {error}')
     finally:

@@ -131,19 +131,17 @@ def measured_passage(chain: Chain, times: Array, angles: Array) -> Passage:
 
 
 def passage_of(chain: Chain, frames: Sequence[tuple[AnalysedSoliton, ...]]) -> Passage:
-    """Speed and width of the only wall of frames, while it is in the middle of the chain.
+    """Speed and width of the only wall of frames, on its first way through the middle.
 
     Means over the frames, which rest on largely the same frames before, with the standard
     deviation of the surest. Raises ValueError where it is not there in ten frames.
     """
     middle = (chain.number_of_rotors - 1) / 2
-    inside = [
-        walls[0]
-        for walls in frames
-        if len(walls) == 1
-        and abs(walls[0].rotor - middle) < _MIDDLE * middle
-        and math.isfinite(walls[0].width_deviation)
-    ]
+    alone = [walls[0] for walls in frames if len(walls) == 1]
+    there = np.array([abs(wall.rotor - middle) < _MIDDLE * middle for wall in alone], dtype=bool)
+    entered = int(np.argmax(np.append(there, True)))
+    left = entered + int(np.argmin(np.append(there[entered:], False)))
+    inside = [wall for wall in alone[entered:left] if math.isfinite(wall.width_deviation)]
     if len(inside) < _FEWEST_FRAMES:
         raise ValueError(
             f'the wall was in the middle of the chain in {len(inside)} frames, of which '
