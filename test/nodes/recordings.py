@@ -13,7 +13,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bags import BagWriter, type_name
+from soliton_linkage_nodes.bag_writer import BagWriter
+from soliton_linkage_nodes.bags import type_name
 from soliton_linkage_nodes.conversions import (
     Frame,
     NamedChain,

@@ -21,9 +21,10 @@ from recordings import frame_message
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bag_recorder import BagRecorder, Inlet
+from soliton_linkage_nodes.bag_recorder import BagRecorder
 from soliton_linkage_nodes.bags import open_bag, read_messages, read_topic
 from soliton_linkage_nodes.conversions import NamedChain, chain_to_msg, time_to_msg
+from soliton_linkage_nodes.inlets import Inlet
 
 STORAGES = ('mcap', 'sqlite3')
 
@@ -78,7 +79,7 @@ def test_the_chain_is_recorded_though_it_was_published_before(
     publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
     publisher.publish(chain_to_msg(named, time_to_msg(5)))
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
-    graph.until(lambda: recorder._writer.messages, 'the chain')
+    graph.until(lambda: recorder.messages, 'the chain')
     graph.stop(recorder)
     with open_bag(tmp_path / 'run_0') as reader:
         ((_, message),) = read_topic(reader, 'chain')
@@ -138,7 +139,7 @@ def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     publisher = graph.speak(interfaces.JOINT_STATES)
     publish_frames(publisher, named, 1)
-    graph.until(lambda: recorder._writer.messages, 'the first frame')
+    graph.until(lambda: recorder.messages, 'the first frame')
     reports = graph.reports('bag_recorder')
     graph.until(lambda: reports, 'a report')
     assert reports[-1].message == 'recording'
@@ -164,21 +165,11 @@ def test_a_report_names_the_bag_and_the_topics_that_are_heard(
     publisher = graph.user.create_publisher(topic.type, '/lab/joint_states', topic.qos)
     graph.until(publisher.get_subscription_count, 'the recorder')
     publish_frames(publisher, named, 10)
-    graph.until(lambda: recorder._writer.messages == 10, 'the frames')
+    graph.until(lambda: recorder.messages == 10, 'the frames')
     figures = values(graph.next_report('bag_recorder'))
     assert figures['bag'] == str(tmp_path / 'run_0')
     assert figures['messages'] == '10'
     assert figures['topics heard'] == '/lab/joint_states'
-
-
-def test_a_topic_that_is_none_of_the_suite_is_refused_and_no_bag_begun(
-    graph: Graph, tmp_path: Path
-) -> None:
-    given = {'output': str(tmp_path / 'run'), 'topics': ['joint_state']}
-    said = r"topics of bag_recorder names 'joint_state', which is none of chain, joint_states, "
-    with pytest.raises(ValueError, match=said):
-        graph.start(BagRecorder, given)
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize('parameter', ['outptu', 'topic'])
@@ -245,4 +236,4 @@ def test_a_full_disk_ends_it_with_one_line(
     begun, failed = program.said
     assert begun.endswith(f'recording to {bag}_0')
     assert f"bag '{bag}_0' cannot be written: " in failed
-    assert failed.endswith('choose another output')
+    assert 'choose another output; ' in failed

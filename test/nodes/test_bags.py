@@ -22,7 +22,8 @@ from std_msgs.msg import Header
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes import bags, interfaces
-from soliton_linkage_nodes.bags import BagWriter, open_bag
+from soliton_linkage_nodes.bag_writer import BagWriter
+from soliton_linkage_nodes.bags import open_bag
 from soliton_linkage_nodes.conversions import NamedChain
 
 STORAGES = {'mcap': '.mcap', 'sqlite3': '.db3'}
