@@ -6,7 +6,7 @@ from pathlib import Path
 from setuptools import setup
 
 NODES = ['simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player']
-TOOLS = ['experiment', 'nudge', 'watch_soliton']
+TOOLS = ['check_bag', 'experiment', 'nudge', 'recover_bag', 'watch_soliton']
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 
 setup(

@@ -15,6 +15,7 @@ from soliton_linkage_nodes.stored_topic import StoredTopic
 METADATA_VERSION: Final = 9
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,20 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 def read_metadata(folder: Path) -> dict[str, Any] | None:
     """What metadata.yaml says about a bag, None where there is none that can be read."""
     try:
-        loaded = yaml.safe_load((folder / METADATA_FILE).read_text(encoding='utf-8'))
+        loaded = yaml.load((folder / METADATA_FILE).read_text(encoding='utf-8'), _LOADER)
         information = loaded[_KEY]
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
         return None
     return information if isinstance(information, dict) else None
+
+
+def custom_data_of(metadata: str) -> dict[str, str]:
+    """Texts that are kept in what a file says about its bag, as far as they can be read."""
+    try:
+        custom = yaml.load(metadata, _LOADER).get('custom_data') or {}
+        return {str(key): str(value) for key, value in custom.items()}
+    except (yaml.YAMLError, AttributeError):
+        return {}
 
 
 def _topic(topic: StoredTopic) -> dict[str, Any]:
