@@ -4,29 +4,56 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import resource
+import shlex
 import signal
+import subprocess
+import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
+from geometry_msgs.msg import PoseStamped
 from graphs import Graph, values
 from programs import Program
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from recordings import frame_message
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bag_recorder import BagRecorder
+from soliton_linkage_nodes.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bag_writer import BagWriter
 from soliton_linkage_nodes.bags import open_bag, read_messages, read_topic
 from soliton_linkage_nodes.conversions import NamedChain, chain_to_msg, time_to_msg
 from soliton_linkage_nodes.inlets import Inlet
+from soliton_linkage_nodes.writing_thread import Source, Taken, WritingThread
 
 STORAGES = ('mcap', 'sqlite3')
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 3 MB."""
+    disk = tmp_path / 'disk'
+    disk.mkdir()
+    mount = ['mount', '-t', 'tmpfs', '-o', 'size=3m', 'tmpfs', str(disk)]
+    if os.geteuid() or subprocess.run(mount, check=False).returncode:
+        pytest.skip('a small disk can be mounted by root only')
+    yield disk
+    subprocess.run(['umount', str(disk)], check=True)
 
 
 def messages_of(bag: Path) -> dict[str, list[bytes]]:
@@ -237,3 +264,290 @@ def test_a_full_disk_ends_it_with_one_line(
     assert begun.endswith(f'recording to {bag}_0')
     assert f"bag '{bag}_0' cannot be written: " in failed
     assert 'choose another output; ' in failed
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('after', [0.4, 1.3])
+def test_what_was_sent_a_second_before_a_kill_is_kept(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    storage: str,
+    after: float,
+) -> None:
+    bag = tmp_path / 'run'
+    program = start(
+        'bag_recorder', '--ros-args', '-p', f'output:={bag}', '-p', f'storage:={storage}'
+    )
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent = [serialize_message(frame_message(named, number)) for number in range(3000)]
+    begin, times = time.monotonic(), []
+    while time.monotonic() - begin < after:
+        publisher.publish(sent[len(times)])
+        times.append(time.monotonic())
+        time.sleep(0.001)
+    program.process.kill()
+    program.process.wait()
+    if after > 1.0:
+        complaint = f"bag '{bag}_0' cannot be read: it has no metadata.yaml, its recorder was"
+        with pytest.raises(ValueError, match=re.escape(complaint)), open_bag(tmp_path / 'run_0'):
+            pass
+    report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')
+    recovered = messages_of(new)['/joint_states']
+    assert recovered == sent[: len(recovered)]
+    assert times[len(recovered) - 1] > times[-1] - 1.0
+    assert report.lost == 0
+    assert lost_in(new)['/joint_states'] == 0
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
+    graph: Graph,
+    named: NamedChain,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    storage: str,
+) -> None:
+    write = BagWriter.write
+    stalled = threading.Event()
+
+    def stalling(*arguments: Any) -> None:
+        if not stalled.is_set():
+            stalled.set()
+            time.sleep(2.0)
+        write(*arguments)
+
+    monkeypatch.setattr(BagWriter, 'write', stalling)
+    given = {'output': str(tmp_path / 'run'), 'storage': storage, 'topics': ['joint_states']}
+    recorder = graph.start(BagRecorder, given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent = [serialize_message(frame_message(named, number)) for number in range(2000)]
+    begin = time.monotonic()
+    for number, message in enumerate(sent):
+        publisher.publish(message)
+        time.sleep(max(0.0, begin + number / 1000 - time.monotonic()))
+    assert stalled.is_set()
+    graph.stop(recorder)
+    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
+    assert lost_in(tmp_path / 'run_0') == {'/joint_states': 0}
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_what_a_full_disk_took_can_be_read(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    small_disk: Path,
+    storage: str,
+) -> None:
+    given = ['-p', f'output:={small_disk / "run"}', '-p', f'storage:={storage}']
+    program = start('bag_recorder', '--ros-args', *given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent: list[bytes] = []
+
+    def ended() -> bool:
+        sent.extend(publish_frames(publisher, named, 100))
+        return program.process.poll() is not None
+
+    graph.until(ended, 'the end of the recorder')
+    assert program.process.returncode == 1
+    _, failed = program.said
+    held = messages_of(small_disk / 'run_0')['/joint_states']
+    assert len(held) > 1000
+    assert held == sent[: len(held)]
+    assert f"bag '{small_disk}/run_0' cannot be written: " in failed
+    assert 'full' in failed or 'No space left' in failed
+    assert re.search(r'; choose another output; the \d+ messages before are kept$', failed)
+
+
+def test_an_account_of_the_recording_is_kept_in_the_bag(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(5)))
+    graph.until(lambda: recorder.messages, 'the chain')
+    graph.stop(recorder)
+    with open_bag(tmp_path / 'run_0') as reader:
+        custom = reader.storage.metadata.custom
+    told = json.loads(custom['chain'])['/chain']
+    assert told['number_of_rotors'] == 8
+    assert told['spacing'] == named.chain.spacing
+    assert custom['suite_version'] == version('soliton_linkage_nodes')
+    assert custom['command_line'] == shlex.join(sys.argv)
+
+
+def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(
+    graph: Graph, tmp_path: Path
+) -> None:
+    given = {
+        'output': str(tmp_path / 'run'),
+        'topics': ['nudge', '/camera/image'],
+        'regex': '^/arm/',
+        'exclude_regex': 'raw$',
+    }
+    recorder = graph.start(BagRecorder, given)
+    report = graph.next_report('bag_recorder')
+    assert report.message == 'recording, waiting for /camera/image'
+    assert report.level == report.WARN
+    publishers = {}
+    for name, kind in {
+        '/camera/image': Image,
+        '/arm/pose': PoseStamped,
+        '/arm/raw': Float64,
+        '/leg/pose': PoseStamped,
+    }.items():
+        publishers[name] = graph.user.create_publisher(kind, name, 10)
+    chosen = [publishers['/camera/image'], publishers['/arm/pose']]
+    graph.until(lambda: all(p.get_subscription_count() for p in chosen), 'the recorder')
+    image, pose = Image(height=2, data=b'ab'), PoseStamped()
+    pose.pose.position.x = 3.0
+    publishers['/camera/image'].publish(image)
+    publishers['/arm/pose'].publish(pose)
+    graph.until(lambda: recorder.messages == 2, 'both messages')
+    graph.stop(recorder)
+    with AnyReader([tmp_path / 'run_0']) as reader:
+        types = {c.topic: c.msgtype for c in reader.connections}
+        held = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
+    assert types == {
+        '/nudge': 'std_msgs/msg/Float64',
+        '/camera/image': 'sensor_msgs/msg/Image',
+        '/arm/pose': 'geometry_msgs/msg/PoseStamped',
+    }
+    assert bytes(held['/camera/image'].data) == b'ab'
+    assert held['/arm/pose'].pose.position.x == 3.0
+
+
+def test_a_publisher_that_offers_less_is_heard_as_well(graph: Graph, tmp_path: Path) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = graph.user.create_publisher(JointState, 'joint_states', volatile)
+    graph.until(publisher.get_subscription_count, 'the recorder')
+    publisher.publish(JointState(name=['x']))
+    graph.until(lambda: recorder.messages, 'the message')
+    graph.stop(recorder)
+    assert len(messages_of(tmp_path / 'run_0')['/joint_states']) == 1
+
+
+def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
+    said = r"parameter regex of bag_recorder = '\(' is no regular expression: "
+    with pytest.raises(ValueError, match=said):
+        graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '('})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('limit', [{'max_bag_size': 100_000}, {'max_bag_duration': 0.3}])
+def test_a_bag_is_split_by_size_and_by_time(
+    graph: Graph, named: NamedChain, tmp_path: Path, storage: str, limit: dict[str, Any]
+) -> None:
+    given = {'output': str(tmp_path / 'run'), 'storage': storage, **limit}
+    recorder = graph.start(BagRecorder, given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent = []
+    for _ in range(10):
+        sent += publish_frames(publisher, named, 100)
+        time.sleep(0.1)
+    graph.stop(recorder)
+    files = sorted(path.name for path in (tmp_path / 'run_0').iterdir())
+    suffix = {'mcap': 'mcap', 'sqlite3': 'db3'}[storage]
+    assert files == ['metadata.yaml', *(f'run_{n}.{suffix}' for n in range(len(files) - 1))]
+    assert 3 <= len(files) - 1 <= 6
+    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
+    assert check_bag(tmp_path / 'run_0').damage == []
+
+
+def few(folder: Path) -> dict[str, Any]:
+    """Parameters to record what the test alone sends."""
+    return {'output': str(folder / 'run'), 'topics': ['chain', 'joint_states']}
+
+
+def call(graph: Graph, name: str) -> Any:
+    return graph.call(Trigger, f'bag_recorder/{name}')
+
+
+def test_a_bag_is_split_when_it_is_told_to(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    recorder = graph.start(BagRecorder, few(tmp_path))
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    publish_frames(publisher, named, 10)
+    graph.until(lambda: recorder.messages == 10, 'ten frames')
+    assert call(graph, 'split_bagfile').success
+    graph.until(lambda: values(graph.next_report('bag_recorder'))['files'] == '2', 'a file')
+    publish_frames(publisher, named, 20)
+    graph.stop(recorder)
+    told = yaml.safe_load((tmp_path / 'run_0/metadata.yaml').read_text())
+    files = told['rosbag2_bagfile_information']['files']
+    assert [(file['path'], file['message_count']) for file in files] == [
+        ('run_0.mcap', 10),
+        ('run_1.mcap', 20),
+    ]
+
+
+def test_what_is_sent_in_a_pause_is_left_out_except_what_is_latched(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    recorder = graph.start(BagRecorder, few(tmp_path))
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    chain = graph.speak(interfaces.CHAIN)
+    before = publish_frames(publisher, named, 10)
+    graph.until(lambda: recorder.messages == 10, 'ten frames')
+    assert not call(graph, 'is_paused').success
+    assert call(graph, 'pause').success
+    assert call(graph, 'is_paused').success
+    publish_frames(publisher, named, 20)
+    chain.publish(chain_to_msg(named, time_to_msg(5)))
+    graph.until(lambda: recorder._gate._latched, 'the chain')
+    time.sleep(0.1)
+    assert call(graph, 'resume').success
+    graph.until(lambda: recorder.messages == 11, 'the chain')
+    after = publish_frames(publisher, named, 30)
+    graph.stop(recorder)
+    held = messages_of(tmp_path / 'run_0')
+    assert held['/joint_states'] == before + after
+    assert len(held['/chain']) == 1
+    assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
+
+
+def test_a_snapshot_holds_the_last_seconds_and_what_was_latched(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    given = {**few(tmp_path), 'snapshot_duration': 0.5}
+    recorder = graph.start(BagRecorder, given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(5)))
+    publish_frames(publisher, named, 50)
+    time.sleep(1.0)
+    last = publish_frames(publisher, named, 20)
+    graph.until(lambda: len(recorder._gate._kept) == 20, 'the last frames')
+    assert recorder.messages == 0
+    assert call(graph, 'snapshot').success
+    graph.until(lambda: recorder.messages == 21, 'the snapshot')
+    graph.stop(recorder)
+    held = messages_of(tmp_path / 'run_0')
+    assert held['/joint_states'] == last
+    assert len(held['/chain']) == 1
+
+
+def test_without_a_snapshot_there_is_none_to_write(graph: Graph, tmp_path: Path) -> None:
+    graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    response = call(graph, 'snapshot')
+    assert not response.success
+    assert 'snapshot_duration of bag_recorder = 0 keeps nothing' in response.message
+
+
+def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    gate = threading.Event()
+    thread = WritingThread(lambda: BagWriter(tmp_path / 'run', 'mcap'), most_waiting=1000)
+    thread._post(gate.wait)
+    topic = interfaces.NUDGE
+    source = Source('/nudge', 'std_msgs/msg/Float64', (topic.qos,))
+    for number in range(100):
+        thread.put([Taken(source, number, bytes(100))])
+    gate.set()
+    thread.close({})
+    assert thread.dropped == {'/nudge': 90}
+    assert len(messages_of(tmp_path / 'run_0')['/nudge']) == 10

@@ -132,6 +132,10 @@ class SqliteWriter:
     def close(self, metadata: str) -> None:
         """Commit what is left and the bag's metadata, and end the file."""
         self._put_metadata(metadata)
+        with _as_os_error():
+            self._database.execute('COMMIT')
+            # The emptied journal goes.
+            self._database.execute('PRAGMA journal_mode = DELETE')
         self._database.close()
 
     def abandon(self) -> None:
