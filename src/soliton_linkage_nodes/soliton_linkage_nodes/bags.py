@@ -49,14 +49,28 @@ def open_bag(path: Path) -> Iterator[Reader]:
 
 
 def read_messages(
-    reader: Reader, connections: Collection[Connection]
+    reader: Reader,
+    connections: Collection[Connection],
+    start: int | None = None,
+    stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield the serialized messages of some topics with the time of their receipt [ns]."""
+    """Yield the serialized messages of some topics with the time of their receipt [ns].
+
+    Only those that were received at `start` or later, and before `stop`, where these are given.
+    """
     try:
-        for connection, stamp, serialized in reader.messages(connections):
+        for connection, stamp, serialized in reader.messages(connections, start, stop):
             yield connection, stamp, bytes(serialized)
     except Exception as error:
         raise ValueError(f'bag {str(reader.path)!r} is damaged: {_one_line(error)}') from error
+
+
+def last_before(reader: Reader, connection: Connection, stop: int) -> tuple[int, bytes] | None:
+    """Return the last message of a topic that was received before an instant [ns], and when."""
+    last = None
+    for _, stamp, serialized in read_messages(reader, [connection], None, stop):
+        last = stamp, serialized
+    return last
 
 
 def find_topic(reader: Reader, name: str) -> Connection:
