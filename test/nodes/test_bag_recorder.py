@@ -290,7 +290,7 @@ def test_what_was_sent_a_second_before_a_kill_is_kept(
     program.process.kill()
     program.process.wait()
     if after > 1.0:
-        complaint = f"bag '{bag}_0' cannot be read: it has no metadata.yaml, its recorder was"
+        complaint = f"bag '{bag}_0' cannot be read: it has no metadata.yaml; its recorder"
         with pytest.raises(ValueError, match=re.escape(complaint)), open_bag(tmp_path / 'run_0'):
             pass
     report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')

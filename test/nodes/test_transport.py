@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -34,9 +35,9 @@ def clock() -> Clock:
 
 @pytest.fixture
 def started(clock: Clock) -> Callable[..., Transport]:
-    def start(*arguments: object) -> Transport:
-        moved = Transport(*arguments, clock=clock)  # type: ignore[arg-type, misc]
-        moved._changed.wait = clock.wait  # type: ignore[method-assign, assignment]
+    def start(*arguments: Any) -> Transport:
+        moved: Any = Transport(*arguments, clock=clock)
+        moved._changed.wait = clock.wait
         moved.start(0)
         return moved
 

@@ -31,8 +31,8 @@ def open_bag(path: Path) -> Iterator[Reader]:
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
     if path.is_dir() and not (path / METADATA_FILE).exists() and _files_of(path):
         raise ValueError(
-            f'bag {str(path)!r} cannot be read: it has no {METADATA_FILE}, its recorder was '
-            f'killed; recover_bag {path} makes a whole bag of it'
+            f'bag {str(path)!r} cannot be read: it has no {METADATA_FILE}; its recorder still '
+            f'runs, or was killed, and then recover_bag {path} makes a whole bag of it'
         )
     try:
         reader = Reader(path)
@@ -40,7 +40,8 @@ def open_bag(path: Path) -> Iterator[Reader]:
     except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
             f'bag {str(path)!r} cannot be read: {_one_line(error)} '
-            'Give a directory with metadata.yaml and an .mcap or .db3 file'
+            'Give a directory with metadata.yaml and an .mcap or .db3 file, or, where it is '
+            f'damaged, try recover_bag {path}'
         ) from error
     try:
         yield reader
@@ -62,7 +63,10 @@ def read_messages(
         for connection, stamp, serialized in reader.messages(connections, start, stop):
             yield connection, stamp, bytes(serialized)
     except Exception as error:
-        raise ValueError(f'bag {str(reader.path)!r} is damaged: {_one_line(error)}') from error
+        raise ValueError(
+            f'bag {str(reader.path)!r} is damaged: {_one_line(error)} '
+            f'recover_bag {reader.path} brings back what is intact'
+        ) from error
 
 
 def last_before(reader: Reader, connection: Connection, stop: int) -> tuple[int, bytes] | None:

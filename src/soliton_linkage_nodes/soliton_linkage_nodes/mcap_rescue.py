@@ -64,6 +64,7 @@ class RescuedMcap:
         self._doubtful_channels: dict[int, Channel] = {}
         self._stated: int | None = None
         self._footer = False
+        self._sizes: dict[int, int] = {}
         with path.open('rb') as file:
             size = file.seek(0, 2)
             self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b''
@@ -192,8 +193,11 @@ class RescuedMcap:
         channel = struct.unpack_from('<H', self._data, begin)[0]
         known = channel in self._doubtful_channels or channel in self._channels
         following = self._data[end : end + 1]
-        if not known or (following and following[0] not in _KINDS):
+        # What follows tells whether the length is right; if that is damaged, those before do.
+        fits = not following or following[0] in _KINDS or self._sizes.get(channel) == size
+        if not known or not fits:
             return None
+        self._sizes[channel] = size
         last = self._found[-1] if self._found else None
         if isinstance(last, _Run) and last.end == place:
             self._found[-1] = _Run(last.begin, end)
