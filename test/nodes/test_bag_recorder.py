@@ -418,6 +418,15 @@ def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(
     assert held['/arm/pose'].pose.position.x == 3.0
 
 
+def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '^/arm/'})
+    publisher = graph.user.create_publisher(Float64, '/arm/force', 10)
+    graph.until(publisher.get_subscription_count, 'the recorder')
+    graph.stop(recorder)
+    suite = {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE}
+    assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
+
+
 def test_a_publisher_that_offers_less_is_heard_as_well(graph: Graph, tmp_path: Path) -> None:
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
@@ -22,6 +23,7 @@ from soliton_linkage.quantities import quantity
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bag_services import serve, tell
 from soliton_linkage_nodes.bags import (
+    decoder,
     find_topic,
     last_before,
     latched,
@@ -34,6 +36,7 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.keyboard import DOWN, RIGHT, SPACE, UP, Keyboard
 from soliton_linkage_nodes.lockstep import Lockstep
 from soliton_linkage_nodes.matching import wait_for_subscriber
+from soliton_linkage_nodes.older_messages import is_older
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 from soliton_linkage_nodes.transport import Transport, Turn
@@ -101,6 +104,7 @@ class BagPlayer(Node):
         self.finished = False
         self.failure: Exception | None = None
         self._played = 0
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._transport = Transport(
             self.settings.rate, self.settings.start_paused, not self.settings.lockstep
         )
@@ -157,6 +161,8 @@ class BagPlayer(Node):
     def _create_publishers(self, connections: Sequence[Connection]) -> dict[str, Publisher]:
         outlets = {}
         for connection in connections:
+            if is_older(connection):
+                self._decoders[connection.topic] = decoder(connection)
             try:
                 message_type = message_class(connection.msgtype)
             except ValueError as error:
@@ -279,6 +285,8 @@ class BagPlayer(Node):
         return ahead
 
     def _publish(self, connection: Connection, serialized: bytes) -> None:
+        if connection.topic in self._decoders:
+            serialized = serialize_message(self._decoders[connection.topic](serialized))
         if self._lockstep is None:
             self._outlets[connection.topic].publish(serialized)
         else:
@@ -295,7 +303,7 @@ class BagPlayer(Node):
             return
         lockstep.settle(stopped)
         self._outlets[topic].publish(serialized)
-        self._outlets[topic].wait_for_all_acked(Duration(seconds=_LONGEST_DELIVERY))
+        self._wait_until_acknowledged([self._outlets[topic]])
 
     def _wait_for_subscribers(self) -> None:
         limit = self.settings.subscriber_timeout
@@ -322,13 +330,16 @@ class BagPlayer(Node):
 
     def _wait_for_delivery(self) -> None:
         """Stay until every subscriber has what was published, and the analyser its last frame."""
+        self._wait_until_acknowledged(self._outlets.values())
+        if self._lockstep is not None:
+            self._lockstep.settle(self._stopping.is_set)
+
+    def _wait_until_acknowledged(self, publishers: Iterable[Publisher]) -> None:
         deadline = time.monotonic() + _LONGEST_DELIVERY
-        for publisher in self._outlets.values():
+        for publisher in publishers:
             while time.monotonic() < deadline and not self._stopping.is_set():
                 if publisher.wait_for_all_acked(Duration(seconds=_POLL_INTERVAL)):
                     break
-        if self._lockstep is not None:
-            self._lockstep.settle(self._stopping.is_set)
 
     def _show(self, stamp: int) -> None:
         at = (stamp - self._origin) / _SECOND

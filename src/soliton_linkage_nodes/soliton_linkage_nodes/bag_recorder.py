@@ -43,9 +43,7 @@ class BagRecorderParameters:
     )
     storage: str = quantity('mcap', 'storage of the bag', choices=STORAGES)
     compression: str = quantity('none', 'compression of an mcap file', choices=COMPRESSIONS)
-    topics: tuple[str, ...] = quantity(
-        (), 'names of topics to record; empty for all of the suite, unless regex is given'
-    )
+    topics: tuple[str, ...] = quantity((), 'names of topics to record; empty for all of the suite')
     regex: str = quantity('', 'also record the topics whose full names contain this pattern')
     exclude_regex: str = quantity('', 'do not record topics whose full names contain this pattern')
     max_bag_size: int = quantity(0, 'size from which on a new file is begun, 0 for never', 'B', 0)

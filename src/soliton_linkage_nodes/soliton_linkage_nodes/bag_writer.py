@@ -77,7 +77,8 @@ class BagWriter:
     @property
     def messages(self) -> int:
         """Messages stored so far."""
-        return sum(self._counts.values()) + sum(self._file.counts.values())
+        # Other threads may ask while a topic is added: the lists are made at one go.
+        return sum(list(self._counts.values())) + sum(list(self._file.counts.values()))
 
     @property
     def files(self) -> int:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from soliton_linkage_nodes.conversions import (
     frame_from_msg,
     time_from_msg,
 )
+from soliton_linkage_nodes.older_messages import OlderMessages, is_older
 
 
 @contextmanager
@@ -104,9 +105,30 @@ def find_topic(reader: Reader, name: str) -> Connection:
 def read_topic(reader: Reader, name: str) -> Iterator[tuple[int, Any]]:
     """Yield the messages of a topic with the time at which they were received [ns]."""
     connection = find_topic(reader, name)
-    message_type = message_class(connection.msgtype)
+    decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
-        yield stamp, deserialize_message(serialized, message_type)
+        yield stamp, decode(serialized)
+
+
+def decoder(connection: Connection) -> Callable[[bytes], Any]:
+    """Return what makes messages of the installed type of a topic's serialized ones.
+
+    Those that were recorded with another definition of the type are filled by name. It raises
+    ValueError for a message that is damaged, and at once where the type is not installed.
+    """
+    message_type = message_class(connection.msgtype)
+    if is_older(connection):
+        return OlderMessages(connection, message_type).read
+
+    def decode(serialized: bytes) -> Any:
+        try:
+            return deserialize_message(serialized, message_type)
+        except Exception as error:  # rclpy's own, which has no public name
+            raise ValueError(
+                f'a message on {connection.topic} is damaged: {_one_line(error)}'
+            ) from error
+
+    return decode
 
 
 def read_chain(reader: Reader) -> NamedChain:

@@ -30,23 +30,20 @@ class Inlet:
         self._type = message_type
         self._qos = _heard_by_all(source.profiles)
         self._subscription = self._subscribe()
-
-    @property
-    def publishers(self) -> int:
-        """How many publishers it hears."""
-        return int(self._subscription.get_publisher_count())
+        self.publishers = 0
+        """How many publishers it heard when it was last drained."""
 
     def drain(self) -> list[Taken]:
         """Take all messages that are waiting."""
         taken = []
-        publishers = self.publishers
+        self.publishers = self._subscription.get_publisher_count()
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
                 serialized, info = message
                 number = info['publication_sequence_number']
                 if number is not None:
-                    self.gaps.take(number, publishers)
+                    self.gaps.take(number, self.publishers)
                 taken.append(Taken(self.source, info['received_timestamp'], serialized))
         return taken
 
@@ -72,14 +69,13 @@ class InletFinder:
     """Opens an inlet for every topic that is to be recorded, as soon as its type is known."""
 
     def __init__(self, node: Node, names: Sequence[str], regex: str, exclude: str) -> None:
-        """Choose topics by name, by pattern, or, with neither, all of the suite."""
+        """Choose topics by name, or, with none, all of the suite, and others by a pattern."""
         self._node = node
         self._regex = _compiled('regex', regex)
         self._exclude = _compiled('exclude_regex', exclude)
         known = {topic.name.lstrip('/'): topic for topic in SUITE}
         asked = [name.lstrip('/') for name in names]
-        wanted = list(known) if not (asked or regex) else [n for n in known if n in asked]
-        self._suite = [known[name] for name in wanted]
+        self._suite = [topic for name, topic in known.items() if not asked or name in asked]
         others = [name for name in names if name.lstrip('/') not in known]
         self.awaited = {node.resolve_topic_name(name) for name in others}
         self.refused: dict[str, str] = {}
