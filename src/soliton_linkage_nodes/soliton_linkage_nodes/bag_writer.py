@@ -67,7 +67,8 @@ class BagWriter:
         self._counts: dict[int, int] = {}
         self._custom_data: dict[str, str] = {}
         self._noted: dict[str, str] = {}
-        self._flushed_at = self._noted_at = time.monotonic()
+        self._flushed_at = time.monotonic()
+        self._noted_at = self._flushed_at - _NOTE_INTERVAL
         with self._complaining():
             self.path = _first_free(name)
             self.path.mkdir(parents=True)
