@@ -340,14 +340,17 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
 
 
 @pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('largest', [0, 100_000])
 def test_what_a_full_disk_took_can_be_read(
     graph: Graph,
     start: Callable[..., Program],
     named: NamedChain,
     small_disk: Path,
     storage: str,
+    largest: int,
 ) -> None:
     given = ['-p', f'output:={small_disk / "run"}', '-p', f'storage:={storage}']
+    given += ['-p', f'max_bag_size:={largest}']
     program = start('bag_recorder', '--ros-args', *given)
     publisher = graph.speak(interfaces.JOINT_STATES)
     sent: list[bytes] = []

@@ -17,7 +17,7 @@ from recordings import START, run_of
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from soliton_linkage_nodes import bag_writer
+from soliton_linkage_nodes import bag_writer, mcap_records, mcap_writer
 from soliton_linkage_nodes.bag_rescue import check_bag, recover_bag
 from soliton_linkage_nodes.bag_writer import BagWriter
 from soliton_linkage_nodes.bags import open_bag, read_messages, type_name
@@ -267,6 +267,20 @@ def test_a_bag_that_was_never_closed_comes_back_to_its_last_flush(
     classes = {f'/{topic.name}': topic.type for topic, _, _ in entries}
     messages = [deserialize_message(data, classes[topic]) for topic, _, data in held]
     assert messages == [message for _, _, message in entries][: len(held)]
+
+
+def test_definitions_are_told_again_so_that_the_first_may_be_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_writer, '_DEFINITIONS_INTERVAL', 0.0)
+    data = data_file(write_nudges(tmp_path / 'run', 'mcap'))
+    sent = rescued(data)
+    whole = data.read_bytes()
+    end_of_data = whole.index(mcap_records.record(mcap_records.Opcode.DATA_END, bytes(4)))
+    damaged = bytearray(whole[:end_of_data])
+    damaged[whole.index(sent[0][2])] ^= 1
+    data.write_bytes(damaged)
+    assert rescued(data) == sent[4:]
 
 
 def test_metadata_alone_may_be_lost(named: NamedChain, storage: str, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
@@ -58,6 +58,7 @@ class BagWriter:
         self.path = name
         self.topics: list[StoredTopic] = []
         self.finished = False
+        self._is_open = False
         self._name = name.name
         self._storage = storage
         self._codec = '' if compression == 'none' else compression
@@ -74,6 +75,7 @@ class BagWriter:
             self.path.mkdir(parents=True)
             (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
             self._file = self._open_file()
+            self._is_open = True
 
     @property
     def messages(self) -> int:
@@ -139,7 +141,9 @@ class BagWriter:
         """Go on in a new file."""
         with self._complaining():
             self._close_file()
+            self._is_open = False
             self._file = self._open_file()
+            self._is_open = True
             for topic in self.topics:
                 self._file.add_topic(topic)
             self._noted = {}
@@ -154,14 +158,15 @@ class BagWriter:
 
     def rescue(self) -> None:
         """Finish a bag that could not be written, with what the disk took, as far as it goes."""
-        with suppress(OSError):
+        try:
             (self.path / _RESERVE).unlink(missing_ok=True)
-            self._file.discard()
-            self._close_file()
+            if self._is_open:
+                self._file.discard()
+                self._close_file()
             self._finish()
-            return
-        with suppress(OSError):
-            self._file.abandon()
+        except OSError:
+            if self._is_open:
+                self._file.abandon()
 
     def _finish(self) -> None:
         write_metadata(self.path, self._information([]))

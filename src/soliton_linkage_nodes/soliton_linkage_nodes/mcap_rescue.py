@@ -156,27 +156,27 @@ class RescuedMcap:
             return None
         if head.size == size and begin + size > len(self._data):
             self._complain(f'the file ends within the chunk at byte {place}')
-            self._note_chunk(_Chunk(place, begin, head, cut=True))
+            chunk = _Chunk(place, begin, head, cut=True)
+            self._note_chunk(chunk, mcap.unpack(head, self._packed(chunk))[0])
             return len(self._data)
         # Either of the two lengths may be damaged; the checksum tells which is right.
         lengths = {size - head.begin, head.packed}
         for packed in lengths:
             chunk = _Chunk(place, begin, replace(head, packed=packed))
-            if 0 <= packed <= len(self._data) - begin - head.begin and self._is_whole(chunk):
-                self._note_chunk(chunk)
+            if not 0 <= packed <= len(self._data) - begin - head.begin:
+                continue
+            records, whole = mcap.unpack(chunk.head, self._packed(chunk))
+            if whole:
+                self._note_chunk(chunk, records)
                 return begin + chunk.head.size
         if len(lengths) > 1:
             return None
         self._found.append(_Chunk(place, begin, head))
         return int(begin + size)
 
-    def _is_whole(self, chunk: _Chunk) -> bool:
-        return mcap.unpack(chunk.head, self._packed(chunk))[1]
-
-    def _note_chunk(self, chunk: _Chunk) -> None:
+    def _note_chunk(self, chunk: _Chunk, records: bytes) -> None:
         """Keep a chunk and learn what it defines."""
         self._found.append(chunk)
-        records, _ = mcap.unpack(chunk.head, self._packed(chunk))
         for _, opcode, body in mcap.records_in(records):
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 with suppress(ValueError):

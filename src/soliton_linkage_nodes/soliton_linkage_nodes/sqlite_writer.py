@@ -117,9 +117,10 @@ class SqliteWriter:
 
     def discard(self) -> None:
         """Forget what the disk refused."""
-        if self._database.in_transaction:
-            self._database.execute('ROLLBACK')
-        self._database.execute('BEGIN')
+        with _as_os_error():
+            if self._database.in_transaction:
+                self._database.execute('ROLLBACK')
+            self._database.execute('BEGIN')
         for number, count in self._pending.items():
             self.counts[number] -= count
         self._pending.clear()

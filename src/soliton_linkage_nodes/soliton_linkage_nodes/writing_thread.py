@@ -136,7 +136,11 @@ class WritingThread:
             return None if self._ending else self._writer.tick
 
     def _fail(self, error: Exception) -> None:
-        self._writer.rescue()
+        try:
+            self._writer.rescue()
+        except Exception:
+            self.failure = error
+            raise
         kept = f'the {self._writer.messages} messages before are kept'
         if not self._writer.finished:
             kept = f'recover_bag {self._writer.path} brings back what was written before'
