@@ -4,78 +4,34 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import resource
 import shlex
 import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from geometry_msgs.msg import PoseStamped
 from graphs import Graph, values
 from programs import Program
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from recordings import frame_message
-from rosbags.highlevel import AnyReader
-from sensor_msgs.msg import Image, JointState
+from recordings import frame_message, lost_in, messages_of, publish_frames
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bag_recorder import BagRecorder
 from soliton_linkage_nodes.bag_rescue import check_bag, recover_bag
-from soliton_linkage_nodes.bag_writer import BagWriter
-from soliton_linkage_nodes.bags import open_bag, read_messages, read_topic
+from soliton_linkage_nodes.bags import open_bag, read_topic
 from soliton_linkage_nodes.conversions import NamedChain, chain_to_msg, time_to_msg
 from soliton_linkage_nodes.inlets import Inlet
-from soliton_linkage_nodes.writing_thread import Source, Taken, WritingThread
 
 STORAGES = ('mcap', 'sqlite3')
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 3 MB."""
-    disk = tmp_path / 'disk'
-    disk.mkdir()
-    mount = ['mount', '-t', 'tmpfs', '-o', 'size=3m', 'tmpfs', str(disk)]
-    if os.geteuid() or subprocess.run(mount, check=False).returncode:
-        pytest.skip('a small disk can be mounted by root only')
-    yield disk
-    subprocess.run(['umount', str(disk)], check=True)
-
-
-def messages_of(bag: Path) -> dict[str, list[bytes]]:
-    """Return the serialized messages of each topic of a bag."""
-    with open_bag(bag) as reader:
-        held: dict[str, list[bytes]] = {connection.topic: [] for connection in reader.connections}
-        for connection, _, serialized in read_messages(reader, reader.connections):
-            held[connection.topic].append(serialized)
-    return held
-
-
-def lost_in(bag: Path) -> dict[str, int]:
-    with open_bag(bag) as reader:
-        return json.loads(reader.storage.metadata.custom['lost_messages'])
-
-
-def publish_frames(publisher: Publisher, named: NamedChain, frames: int) -> list[bytes]:
-    """Publish frames and return them as they were sent."""
-    sent = [serialize_message(frame_message(named, number)) for number in range(frames)]
-    for message in sent:
-        publisher.publish(message)
-    return sent
 
 
 @pytest.mark.parametrize('storage', STORAGES)
@@ -238,35 +194,6 @@ def test_a_signal_finishes_the_bag_with_all_that_was_sent(
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_a_full_disk_ends_it_with_one_line(
-    graph: Graph,
-    start: Callable[..., Program],
-    named: NamedChain,
-    tmp_path: Path,
-    storage: str,
-) -> None:
-    bag = tmp_path / 'run'
-    program = start(
-        'bag_recorder', '--ros-args', '-p', f'output:={bag}', '-p', f'storage:={storage}'
-    )
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    graph.next_report('bag_recorder')
-    limits = (200_000, 200_000)
-    resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, limits)
-
-    def ended() -> bool:
-        publish_frames(publisher, named, 200)
-        return program.process.poll() is not None
-
-    graph.until(ended, 'the end of the recorder')
-    assert program.process.returncode == 1
-    begun, failed = program.said
-    assert begun.endswith(f'recording to {bag}_0')
-    assert f"bag '{bag}_0' cannot be written: " in failed
-    assert 'choose another output; ' in failed
-
-
-@pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('after', [0.4, 1.3])
 def test_what_was_sent_a_second_before_a_kill_is_kept(
     graph: Graph,
@@ -307,69 +234,6 @@ def test_what_was_sent_a_second_before_a_kill_is_kept(
     assert lost_in(new)['/joint_states'] == 0
 
 
-@pytest.mark.parametrize('storage', STORAGES)
-def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
-    graph: Graph,
-    named: NamedChain,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    storage: str,
-) -> None:
-    write = BagWriter.write
-    stalled = threading.Event()
-
-    def stalling(*arguments: Any) -> None:
-        if not stalled.is_set():
-            stalled.set()
-            time.sleep(2.0)
-        write(*arguments)
-
-    monkeypatch.setattr(BagWriter, 'write', stalling)
-    given = {'output': str(tmp_path / 'run'), 'storage': storage, 'topics': ['joint_states']}
-    recorder = graph.start(BagRecorder, given)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    sent = [serialize_message(frame_message(named, number)) for number in range(2000)]
-    begin = time.monotonic()
-    for number, message in enumerate(sent):
-        publisher.publish(message)
-        time.sleep(max(0.0, begin + number / 1000 - time.monotonic()))
-    assert stalled.is_set()
-    graph.stop(recorder)
-    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
-    assert lost_in(tmp_path / 'run_0') == {'/joint_states': 0}
-
-
-@pytest.mark.parametrize('storage', STORAGES)
-@pytest.mark.parametrize('largest', [0, 100_000])
-def test_what_a_full_disk_took_can_be_read(
-    graph: Graph,
-    start: Callable[..., Program],
-    named: NamedChain,
-    small_disk: Path,
-    storage: str,
-    largest: int,
-) -> None:
-    given = ['-p', f'output:={small_disk / "run"}', '-p', f'storage:={storage}']
-    given += ['-p', f'max_bag_size:={largest}']
-    program = start('bag_recorder', '--ros-args', *given)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    sent: list[bytes] = []
-
-    def ended() -> bool:
-        sent.extend(publish_frames(publisher, named, 100))
-        return program.process.poll() is not None
-
-    graph.until(ended, 'the end of the recorder')
-    assert program.process.returncode == 1
-    _, failed = program.said
-    held = messages_of(small_disk / 'run_0')['/joint_states']
-    assert len(held) > 1000
-    assert held == sent[: len(held)]
-    assert f"bag '{small_disk}/run_0' cannot be written: " in failed
-    assert 'full' in failed or 'No space left' in failed
-    assert re.search(r'; choose another output; the \d+ messages before are kept$', failed)
-
-
 def test_an_account_of_the_recording_is_kept_in_the_bag(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
@@ -384,74 +248,6 @@ def test_an_account_of_the_recording_is_kept_in_the_bag(
     assert told['spacing'] == named.chain.spacing
     assert custom['suite_version'] == version('soliton_linkage_nodes')
     assert custom['command_line'] == shlex.join(sys.argv)
-
-
-def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(
-    graph: Graph, tmp_path: Path
-) -> None:
-    given = {
-        'output': str(tmp_path / 'run'),
-        'topics': ['nudge', '/camera/image'],
-        'regex': '^/arm/',
-        'exclude_regex': 'raw$',
-    }
-    recorder = graph.start(BagRecorder, given)
-    report = graph.next_report('bag_recorder')
-    assert report.message == 'recording, waiting for /camera/image'
-    assert report.level == report.WARN
-    publishers = {}
-    for name, kind in {
-        '/camera/image': Image,
-        '/arm/pose': PoseStamped,
-        '/arm/raw': Float64,
-        '/leg/pose': PoseStamped,
-    }.items():
-        publishers[name] = graph.user.create_publisher(kind, name, 10)
-    chosen = [publishers['/camera/image'], publishers['/arm/pose']]
-    graph.until(lambda: all(p.get_subscription_count() for p in chosen), 'the recorder')
-    image, pose = Image(height=2, data=b'ab'), PoseStamped()
-    pose.pose.position.x = 3.0
-    publishers['/camera/image'].publish(image)
-    publishers['/arm/pose'].publish(pose)
-    graph.until(lambda: recorder.messages == 2, 'both messages')
-    graph.stop(recorder)
-    with AnyReader([tmp_path / 'run_0']) as reader:
-        types = {c.topic: c.msgtype for c in reader.connections}
-        held = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
-    assert types == {
-        '/nudge': 'std_msgs/msg/Float64',
-        '/camera/image': 'sensor_msgs/msg/Image',
-        '/arm/pose': 'geometry_msgs/msg/PoseStamped',
-    }
-    assert bytes(held['/camera/image'].data) == b'ab'
-    assert held['/arm/pose'].pose.position.x == 3.0
-
-
-def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
-    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '^/arm/'})
-    publisher = graph.user.create_publisher(Float64, '/arm/force', 10)
-    graph.until(publisher.get_subscription_count, 'the recorder')
-    graph.stop(recorder)
-    suite = {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE}
-    assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
-
-
-def test_a_publisher_that_offers_less_is_heard_as_well(graph: Graph, tmp_path: Path) -> None:
-    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
-    volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = graph.user.create_publisher(JointState, 'joint_states', volatile)
-    graph.until(publisher.get_subscription_count, 'the recorder')
-    publisher.publish(JointState(name=['x']))
-    graph.until(lambda: recorder.messages, 'the message')
-    graph.stop(recorder)
-    assert len(messages_of(tmp_path / 'run_0')['/joint_states']) == 1
-
-
-def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
-    said = r"parameter regex of bag_recorder = '\(' is no regular expression: "
-    with pytest.raises(ValueError, match=said):
-        graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '('})
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize('storage', STORAGES)
@@ -553,19 +349,3 @@ def test_without_a_snapshot_there_is_none_to_write(graph: Graph, tmp_path: Path)
     response = call(graph, 'snapshot')
     assert not response.success
     assert 'snapshot_duration of bag_recorder = 0 keeps nothing' in response.message
-
-
-def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
-    named: NamedChain, tmp_path: Path
-) -> None:
-    gate = threading.Event()
-    thread = WritingThread(lambda: BagWriter(tmp_path / 'run', 'mcap'), most_waiting=1000)
-    thread._post(gate.wait)
-    topic = interfaces.NUDGE
-    source = Source('/nudge', 'std_msgs/msg/Float64', (topic.qos,))
-    for number in range(100):
-        thread.put([Taken(source, number, bytes(100))])
-    gate.set()
-    thread.close({})
-    assert thread.dropped == {'/nudge': 90}
-    assert len(messages_of(tmp_path / 'run_0')['/nudge']) == 10

@@ -134,7 +134,6 @@ class BagPlayer(Node):
         """Find out what is to be played; raises ValueError where it is not in the bag."""
         connections = _chosen(reader, self.settings.topics)
         self._outlets = self._create_publishers(connections)
-        self._total = sum(c.msgcount for c in connections if c.topic in self._outlets)
         self._origin, end = _span(reader)
         self._duration = (end - self._origin) / _SECOND
         self._start = self._origin + round(self.settings.start_offset * _SECOND)
@@ -157,14 +156,15 @@ class BagPlayer(Node):
             self._lockstep = Lockstep(
                 self, states, self.settings.lockstep_window, self.settings.lockstep_timeout
             )
+        self._total = sum(c.msgcount for c in connections if c.topic in self._outlets)
 
     def _create_publishers(self, connections: Sequence[Connection]) -> dict[str, Publisher]:
         outlets = {}
         for connection in connections:
-            if is_older(connection):
-                self._decoders[connection.topic] = decoder(connection)
             try:
                 message_type = message_class(connection.msgtype)
+                if is_older(connection):
+                    self._decoders[connection.topic] = decoder(connection)
             except ValueError as error:
                 self.get_logger().warning(f'{connection.topic} is not played: {error}')
                 continue
