@@ -142,6 +142,8 @@ install_beside_ros() {
     add rosbags apsw backports.zstd lz4 rosbags ruamel.yaml typing_extensions
     add pytest exceptiongroup iniconfig packaging pluggy pygments pytest
     add hypothesis hypothesis sortedcontainers
+    add mcap mcap zstandard
+    add mcap_ros2 mcap-ros2-support
     add mpmath mpmath
     add xdist execnet pytest-xdist
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)

@@ -13,7 +13,16 @@ NODES = [
     'bag_recorder',
     'bag_player',
 ]
-TOOLS = ['analyse_bag', 'contraction', 'experiment', 'move_soliton', 'nudge', 'watch_soliton']
+TOOLS = [
+    'analyse_bag',
+    'check_bag',
+    'contraction',
+    'experiment',
+    'move_soliton',
+    'nudge',
+    'recover_bag',
+    'watch_soliton',
+]
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 
 setup(

@@ -3,17 +3,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bags import BagWriter, type_name
+from soliton_linkage_nodes.bag_writer import BagWriter
+from soliton_linkage_nodes.bags import open_bag, read_messages, type_name
 from soliton_linkage_nodes.conversions import (
     Frame,
     NamedChain,
@@ -58,3 +61,26 @@ def write_bag(
         writer.write(connections[full_name], stamp, serialize_message(message))
     writer.close({})
     return writer.path
+
+
+def messages_of(bag: Path) -> dict[str, list[bytes]]:
+    """Return the serialized messages of each topic of a bag."""
+    with open_bag(bag) as reader:
+        held: dict[str, list[bytes]] = {connection.topic: [] for connection in reader.connections}
+        for connection, _, serialized in read_messages(reader, reader.connections):
+            held[connection.topic].append(serialized)
+    return held
+
+
+def lost_in(bag: Path) -> dict[str, int]:
+    """Return how many messages of each topic a bag says were lost."""
+    with open_bag(bag) as reader:
+        return json.loads(reader.storage.metadata.custom['lost_messages'])
+
+
+def publish_frames(publisher: Publisher, named: NamedChain, frames: int) -> list[bytes]:
+    """Publish frames and return them as they were sent."""
+    sent = [serialize_message(frame_message(named, number)) for number in range(frames)]
+    for message in sent:
+        publisher.publish(message)
+    return sent

@@ -22,7 +22,8 @@ from std_msgs.msg import Header
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes import bags, interfaces
-from soliton_linkage_nodes.bags import BagWriter, open_bag
+from soliton_linkage_nodes.bag_writer import BagWriter
+from soliton_linkage_nodes.bags import open_bag
 from soliton_linkage_nodes.conversions import NamedChain
 
 STORAGES = {'mcap': '.mcap', 'sqlite3': '.db3'}
@@ -156,10 +157,6 @@ def remove_data(path: Path) -> None:
     next(part for part in path.iterdir() if part.suffix in STORAGES.values()).unlink()
 
 
-def remove_metadata(path: Path) -> None:
-    (path / 'metadata.yaml').unlink()
-
-
 def empty_data(path: Path) -> None:
     next(part for part in path.iterdir() if part.suffix in STORAGES.values()).write_bytes(b'')
 
@@ -186,7 +183,6 @@ def misname_metadata(path: Path) -> None:
     [
         remove_everything,
         remove_data,
-        remove_metadata,
         empty_data,
         halve_data,
         garble_metadata,
@@ -203,6 +199,16 @@ def test_what_cannot_be_read_is_said_in_one_line_that_names_it(
     with pytest.raises(ValueError, match=said) as refusal, open_bag(path):
         pass
     assert '\n' not in str(refusal.value)
+
+
+def test_a_bag_that_was_not_finished_is_named_with_the_remedy(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 20), storage)
+    (path / 'metadata.yaml').unlink()
+    said = rf"^bag '{path}' cannot be read: it has no metadata.yaml; .* recover_bag {path} makes"
+    with pytest.raises(ValueError, match=said), open_bag(path):
+        pass
 
 
 def test_a_bag_that_does_not_exist_is_named(tmp_path: Path) -> None:

@@ -226,6 +226,22 @@ def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() ->
     assert legs[-60] == 0
 
 
+def test_a_strong_wake_is_not_taken_for_offsets() -> None:
+    chain = chain_of(SPINNER, 20)
+    start = chain.uniform_state(-1)
+    rates = 4 * SPEEDS[SPINNER] * mode_towards_last(chain, start)
+    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(2.0).angles
+    cycle, random = Cycle(chain), np.random.default_rng(1)
+    tracker = CycleFilter(cycle)
+    for frame, exact in enumerate(angles):
+        estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
+        image = math.pi - exact if estimate.upside_down else exact
+        off = estimate.arc - fit_near(cycle, image, estimate.arc).arc
+        assert abs(off) < 6 * estimate.arc_deviation
+    assert tracker.starts == 1
+    assert not tracker.offsets.corrections.any()
+
+
 def test_another_pair_of_walls_does_not_disturb() -> None:
     record = passage(FLIPPER, 40, 4.0)
     turned = record.cycle.chain.uniform_state(-1) - record.cycle.chain.uniform_state(1)

@@ -87,7 +87,7 @@ class EncoderOffsets:
         self._solve()
 
     def doubt(self, rotors: NDArray[np.bool_]) -> None:
-        """Let some rotors, shape (N,), not be what they were before; all else they showed counts."""
+        """Let rotors, shape (N,), that are not what they were before have to show it again."""
         self._times[rotors] = np.minimum(self._times[rotors], _LEAST_TIMES) - 1
 
     def _solve(self) -> None:

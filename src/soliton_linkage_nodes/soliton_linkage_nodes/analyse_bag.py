@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
@@ -25,8 +24,8 @@ from soliton_linkage.recording import Recording
 from soliton_linkage.track import Track, find_crossings
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.bags import (
+    decoder,
     find_topic,
-    message_class,
     open_bag,
     read_chain,
     read_messages,
@@ -64,8 +63,9 @@ def analysed(
         connections.append(find_topic(reader, 'chain'))
     else:
         analysis.learn(given)
+    decoders = {connection.id: decoder(connection) for connection in connections}
     for connection, _, serialized in read_messages(reader, connections):
-        message = deserialize_message(serialized, message_class(connection.msgtype))
+        message = decoders[connection.id](serialized)
         if connection is not joints:
             analysis.learn(chain_from_msg(message))
             continue

@@ -1,111 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of the suite: written and read through rosbags, on machines with and without rosbag2."""
+"""Bags are read through rosbags, on machines with and without rosbag2."""
 
 from __future__ import annotations
 
 import importlib
-import sqlite3
-import time
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
-from functools import lru_cache
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-from ament_index_python.packages import get_package_share_directory
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
 from rclpy.serialization import deserialize_message
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer, WriterError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from rosbags.interfaces import Connection, QosDurability
+from rosbags.rosbag2 import Reader
 
 from soliton_linkage.recording import Recording
+from soliton_linkage_nodes.bag_metadata import METADATA_FILE
 from soliton_linkage_nodes.conversions import (
     NamedChain,
     chain_from_msg,
     frame_from_msg,
     time_from_msg,
 )
-
-STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-
-_METADATA_VERSION: Final = 9
-_MESSAGES_PACKAGE = 'soliton_linkage_msgs'
-_UNLIMITED = QosTime(sec=2147483647, nsec=4294967295)
-
-
-class BagWriter:
-    """A bag that is being written, in a directory named `<name>_<first free number>`.
-
-    It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
-    bag cannot be written.
-    """
-
-    def __init__(self, name: Path, storage: str) -> None:
-        """Create the directory."""
-        self.path = name
-        with self._complaining():
-            self.path = _first_free(name)
-            self._writer = Writer(
-                self.path, version=_METADATA_VERSION, storage_plugin=STORAGES[storage]
-            )
-            self._writer.open()
-
-    def add_topic(self, topic: str, type_name: str, qos: QoSProfile) -> Connection:
-        """Begin to store a topic, with the quality of service to replay it with."""
-        return self._writer.add_connection(
-            topic, type_name, typestore=_typestore(), offered_qos_profiles=[_stored_qos(qos)]
-        )
-
-    def write(self, connection: Connection, stamp: int, serialized: bytes) -> None:
-        """Store a serialized message that was received at a time since the epoch [ns]."""
-        with self._complaining():
-            self._writer.write(connection, stamp, serialized)
-
-    @property
-    def messages(self) -> int:
-        """Messages stored so far."""
-        return sum(self._writer.counts.values())
-
-    def close(self, custom_data: dict[str, str]) -> None:
-        """Finish the bag, with texts that are kept in its metadata."""
-        if not self.messages:
-            # rosbags would say that an empty bag begins in the year 2262.
-            self._writer.min_timestamp = self._writer.max_timestamp = time.time_ns()
-        for key, value in custom_data.items():
-            self._writer.set_custom_data(key, value)
-        with self._complaining():
-            self._writer.close()
-
-    def abort(self) -> None:
-        """Give up a bag that could not be written; what is on disk stays, without an index."""
-        with suppress(OSError, sqlite3.Error):
-            self._writer.abort()
-
-    @contextmanager
-    def _complaining(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, sqlite3.Error, WriterError) as error:
-            raise OSError(
-                f'bag {str(self.path)!r} cannot be written: {error}; choose another output'
-            ) from error
+from soliton_linkage_nodes.older_messages import OlderMessages, is_older
 
 
 @contextmanager
@@ -113,13 +30,19 @@ def open_bag(path: Path) -> Iterator[Reader]:
     """Open a bag to read; raises ValueError where it is missing or cannot be read."""
     if not path.exists():
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
+    if path.is_dir() and not (path / METADATA_FILE).exists() and _files_of(path):
+        raise ValueError(
+            f'bag {str(path)!r} cannot be read: it has no {METADATA_FILE}; its recorder still '
+            f'runs, or was killed, and then recover_bag {path} makes a whole bag of it'
+        )
     try:
         reader = Reader(path)
         reader.open()
     except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
             f'bag {str(path)!r} cannot be read: {_one_line(error)} '
-            'Give a directory with metadata.yaml and an .mcap or .db3 file'
+            'Give a directory with metadata.yaml and an .mcap or .db3 file, or, where it is '
+            f'damaged, try recover_bag {path}'
         ) from error
     try:
         yield reader
@@ -128,14 +51,31 @@ def open_bag(path: Path) -> Iterator[Reader]:
 
 
 def read_messages(
-    reader: Reader, connections: Collection[Connection]
+    reader: Reader,
+    connections: Collection[Connection],
+    start: int | None = None,
+    stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield the serialized messages of some topics with the time of their receipt [ns]."""
+    """Yield the serialized messages of some topics with the time of their receipt [ns].
+
+    Only those that were received at `start` or later, and before `stop`, where these are given.
+    """
     try:
-        for connection, stamp, serialized in reader.messages(connections):
+        for connection, stamp, serialized in reader.messages(connections, start, stop):
             yield connection, stamp, bytes(serialized)
     except Exception as error:
-        raise ValueError(f'bag {str(reader.path)!r} is damaged: {_one_line(error)}') from error
+        raise ValueError(
+            f'bag {str(reader.path)!r} is damaged: {_one_line(error)} '
+            f'recover_bag {reader.path} brings back what is intact'
+        ) from error
+
+
+def last_before(reader: Reader, connection: Connection, stop: int) -> tuple[int, bytes] | None:
+    """Return the last message of a topic that was received before an instant [ns], and when."""
+    last = None
+    for _, stamp, serialized in read_messages(reader, [connection], None, stop):
+        last = stamp, serialized
+    return last
 
 
 def find_topic(reader: Reader, name: str) -> Connection:
@@ -165,9 +105,30 @@ def find_topic(reader: Reader, name: str) -> Connection:
 def read_topic(reader: Reader, name: str) -> Iterator[tuple[int, Any]]:
     """Yield the messages of a topic with the time at which they were received [ns]."""
     connection = find_topic(reader, name)
-    message_type = message_class(connection.msgtype)
+    decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
-        yield stamp, deserialize_message(serialized, message_type)
+        yield stamp, decode(serialized)
+
+
+def decoder(connection: Connection) -> Callable[[bytes], Any]:
+    """Return what makes messages of the installed type of a topic's serialized ones.
+
+    Those that were recorded with another definition of the type are filled by name. It raises
+    ValueError for a message that is damaged, and at once where the type is not installed.
+    """
+    message_type = message_class(connection.msgtype)
+    if is_older(connection):
+        return OlderMessages(connection, message_type).read
+
+    def decode(serialized: bytes) -> Any:
+        try:
+            return deserialize_message(serialized, message_type)
+        except Exception as error:  # rclpy's own, which has no public name
+            raise ValueError(
+                f'a message on {connection.topic} is damaged: {_one_line(error)}'
+            ) from error
+
+    return decode
 
 
 def read_chain(reader: Reader) -> NamedChain:
@@ -214,43 +175,9 @@ def latched(connection: Connection) -> bool:
     return any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in profiles)
 
 
-def _first_free(name: Path) -> Path:
-    number = 0
-    while (path := name.parent / f'{name.name}_{number}').exists():
-        number += 1
-    return path
+def _files_of(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if path.suffix in ('.mcap', '.db3')]
 
 
 def _one_line(error: Exception) -> str:
     return ' '.join(str(error).split()) or type(error).__name__
-
-
-@lru_cache(maxsize=1)
-def _typestore() -> Typestore:
-    """Jazzy's message types, and those of the suite."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    folder = Path(get_package_share_directory(_MESSAGES_PACKAGE), 'msg')
-    types: dict[str, Any] = {}
-    for path in sorted(folder.glob('*.msg')):
-        name = f'{_MESSAGES_PACKAGE}/msg/{path.stem}'
-        types.update(get_types_from_msg(path.read_text(encoding='utf-8'), name))
-    store.register(types)
-    return store
-
-
-def _stored_qos(qos: QoSProfile) -> Qos:
-    keep_all = qos.history == HistoryPolicy.KEEP_ALL
-    reliable = qos.reliability == ReliabilityPolicy.RELIABLE
-    transient = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    by_topic = qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
-    return Qos(
-        history=QosHistory.KEEP_ALL if keep_all else QosHistory.KEEP_LAST,
-        depth=qos.depth,
-        reliability=QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
-        durability=QosDurability.TRANSIENT_LOCAL if transient else QosDurability.VOLATILE,
-        deadline=_UNLIMITED,
-        lifespan=_UNLIMITED,
-        liveliness=QosLiveliness.MANUAL_BY_TOPIC if by_topic else QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_UNLIMITED,
-        avoid_ros_namespace_conventions=False,
-    )

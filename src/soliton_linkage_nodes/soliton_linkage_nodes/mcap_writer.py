@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An MCAP file that grows by whole chunks, so that it can be read however its writer ended."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from zlib import crc32
+
+from soliton_linkage_nodes import mcap_records as mcap
+from soliton_linkage_nodes.mcap_records import Channel, Message, Opcode, Schema
+from soliton_linkage_nodes.stored_topic import StoredTopic
+
+_LARGEST_CHUNK = 2**20
+_DEFINITIONS_INTERVAL = 10.0
+NOTES = 'soliton_linkage'
+
+
+class McapWriter:
+    """Writes one file. Chunks carry checksums, and definitions are told again every ten seconds.
+
+    Whatever part of the file is lost, the messages in the rest can thus be understood. Methods
+    raise OSError where the disk refuses; the file is then cut back to its last whole chunk.
+    `counts` holds the messages of each topic, `span` the stamps of the first and the last [ns].
+    """
+
+    suffix = '.mcap'
+
+    def __init__(self, path: Path, codec: str, library: str) -> None:
+        """Create the file; codec is '' or 'zstd'."""
+        self.size = 0
+        self.counts: dict[int, int] = {}
+        self.span: tuple[int, int] | None = None
+        self._codec = codec
+        self._file = path.open('xb', buffering=0)
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._chunk = bytearray()
+        self._places: dict[int, list[tuple[int, int]]] = {}
+        self._chunk_span: tuple[int, int] | None = None
+        self._chunk_indexes: list[bytes] = []
+        self._metadata: list[tuple[int, int, str]] = []
+        self._told_at = time.monotonic()
+        header = mcap.record(Opcode.HEADER, mcap.text(mcap.PROFILE), mcap.text(library))
+        self._append(mcap.MAGIC + header)
+
+    def add_topic(self, topic: StoredTopic) -> None:
+        """Begin to store a topic."""
+        schema = self._schemas.get(topic.type_name)
+        if schema is None:
+            schema = Schema(
+                len(self._schemas) + 1,
+                topic.type_name,
+                topic.definition_format,
+                topic.definition.encode(),
+            )
+            self._schemas[topic.type_name] = schema
+            self._chunk += mcap.schema_record(schema)
+        about = {'offered_qos_profiles': topic.profiles, 'topic_type_hash': topic.digest}
+        channel = Channel(topic.number, schema.id, topic.name, topic.serialization, about)
+        self._channels[channel.id] = channel
+        self.counts[channel.id] = 0
+        self._chunk += mcap.channel_record(channel)
+
+    def write(self, number: int, stamp: int, serialized: bytes) -> None:
+        """Store a message of a topic."""
+        self._places.setdefault(number, []).append((stamp, len(self._chunk)))
+        self._chunk += mcap.message_record(Message(number, stamp, serialized))
+        self.counts[number] += 1
+        self._chunk_span = widened(self._chunk_span, stamp)
+        if len(self._chunk) > _LARGEST_CHUNK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all messages to the system, which keeps them if this process is killed."""
+        if not self._chunk:
+            return
+        start, end = self._chunk_span or (0, 0)
+        chunk, packed = mcap.chunk_record(bytes(self._chunk), start, end, self._codec)
+        indexes, offsets = bytearray(), bytearray()
+        for number, places in self._places.items():
+            place = self.size + len(chunk) + len(indexes)
+            offsets += struct.pack('<HQ', number, place)
+            indexes += mcap.message_index_record(number, places)
+        head = struct.pack('<QQQQ', start, end, self.size, len(chunk))
+        tail = struct.pack('<QQ', packed, len(self._chunk))
+        index = mcap.record(
+            Opcode.CHUNK_INDEX,
+            head,
+            mcap.sized(bytes(offsets)),
+            struct.pack('<Q', len(indexes)),
+            mcap.text(self._codec),
+            tail,
+        )
+        self._append(chunk + bytes(indexes))
+        self._chunk_indexes.append(index)
+        if self._chunk_span is not None:
+            self.span = widened(widened(self.span, start), end)
+        self._begin_chunk()
+
+    def discard(self) -> None:
+        """Forget what the disk refused."""
+        for number, places in self._places.items():
+            self.counts[number] -= len(places)
+        self._begin_chunk()
+
+    def note(self, texts: Mapping[str, str]) -> None:
+        """Keep texts at this place of the file."""
+        self._add_metadata(NOTES, texts)
+
+    def close(self, metadata: str) -> None:
+        """Write what is left, the bag's metadata and the index, and end the file."""
+        self.flush()
+        self._add_metadata('rosbag2', {'serialized_metadata': metadata})
+        self._append(mcap.record(Opcode.DATA_END, bytes(4)) + self._summary())
+        self._file.close()
+
+    def abandon(self) -> None:
+        """End the file as it is."""
+        self._file.close()
+
+    def _begin_chunk(self) -> None:
+        self._chunk.clear()
+        self._places.clear()
+        self._chunk_span = None
+        if time.monotonic() - self._told_at > _DEFINITIONS_INTERVAL:
+            self._told_at = time.monotonic()
+            self._chunk += b''.join(map(mcap.schema_record, self._schemas.values()))
+            self._chunk += b''.join(map(mcap.channel_record, self._channels.values()))
+
+    def _add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
+        record = mcap.metadata_record(name, texts)
+        self._append(record)
+        self._metadata.append((self.size - len(record), len(record), name))
+
+    def _summary(self) -> bytes:
+        """Repeat the definitions, say where everything is, and end the file."""
+        groups = {
+            Opcode.SCHEMA: b''.join(map(mcap.schema_record, self._schemas.values())),
+            Opcode.CHANNEL: b''.join(map(mcap.channel_record, self._channels.values())),
+            Opcode.CHUNK_INDEX: b''.join(self._chunk_indexes),
+            Opcode.METADATA_INDEX: b''.join(
+                mcap.record(Opcode.METADATA_INDEX, struct.pack('<QQ', *where), mcap.text(name))
+                for *where, name in self._metadata
+            ),
+            Opcode.STATISTICS: self._statistics(),
+        }
+        start = place = self.size + mcap.RECORD_HEADER.size + 4
+        offsets = bytearray()
+        for opcode, group in groups.items():
+            if group:
+                where = struct.pack('<BQQ', opcode, place, len(group))
+                offsets += mcap.record(Opcode.SUMMARY_OFFSET, where)
+            place += len(group)
+        body = b''.join(groups.values()) + bytes(offsets)
+        head = mcap.RECORD_HEADER.pack(Opcode.FOOTER, 20) + struct.pack('<QQ', start, place)
+        return body + head + struct.pack('<I', crc32(body + head)) + mcap.MAGIC
+
+    def _statistics(self) -> bytes:
+        counts = b''.join(struct.pack('<HQ', number, n) for number, n in self.counts.items())
+        head = struct.pack(
+            '<QHIIII',
+            sum(self.counts.values()),
+            len(self._schemas),
+            len(self._channels),
+            0,
+            len(self._metadata),
+            len(self._chunk_indexes),
+        )
+        span = struct.pack('<QQ', *(self.span or (0, 0)))
+        return mcap.record(Opcode.STATISTICS, head, span, mcap.sized(counts))
+
+    def _append(self, data: bytes) -> None:
+        begin = self.size
+        rest = memoryview(data)
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError:
+            self._file.truncate(begin)
+            self._file.seek(begin)
+            raise
+        self.size = begin + len(data)
+
+
+def widened(span: tuple[int, int] | None, stamp: int) -> tuple[int, int]:
+    """Return a span of time that a stamp lies in as well."""
+    return (stamp, stamp) if span is None else (min(span[0], stamp), max(span[1], stamp))

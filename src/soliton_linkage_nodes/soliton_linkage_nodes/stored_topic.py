@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag keeps of a topic, and how rosbag2 spells it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+_UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
+
+
+@dataclass(frozen=True)
+class StoredTopic:
+    """A topic of a bag: numbers count from 1, in the order in which topics were added."""
+
+    number: int
+    name: str
+    type_name: str
+    definition: str
+    definition_format: str
+    digest: str
+    profiles: str
+    """Offered quality of service, as rosbag2 writes it."""
+    serialization: str = 'cdr'
+
+
+def type_definition(name: str) -> tuple[str, str]:
+    """Definition of a message type with all that it is made of, and its hash.
+
+    Raises ValueError where its package is not installed.
+    """
+    store = _typestore()
+    try:
+        if name not in store.fielddefs:
+            _learn(store, name)
+        definition, _ = store.generate_msgdef(name, ros_version=2)
+        return definition, store.hash_rihs01(name)
+    except (PackageNotFoundError, OSError, TypesysError, KeyError) as error:
+        package = name.partition('/')[0]
+        raise ValueError(
+            f'message type {name!r} has no definition on this machine: {error}; '
+            f'install its package {package!r}'
+        ) from error
+
+
+def profiles_text(profiles: list[QoSProfile]) -> str:
+    """Qualities of service as rosbag2 writes them."""
+    if not profiles:
+        return ''
+    return str(yaml.safe_dump([_profile(p) for p in profiles], sort_keys=False)).strip()
+
+
+@lru_cache(maxsize=1)
+def _typestore() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _learn(store: Typestore, name: str) -> None:
+    """Register a type that Jazzy itself does not have, and the types that it is made of."""
+    package, kind, short = name.split('/')
+    path = Path(get_package_share_directory(package), kind, f'{short}.msg')
+    types: dict[str, Any] = get_types_from_msg(path.read_text(encoding='utf-8'), name)
+    store.register({key: value for key, value in types.items() if key not in store.fielddefs})
+    for _, fields in types.values():
+        for _, field in fields:
+            for part in _parts(field):
+                if part not in store.fielddefs:
+                    _learn(store, part)
+
+
+def _parts(field: Any) -> list[str]:
+    """Names of the message types in a field's description, which nests for arrays."""
+    kind, inner = field
+    if kind.name == 'NAME':
+        return [inner]
+    if kind.name in ('ARRAY', 'SEQUENCE'):
+        return _parts(inner[0])
+    return []
+
+
+def _profile(qos: QoSProfile) -> dict[str, Any]:
+    histories = {HistoryPolicy.KEEP_ALL: 'keep_all', HistoryPolicy.UNKNOWN: 'unknown'}
+    reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+    transient = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    by_topic = qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    return {
+        'history': histories.get(qos.history, 'keep_last'),
+        'depth': qos.depth,
+        'reliability': 'reliable' if reliable else 'best_effort',
+        'durability': 'transient_local' if transient else 'volatile',
+        'deadline': dict(_UNLIMITED),
+        'lifespan': dict(_UNLIMITED),
+        'liveliness': 'manual_by_topic' if by_topic else 'automatic',
+        'liveliness_lease_duration': dict(_UNLIMITED),
+        'avoid_ros_namespace_conventions': False,
+    }

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When messages of a bag are due: at a rate, from an instant on, in pauses and step by step."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from enum import Enum
+
+_LONGEST_WAIT = 0.1
+_LONGEST_STEP = 1.0
+
+
+class Turn(Enum):
+    """What to do after waiting for a message."""
+
+    PLAY = 'play it'
+    SEEK = 'go on elsewhere'
+    STOP = 'stop'
+
+
+class Transport:
+    """Plays the time of a bag [ns] at a rate; another thread may pause, seek, step and stop it.
+
+    The time that is played is `p = p0 + rate (t - t0)`, with a new (t0, p0) at each change.
+    Where it is not paced, every message is due at once, except in a pause.
+    """
+
+    def __init__(
+        self,
+        rate: float = 1.0,
+        paused: bool = False,
+        paced: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Stand still until the first `start`."""
+        self._changed = threading.Condition()
+        self._clock = clock
+        self._paced = paced
+        self._rate = rate
+        self._paused = paused
+        self._position = 0.0
+        self._since = clock()
+        self._steps = 0
+        self._sought: int | None = None
+        self._stopped = False
+
+    @property
+    def rate(self) -> float:
+        """How much faster than recorded."""
+        return self._rate
+
+    @property
+    def paused(self) -> bool:
+        """Whether it stands still."""
+        return self._paused
+
+    def start(self, stamp: int) -> None:
+        """Go on from an instant."""
+        with self._changed:
+            self._position = float(stamp)
+            self._since = self._clock()
+
+    def pause(self) -> None:
+        """Stand still from now on."""
+        with self._changed:
+            self._move()
+            self._paused = True
+            self._changed.notify_all()
+
+    def resume(self) -> None:
+        """Go on from where it stands."""
+        with self._changed:
+            self._move()
+            self._paused = False
+            self._steps = 0
+            self._changed.notify_all()
+
+    def toggle(self) -> None:
+        """Pause, or go on."""
+        if self._paused:
+            self.resume()
+        else:
+            self.pause()
+
+    def set_rate(self, rate: float) -> None:
+        """Go on at another rate."""
+        with self._changed:
+            self._move()
+            self._rate = rate
+            self._changed.notify_all()
+
+    def play_next(self) -> bool:
+        """Let one message pass in a pause; False where there is no pause, or no message."""
+        with self._changed:
+            if not self._paused or self._stopped:
+                return False
+            self._steps += 1
+            self._changed.notify_all()
+            passed = self._changed.wait_for(lambda: not self._steps, _LONGEST_STEP)
+            self._steps = 0
+            return passed
+
+    def seek(self, stamp: int) -> None:
+        """Go on from another instant as soon as the player asks for its turn."""
+        with self._changed:
+            self._sought = stamp
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """Let nothing pass any more."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify_all()
+
+    def take_sought(self) -> int:
+        """Return the instant that was sought."""
+        with self._changed:
+            sought, self._sought = self._sought, None
+        if sought is None:
+            raise ValueError('no instant was sought; ask only after Turn.SEEK')
+        return sought
+
+    def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> Turn:
+        """Wait until a message is due; `meanwhile` is called ten times a second."""
+        while True:
+            with self._changed:
+                early = self._early(stamp)
+                if self._stopped:
+                    return Turn.STOP
+                if self._sought is not None:
+                    return Turn.SEEK
+                if early <= 0.0:
+                    if self._paused:
+                        self._pass_one(stamp)
+                    return Turn.PLAY
+                self._changed.wait(min(early, _LONGEST_WAIT))
+            meanwhile()
+
+    def _early(self, stamp: int) -> float:
+        """Time until a message is due [s]."""
+        if self._paused:
+            return 0.0 if self._steps else _LONGEST_WAIT
+        if not self._paced:
+            return 0.0
+        due = self._since + (stamp - self._position) * 1e-9 / self._rate
+        return due - self._clock()
+
+    def _pass_one(self, stamp: int) -> None:
+        self._steps -= 1
+        self._position = max(self._position, float(stamp))
+        self._changed.notify_all()
+
+    def _move(self) -> None:
+        now = self._clock()
+        if not self._paused:
+            self._position += (now - self._since) * 1e9 * self._rate
+        self._since = now
