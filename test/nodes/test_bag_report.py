@@ -43,12 +43,13 @@ def test_the_recorded_motion_is_the_simulated_one(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_the_live_analysis_is_that_of_the_recorded_angles(name: str) -> None:
+def test_the_track_is_that_of_the_simulated_wall(name: str) -> None:
     run = read_run(BAGS / f'{name}_0')
-    track = follow(run.named.chain, run.recording)
-    shared, live, again = np.intersect1d(run.track.times, track.times, return_indices=True)
-    assert len(shared) >= len(track.times) - 1
-    np.testing.assert_array_equal(run.track.rotors[live], track.rotors[again])
+    fitted = follow(run.named.chain, run.recording)
+    both = np.isfinite(run.track.rotors) & np.isfinite(fitted.rotors)
+    assert both.mean() > 0.5
+    apart = np.abs(run.track.rotors - fitted.rotors)[both]
+    assert np.median(apart) < 0.1
     assert run.crossings == find_crossings(run.named.chain, run.track)
     assert len(run.crossings) >= 2
 

@@ -46,11 +46,11 @@ def named_chain(chain: Chain) -> NamedChain:
     return NamedChain(chain, default_joint_names(chain.number_of_rotors))
 
 
-def frames_of(named: NamedChain, speed: float) -> list[JointState]:
+def frames_of(named: NamedChain, speed: float, duration: float = 2.0) -> list[JointState]:
     """The frames of a chain that was kicked at its first edge."""
     chain = named.chain
     rest = chain.uniform_state(-1)
-    moved = simulate(chain, rest, speed * edge_mode(chain, rest, Edge.FIRST), 2.0, 0.02)
+    moved = simulate(chain, rest, speed * edge_mode(chain, rest, Edge.FIRST), duration, 0.02)
     return [
         frame_to_msg(
             named, Frame(angles, rates), 0 * angles, time_to_msg(7 * 10**9 + number * PERIOD)
@@ -372,7 +372,7 @@ def test_offsets_of_encoders_are_told(graph: Graph) -> None:
     tell_chain(graph, named)
     graph.start(SolitonAnalyser)
     publisher = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames_of(named, speed):
+    for frame in frames_of(named, speed, 8.0):
         frame.position[5] += 0.2
         publisher.publish(frame)
     graph.until(

@@ -196,7 +196,7 @@ class BagRecorder(Node):
             'lost_messages': json.dumps(self._losses()),
             'chain': json.dumps(self._chains),
             'suite_version': suite_version(),
-            'command_line': shlex.join(sys.argv),
+            'command_line': shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         }
 
     def _report(self) -> Report:

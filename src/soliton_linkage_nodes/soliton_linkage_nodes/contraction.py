@@ -29,7 +29,7 @@ from soliton_linkage.studies.accuracy_contraction import (
     rest_width,
 )
 from soliton_linkage.studies.settings import load_settings
-from soliton_linkage_nodes.analyse_bag import analysed
+from soliton_linkage_nodes.bag_analysis import analysed
 from soliton_linkage_nodes.bags import open_bag, read_chain
 from soliton_linkage_nodes.child_processes import ChildProcesses, isolate
 from soliton_linkage_nodes.conversions import solitons_from_msg
