@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy moves benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -41,8 +41,14 @@ sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/st
 accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
 	@$(enter) accuracy config/studies/accuracy.yaml --output out/accuracy $(ARGS)
 
+contraction: build  ## record walls at a dozen speeds and measure how they contract; ARGS='--quick'
+	@$(enter) contraction config/studies/accuracy.yaml --output out/contraction $(ARGS)
+
 moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 	@$(enter) moves config/studies/moves.yaml --output out/moves $(ARGS)
+
+driving: build  ## show on one page what drives a chain: actuator, energy books, bars, tilt, moves
+	@$(enter) driving config/studies/driving.yaml --output out/driving $(ARGS)
 
 benchmark: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)

@@ -19,7 +19,8 @@ filters but the steady one, which there has to earn its trust again.
 A kick changes the rate at once. Of each frame of late, at ages of 1, 2, 4, ... frames, one filter
 more holds that the wall was kicked there, to a rate about which little is known. It counts by the
 odds of all measurements since, against those for a kick, so that the deviations grow as soon as
-innovations do. Where the odds are beyond chance, all filters begin anew with that one.
+innovations do; of a kick that is less likely than 1 % nothing is told. Where the odds are beyond
+chance, all filters begin anew with that one.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ _MOST_TRUST = 9.0
 _AGES = 8
 _RARE = 9.0
 _NO_EVIDENCE = 4.0
+_UNLIKELY = 0.01
 _BEYOND_CHANCE = 15.0
 _KICK_OF_SCALE = 0.1
 _SHARE_AFTER_A_KICK = 0.016
@@ -258,7 +260,10 @@ class CycleMotion:
     @property
     def _summary(self) -> _Summary:
         if self._known is None:
-            self._known = _mixture(self._weights, self._states, self._spreads)
+            likely = self._weights.copy()
+            kicked = likely[self._base :]
+            kicked[kicked < _UNLIKELY] = 0.0
+            self._known = _mixture(likely / likely.sum(), self._states, self._spreads)
         return self._known
 
     def _look_ahead(self) -> None:

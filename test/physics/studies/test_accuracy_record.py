@@ -10,7 +10,7 @@ from chains import FLIPPER, SPINNER, chain_of
 from soliton_linkage.studies.accuracy_estimators import bound
 from soliton_linkage.studies.accuracy_record import RecordStudy
 
-CHAINS = (chain_of(FLIPPER, 12), chain_of(SPINNER, 12))
+CHAINS = (chain_of(FLIPPER, 24), chain_of(SPINNER, 24))
 STUDY = RecordStudy(CHAINS, 0.05, speed=5.0, frame_rate=1000.0, frames=300, runs=4, seed=5)
 
 

@@ -20,12 +20,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.cycle import Cycle
 from soliton_linkage.studies.accuracy_estimators import bound, cycle_of
 from soliton_linkage.studies.accuracy_table import name_of
 from soliton_linkage.studies.drawing import BLACK, BLUE, RED
 from soliton_linkage.studies.plates import Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CLEAR = 8.0
 _QUICK_RUNS = 4
 _SHOWN = 60
 _FEWEST = 3
@@ -78,15 +80,15 @@ class RecordStudy:
     def run(self, chain: int, run: int) -> Array:
         """Errors of place and velocity and their stated deviations, shape (4, frames shown).
 
-        Places in [rotor spacings], velocities over the true one. A run starts anywhere on the
-        cycle and is reflected where it comes to an edge.
+        Places in [rotor spacings], velocities over the true one. A run is on any leg of the
+        cycle, and as far from the edges as its way leaves room for, up to eight rotors.
         """
         # Nothing else of the command needs the filter.
         from soliton_linkage.cycle_filter import CycleFilter
 
         cycle = cycle_of(self.chains[chain])
         generator = np.random.default_rng([self.seed, chain, run])
-        begin = float(generator.uniform(0, cycle.length))
+        begin = self._begin(cycle, generator)
         rate = self.speed * cycle.site_arc
         recursive = CycleFilter(cycle)
         shown, found = set(self.shown.tolist()), []
@@ -106,6 +108,15 @@ class RecordStudy:
                     )
                 )
         return np.array(found).T
+
+    def _begin(self, cycle: Cycle, generator: np.random.Generator) -> float:
+        """Arc length [rad] at which a run begins."""
+        last = cycle.chain.number_of_rotors - 1.0
+        room = max(last - self.speed * self.frames / self.frame_rate, 0.0)
+        clear = min(_CLEAR, room / 2)
+        ahead = float(generator.uniform(clear, room - clear))
+        leg = int(generator.integers(cycle.number_of_legs))
+        return cycle.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
         """Least deviations of the place [rotor spacings] and of the relative velocity [1]."""
