@@ -51,14 +51,14 @@ class ChainMotion:
 
     @cached_property
     def inverse_inertias(self) -> Array:
-        """1 / (M r^2) of each rotor [1/(kg m^2)], 0 of a fixed one, shape (N,)."""
+        """Of the rotors [1/(kg m^2)], 1 / (M r^2), and 0 of fixed ones, shape (N,)."""
         inverse = 1 / self.chain.moments_of_inertia
         inverse[list(self.fixed)] = 0.0
         return np.asarray(inverse)
 
     @cached_property
     def decay_rates(self) -> Array:
-        """c / (M r^2) of each rotor [1/s], shape (N,)."""
+        """Of free rotors [1/s], c / (M r^2), shape (N,)."""
         return self.chain.dampings * self.inverse_inertias
 
     @property

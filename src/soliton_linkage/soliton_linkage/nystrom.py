@@ -18,7 +18,16 @@ from scipy.integrate import DenseOutput, OdeSolver
 
 from soliton_linkage.chain import Array
 from soliton_linkage.chain_motion import ChainMotion
-from soliton_linkage.nystrom_steps import DRIFTS, KICKS, ORDER, STABLE_STEP, Steps, steps_of
+from soliton_linkage.nystrom_steps import (
+    DRIFTS,
+    KICKS,
+    LARGEST_TURN,
+    ORDER,
+    STABLE_STEP,
+    Checks,
+    Steps,
+    steps_of,
+)
 
 _STEPS_BETWEEN_CHECKS = 32
 _ROTORS_TOGETHER = 4000
@@ -27,7 +36,6 @@ _SAFETY = 0.8
 _AIM = 0.3
 _WORTH_GROWING = 1.25
 _TRIALS = 60
-_LARGEST_TURN = 0.5
 
 
 class SymplecticNystrom(OdeSolver):
@@ -47,6 +55,13 @@ class SymplecticNystrom(OdeSolver):
     Raises TypeError for a right-hand side that is no `ChainMotion` and ValueError for a state
     or options that do not fit.
     """
+
+    n: int
+    t: float
+    t_bound: float
+    t_old: float
+    y: Array
+    direction: float
 
     def __init__(
         self,
@@ -69,101 +84,97 @@ class SymplecticNystrom(OdeSolver):
         super().__init__(fun, t0, y0, t_bound, vectorized)
         self._motion = fun
         self._check_state()
-        self._rtol, self._atol = _checked_tolerances(rtol, atol, self.n)
-        self.max_step = _checked_positive('max_step', max_step)
+        self._relative, self._absolute = _checked_tolerances(rtol, atol, self.n)
+        self._max_step = _checked_positive('max_step', max_step)
         if first_step is not None:
             _checked_positive('first_step', first_step)
         if together is not None and together < 1:
             raise ValueError(f'together = {together} must be a number of steps, 1 or more')
-        crowd = max(_FEWEST_TOGETHER, _ROTORS_TOGETHER // fun.rotors)
-        self._together = min(together or crowd, _STEPS_BETWEEN_CHECKS)
+        self._together = together or max(_FEWEST_TOGETHER, _ROTORS_TOGETHER // fun.rotors)
         self._steps = steps_of(fun, compiled)
-        self._step = min(first_step or 1 / fun.fastest_rate, self._longest(self.y))
+        self._step = min(first_step or self._longest(self.y) / 2, self._longest(self.y))
         self._chosen = first_step is not None
-        self._unchecked = _STEPS_BETWEEN_CHECKS if first_step is None else 0
+        self._unchecked = 0
         self._even_from, self._even_steps = float(t0), 0
         self._states = self.y[np.newaxis]
 
     def _step_impl(self) -> tuple[bool, str | None]:
-        self._shorten_to(self._longest(self.y))
-        if self._unchecked >= _STEPS_BETWEEN_CHECKS and not self._adapt():
-            return False, 'no step is short enough for the tolerances'
+        if not self._chosen:
+            self._choose_step()
+        for _ in range(_TRIALS):
+            self._change_to(min(self._step, self._longest(self.y)))
+            if self._advance():
+                return True, None
+        return False, 'no step is short enough for the tolerances'
+
+    def _choose_step(self) -> None:
+        for _ in range(_TRIALS):
+            states, error = self._checked(self.direction * self._step, 1)
+            better = self._better(error)
+            if len(states) > 1 and better < _WORTH_GROWING * self._step:
+                break
+            self._change_to(better)
+        self._chosen = True
+
+    def _advance(self) -> bool:
+        """Take steps of the method together; return whether any was good."""
         remaining = abs(self.t_bound - self.t)
         count, last = self._together, False
         if remaining <= count * self._step * (1 + 1e-9):
             count, last = max(1, math.ceil(remaining / self._step * (1 - 1e-9))), True
+            self._start_evenly()
         step = self.direction * (remaining / count if last else self._step)
-        states = self._advance(self.y, step, count)
+        states, error = self._checked(step, count)
         done = len(states) - 1
-        if not (done and np.isfinite(states[-1]).all()):
-            return False, 'the motion has become too fast for any step'
-        self._even_steps += done
-        self._unchecked += done
-        self._states, self.y = states, states[-1].copy()
-        self.t = self._even_from + self._even_steps * self.direction * self._step
-        if last:
-            self.t = self.t_bound if done == count else self.t_old_after(step, done)
-            self._start_even_steps()
-        return True, None
-
-    def t_old_after(self, step: float, done: int) -> float:
-        """Time after some of the last, shortened steps [s]."""
-        start = self._even_from + (self._even_steps - done) * self.direction * self._step
-        return start + done * step
+        if done:
+            self._states, self.y = states, states[-1].copy()
+            self._even_steps += done
+            evenly = self._even_from + self._even_steps * step
+            self.t = self.t_bound if last and done == count else evenly
+            self._unchecked = (self._unchecked + done) % _STEPS_BETWEEN_CHECKS
+        better = self._better(error)
+        if not error <= 1 or (error > 0 and better > _WORTH_GROWING * self._step):
+            self._change_to(better)
+        return done > 0
 
     def _dense_output_impl(self) -> DenseOutput:
         return _NystromOutput(self.t_old, self.t, self._states, self._motion, self._steps)
 
-    def _advance(self, state: Array, step: float, count: int) -> Array:
-        states = self._steps.advance(state, step, count)
-        self.nfev += len(KICKS) * (len(states) - 1)
-        return states
+    def _checked(self, step: float, count: int) -> tuple[Array, float]:
+        """States and largest error of steps, measured where it is time for it."""
+        first = 1 + -self._unchecked % _STEPS_BETWEEN_CHECKS
+        checks = Checks(self._absolute, self._relative, first, _STEPS_BETWEEN_CHECKS)
+        states, error = self._steps.advance(self.y, step, count, checks)
+        taken = min(count, len(states) - 1 + (not error <= 1))
+        measured = len(range(first, taken + 1, _STEPS_BETWEEN_CHECKS))
+        self.nfev += len(KICKS) * (taken + 2 * measured)
+        return states, error
 
-    def _adapt(self) -> bool:
-        """Choose the length of the step from its error; return whether there is one."""
-        self._unchecked = 0
-        for _ in range(_TRIALS):
-            error = self._error(self._step)
-            if not math.isfinite(error):
-                self._shorten_to(self._step / 4)
-                continue
-            factor = min(4.0, (_AIM / error) ** (1 / (ORDER + 1))) if error else 4.0
-            if error > 1:
-                self._shorten_to(self._step * max(0.2, min(factor, 0.9)))
-                continue
-            longer = min(self._step * factor, self._longest(self.y))
-            if longer < _WORTH_GROWING * self._step:
-                return True
-            self._step = longer
-            self._start_even_steps()
-        return False
+    def _better(self, error: float) -> float:
+        """Length of step that an error asks for [s]."""
+        if not math.isfinite(error):
+            return self._step / 4
+        factor = min(4.0, (_AIM / error) ** (1 / (ORDER + 1))) if error else 4.0
+        if error > 1:
+            factor = max(0.2, min(factor, 0.9))
+        return min(self._step * factor, self._longest(self.y))
 
-    def _error(self, step: float) -> float:
-        """Error of a step in units of what is tolerated, by two of half the length."""
-        signed = self.direction * step
-        whole = self._advance(self.y, signed, 1)
-        halves = self._advance(self.y, signed / 2, 2)
-        if len(whole) < 2 or len(halves) < 3:
-            return math.inf
-        sizes = np.maximum(np.abs(self.y), np.abs(halves[-1]))
-        difference = (whole[-1] - halves[-1]) / (self._atol + self._rtol * sizes)
-        return math.sqrt(float(np.mean(difference**2)))
+    def _change_to(self, step: float) -> None:
+        if step != self._step:
+            self._step = step
+            self._unchecked = 0
+            self._start_evenly()
+
+    def _start_evenly(self) -> None:
+        self._even_from, self._even_steps = float(self.t), 0
 
     def _longest(self, state: Array) -> float:
         """Longest step that is stable and turns no rotor too far in a drift [s]."""
         number = self._motion.rotors
         fastest = float(np.abs(state[number : 2 * number]).max())
-        turning = float(np.abs(DRIFTS).max()) * fastest / _LARGEST_TURN
+        turning = float(np.abs(DRIFTS).max()) * fastest / LARGEST_TURN
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
-        return min(self.max_step, _SAFETY / limit)
-
-    def _shorten_to(self, step: float) -> None:
-        if step < self._step:
-            self._step = step
-            self._start_even_steps()
-
-    def _start_even_steps(self) -> None:
-        self._even_from, self._even_steps = float(self.t), 0
+        return min(self._max_step, _SAFETY / limit)
 
     def _check_state(self) -> None:
         expected = 2 * self._motion.rotors + self._motion.damped
@@ -197,7 +208,7 @@ class _NystromOutput(DenseOutput):
     def _within(self, step: int, places: Array) -> Array:
         """States at places from -1 to 1 in a step, shape (len(state), len(places))."""
         number, half = self._motion.rotors, self._step / 2
-        middle = self._steps.advance(self._states[step], half, 1)[-1]
+        middle = self._steps.advance(self._states[step], half, 1)[0][-1]
         knots = self._states[step], middle, self._states[step + 1]
         data = np.array([self._with_derivatives(knot, half) for knot in knots]).reshape(9, -1)
         data[6] -= data[0]
@@ -243,10 +254,10 @@ def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float,
     if absolute.ndim and absolute.shape != (size,):
         raise ValueError(f'atol of shape {absolute.shape} must be a number or of shape ({size},)')
     if not (rtol >= 0 and (absolute >= 0).all()):
-        raise ValueError(f'rtol = {rtol} and atol = {atol} must be 0 or more')
+        raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
     if rtol == 0 and not (absolute > 0).all():
-        raise ValueError(f'rtol = {rtol} and atol = {atol} must not both be 0')
-    return rtol, absolute
+        raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
+    return rtol, np.full(size, absolute) if absolute.ndim == 0 else absolute
 
 
 def _checked_positive(name: str, value: float) -> float:

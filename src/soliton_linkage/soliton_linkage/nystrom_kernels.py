@@ -12,16 +12,15 @@ a stage counts its references, which takes longer than twenty rotors do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 
 from soliton_linkage.chain import Array
-
-LARGEST_TURN = 0.5
-"""Of a rotor in one drift [rad], for which the polynomials hold to rounding."""
+from soliton_linkage.nystrom_steps import LARGEST_TURN
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 Coefficients = tuple[float, float, float, float, float]
@@ -32,12 +31,21 @@ def compiled(function: Kernel) -> Kernel:
 
     Products and sums may contract, but no sum is reordered.
     """
-    options = {'fastmath': {'contract', 'nsz'}, 'error_model': 'numpy', 'nogil': True}
     try:
-        result: Kernel = numba.njit(cache=True, **options)(function)
+        return _compiled(function, cache=True)
     except RuntimeError:  # no folder to cache in can be written
-        result = numba.njit(**options)(function)
-    return result
+        return _compiled(function, cache=False)
+
+
+def _compiled(function: Kernel, cache: bool) -> Kernel:
+    compiler = numba.njit(
+        cache=cache,
+        fastmath={'contract', 'nsz'},
+        error_model='numpy',
+        nogil=True,
+        forceinline=True,
+    )
+    return cast(Kernel, compiler(function))
 
 
 @compiled
@@ -61,10 +69,11 @@ def turn(angles: Array, cosines: Array, sines: Array, rates: Array, time: float)
         x = time * rates[n]
         angles[n] += x
         z = x * x
-        odd = 1 / 362880 + z * (-1 / 39916800 + z * (1 / 6227020800))
-        odd = -1 / 6 + z * (1 / 120 + z * (-1 / 5040 + z * odd))
-        even = 1 / 40320 + z * (-1 / 3628800 + z * (1 / 479001600))
-        even = z * (-1 / 2 + z * (1 / 24 + z * (-1 / 720 + z * even)))
+        y = z * z
+        odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
+        odd = (-1 / 6 + z * (1 / 120)) + y * odd
+        even = (-1 / 720 + z * (1 / 40320)) + y * (-1 / 3628800 + z * (1 / 479001600))
+        even = z * ((-1 / 2 + z * (1 / 24)) + y * even)
         sine = x + x * z * odd
         c, s = cosines[n], sines[n]
         cosines[n] = c + (c * even - s * sine)
@@ -78,7 +87,7 @@ def decay(rates: Array, turns: Array, decays: Array, stage: int, half_inertias: 
     Decays, shape (2, 15, P), are the factors of the rates and the angles per rate of each drift.
     """
     dissipated = 0.0
-    for n in range(rates.size):
+    for n in range(half_inertias.size):
         rate, factor = rates[n], decays[0, stage, n]
         turns[n] = decays[1, stage, n] * rate
         rates[n] = factor * rate
@@ -174,21 +183,92 @@ def record(states: Array, step: int, angles: Array, rates: Array, dissipated: fl
 
 
 @compiled
+def copy(work: Array, start: int, end: int) -> None:
+    """Copy angles, rates, cosines and sines from four rows to four others."""
+    for row in range(4):
+        for n in range(work.shape[1]):
+            work[end + row, n] = work[start + row, n]
+
+
+@compiled
+def error(before: Array, whole: Array, halves: Array, absolute: Array, relative: float) -> float:
+    """Root mean square of the difference of two states in units of what is tolerated."""
+    squares = 0.0
+    for n in range(whole.size):
+        tolerated = absolute[n] + relative * max(abs(before[n]), abs(halves[n]))
+        squares += ((whole[n] - halves[n]) / tolerated) ** 2
+    return math.sqrt(squares / whole.size)
+
+
+@compiled
+def take_step(
+    angles: Array,
+    all_rates: Array,
+    rates: Array,
+    cosines: Array,
+    sines: Array,
+    c: Array,
+    s: Array,
+    c_next: Array,
+    s_next: Array,
+    from_right: Array,
+    from_left: Array,
+    on_right: Array,
+    turns: Array,
+    coefficients: Coefficients,
+    rows: Array,
+    periodic: bool,
+    field: Array,
+    decays: Array,
+    half_inertias: Array,
+    drifts: Array,
+    kicks: Array,
+) -> float:
+    """Take one step and return the energy that damping has taken out; see `advance`."""
+    number, dissipated = rates.size, 0.0
+    for stage in range(drifts.size):
+        if half_inertias.size:
+            dissipated += decay(all_rates, turns, decays, stage, half_inertias)
+            turn(angles, c, s, turns, 1.0)
+        else:
+            turn(angles, c, s, all_rates, drifts[stage])
+        if stage == kicks.size:
+            break
+        if periodic:
+            cosines[number], sines[number] = cosines[0], sines[0]
+        if rows.size:
+            pull_deviating(c, s, c_next, s_next, from_right, on_right, rows)
+        else:
+            pull_uniform(c, s, c_next, s_next, from_right, on_right, coefficients)
+        if periodic:
+            from_left[0] = from_left[number]
+        else:
+            from_right[number - 1] = 0.0
+        add_field(from_right, cosines, sines, field)
+        kick(rates, from_right, from_left, kicks[stage])
+    return dissipated
+
+
+@compiled
 def advance(
     work: Array,
     springs: tuple[Coefficients, Array, bool],
     field: Array,
     damping: tuple[Array, Array],
     stages: tuple[Array, Array],
+    tolerances: tuple[Array, float],
+    checks: tuple[int, int],
     states: Array,
-) -> int:
-    """Fill states[1:] with the state after each step, and return how many there are.
+) -> tuple[int, float]:
+    """Fill states[1:] with the state after each step; return how many, and the largest error.
 
-    The rows of work, shape (7, P + 1), are angles, rates, cosines, sines and three to work in.
-    Springs are the coefficients of `pull_uniform`, the rows of `pull_deviating`, of shape (8, 0)
-    where all are the same, and whether the ends are periodic. Field and damping, the arguments of
-    `add_field` and `decay`, have 0 places where there is none. Stages are the times of drifts
-    and kicks [s]. It stops before a step in which a rotor could turn by more than LARGEST_TURN.
+    The rows of work, shape (11, P + 1), are angles, rates, cosines and sines, three to work in
+    and four to come back to. Springs are the coefficients of `pull_uniform`, the rows of
+    `pull_deviating`, of shape (8, 0) where all are the same, and whether the ends are periodic.
+    Field and damping, the arguments of `add_field` and, for half a step and a whole one, `decay`,
+    have 0 places where there is none. Stages are the times of drifts and kicks [s]. Checks are
+    the first step whose error is measured, by two of half the length, and how many follow till
+    the next. It stops before a step that turns a rotor too far or whose error exceeds 1.
     """
     number, places = states.shape[1] // 2, work.shape[1] - 1
     angles, all_rates, cosines, sines = work[0, :places], work[1, :places], work[2], work[3]
@@ -196,32 +276,71 @@ def advance(
     rates, c, s = all_rates[:number], cosines[:-1], sines[:-1]
     c_next, s_next, on_right = cosines[1:], sines[1:], from_left[1:]
     coefficients, rows, periodic = springs
-    decays, half_inertias = damping
+    decays, half_decays, half_inertias = damping[0][1], damping[0][0], damping[1]
     drifts, kicks = stages
-    longest = largest(drifts)
-    for step in range(1, states.shape[0]):
+    half_drifts, half_kicks = drifts / 2, kicks / 2
+    halves = np.empty((3, states.shape[1]))
+    longest, largest_error = largest(drifts), 0.0
+    for step in range(1, len(states)):
         if not longest * largest(rates) <= LARGEST_TURN:
-            return step - 1
-        dissipated = 0.0
-        for stage in range(drifts.size):
-            if half_inertias.size:
-                dissipated += decay(all_rates, turns, decays, stage, half_inertias)
-                turn(angles, c, s, turns, 1.0)
-            else:
-                turn(angles, c, s, all_rates, drifts[stage])
-            if stage == kicks.size:
-                break
-            if periodic:
-                cosines[number], sines[number] = cosines[0], sines[0]
-            if rows.size:
-                pull_deviating(c, s, c_next, s_next, from_right, on_right, rows)
-            else:
-                pull_uniform(c, s, c_next, s_next, from_right, on_right, coefficients)
-            if periodic:
-                from_left[0] = from_left[number]
-            else:
-                from_right[number - 1] = 0.0
-            add_field(from_right, cosines, sines, field)
-            kick(rates, from_right, from_left, kicks[stage])
+            return step - 1, largest_error
+        checked = step >= checks[0] and (step - checks[0]) % checks[1] == 0
+        if checked:
+            copy(work, 0, 7)
+            halves[0] = states[step - 1]
+            for half in (1, 2):
+                dissipated = take_step(
+                    angles,
+                    all_rates,
+                    rates,
+                    cosines,
+                    sines,
+                    c,
+                    s,
+                    c_next,
+                    s_next,
+                    from_right,
+                    from_left,
+                    on_right,
+                    turns,
+                    coefficients,
+                    rows,
+                    periodic,
+                    field,
+                    half_decays,
+                    half_inertias,
+                    half_drifts,
+                    half_kicks,
+                )
+                record(halves, half, angles, rates, dissipated)
+            copy(work, 7, 0)
+        dissipated = take_step(
+            angles,
+            all_rates,
+            rates,
+            cosines,
+            sines,
+            c,
+            s,
+            c_next,
+            s_next,
+            from_right,
+            from_left,
+            on_right,
+            turns,
+            coefficients,
+            rows,
+            periodic,
+            field,
+            decays,
+            half_inertias,
+            drifts,
+            kicks,
+        )
         record(states, step, angles, rates, dissipated)
-    return states.shape[0] - 1
+        if checked:
+            found = error(states[step - 1], states[step], halves[2], tolerances[0], tolerances[1])
+            largest_error = max(largest_error, found)
+            if not found <= 1:
+                return step - 1, found
+    return len(states) - 1, largest_error

@@ -20,7 +20,9 @@ and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
 
 from __future__ import annotations
 
+import math
 import warnings
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -57,16 +59,38 @@ DRIFTS = np.array([*_HALF_OF_DRIFTS, 1 - 2 * sum(_HALF_OF_DRIFTS), *_HALF_OF_DRI
 KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]])
 """b_1 to b_14."""
 
+LARGEST_TURN = 0.5
+"""Of a rotor in one drift [rad], up to which the compiled loops are exact to rounding."""
+
 _VECTOR = 4
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Which steps have their error measured, against two of half the length, and by what.
+
+    Errors are in the norm of scipy's solvers: the root mean square over the state, in units of
+    absolute + relative abs(state).
+    """
+
+    absolute: Array
+    """Shape (len(state),)."""
+    relative: float
+    first: int = 1
+    """Number of the first step measured; the first step of all is 1."""
+    interval: int = 32
 
 
 class Steps(Protocol):
     """Takes steps along a motion."""
 
-    def advance(self, state: Array, step: float, count: int) -> Array:
-        """States at the start and after each of count steps [s], shape (done + 1, len(state)).
+    def advance(
+        self, state: Array, step: float, count: int, checks: Checks | None = None
+    ) -> tuple[Array, float]:
+        """States at the start and after each of count steps [s], and the largest error.
 
-        Fewer are done where a rotor would turn by more than half a radian in a drift.
+        It stops before a step in which a rotor would turn by more than half a radian in a drift,
+        or whose error exceeds 1, so that the states have the shape (done + 1, len(state)).
         """
 
 
@@ -98,24 +122,43 @@ class NumpySteps:
         """Take steps along a motion."""
         self._motion = motion
 
-    def advance(self, state: Array, step: float, count: int) -> Array:
-        """States at the start and after each of count steps [s], (count + 1, len(state))."""
+    def advance(
+        self, state: Array, step: float, count: int, checks: Checks | None = None
+    ) -> tuple[Array, float]:
+        """States at the start and after each of count steps [s], and the largest error."""
         number = self._motion.rotors
-        states = np.empty((count + 1, len(state)))
-        states[0] = state
-        decays = [_decay(self._motion, step * drift) for drift in DRIFTS]
-        half_inertias = self._motion.chain.moments_of_inertia / 2
-        for before, after in zip(states, states[1:], strict=False):
-            after[:] = before
-            angles, rates, dissipated = after[:number], after[number : 2 * number], after[-1:]
-            for stage, (factors, turns) in enumerate(decays):
-                if stage:
-                    rates += step * KICKS[stage - 1] * self._motion.accelerations(angles)
-                angles += turns * rates
-                if self._motion.damped:
-                    dissipated += half_inertias @ ((1 - factors**2) * rates**2)
-                    rates *= factors
-        return states
+        longest_drift = abs(step) * float(np.abs(DRIFTS).max())
+        states, largest = [state.copy()], 0.0
+        for index in range(1, count + 1):
+            before = states[-1]
+            if not longest_drift * np.abs(before[number : 2 * number]).max() <= LARGEST_TURN:
+                break
+            after = self._after(before, step)
+            if checks and index >= checks.first and (index - checks.first) % checks.interval == 0:
+                halves = self._after(self._after(before, step / 2), step / 2)
+                sizes = np.maximum(np.abs(before), np.abs(halves))
+                differences = (after - halves) / (checks.absolute + checks.relative * sizes)
+                error = math.sqrt(float(np.mean(differences**2)))
+                largest = max(largest, error)
+                if not error <= 1:
+                    return np.array(states), error
+            states.append(after)
+        return np.array(states), largest
+
+    def _after(self, before: Array, step: float) -> Array:
+        motion, number = self._motion, self._motion.rotors
+        after = before.copy()
+        angles, rates, dissipated = after[:number], after[number : 2 * number], after[-1:]
+        for stage, drift in enumerate(DRIFTS):
+            if stage:
+                rates += step * KICKS[stage - 1] * motion.accelerations(angles)
+            factors, turns = _decay(motion, step * drift)
+            angles += turns * rates
+            if motion.damped:
+                lost = motion.chain.moments_of_inertia * (1 - factors**2) * rates**2 / 2
+                dissipated += lost.sum()
+                rates *= factors
+        return after
 
 
 class CompiledSteps:
@@ -133,11 +176,14 @@ class CompiledSteps:
         self._field = self._accelerations_of_field()
         self._decays_step = 0.0
         self._decays = self._decays_of(0.0)
-        self._half_inertias = self._padded(motion.chain.moments_of_inertia / 2)[: self._decays.shape[-1]]
-        self._work = np.zeros((7, self._places + 1))
+        half_inertias = motion.chain.moments_of_inertia / 2
+        self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
+        self._work = np.zeros((11, self._places + 1))
 
-    def advance(self, state: Array, step: float, count: int) -> Array:
-        """States at the start and after each of count steps [s], (done + 1, len(state))."""
+    def advance(
+        self, state: Array, step: float, count: int, checks: Checks | None = None
+    ) -> tuple[Array, float]:
+        """States at the start and after each of count steps [s], and the largest error."""
         number = self._motion.rotors
         states = np.empty((count + 1, len(state)))
         states[0] = state
@@ -148,24 +194,27 @@ class CompiledSteps:
         np.sin(angles, out=sines)
         if step != self._decays_step:
             self._decays_step, self._decays = step, self._decays_of(step)
-        done = self._kernels.advance(
+        checks = checks or Checks(state, 0.0, first=count + 1)
+        done, error = self._kernels.advance(
             self._work,
             self._springs,
             self._field,
             (self._decays, self._half_inertias),
             (step * DRIFTS, step * KICKS),
+            (checks.absolute, checks.relative),
+            (checks.first, checks.interval),
             states,
         )
-        return states[: done + 1]
+        return states[: done + 1], error
 
-    def _coefficients(self) -> tuple[tuple[float, ...], Array, bool]:
+    def _coefficients(self) -> tuple[tuple[float, float, float, float, float], Array, bool]:
         chain, inverse = self._motion.chain, self._motion.inverse_inertias
         left = np.arange(chain.number_of_springs)
         right = (left + 1) % chain.number_of_rotors
         squares, lengths = chain.rest_lengths**2, chain.rotor_lengths
         lever_left = chain.stiffnesses * chain.spacings * lengths[left] * inverse[left]
         lever_right = chain.stiffnesses * chain.spacings * lengths[right] * inverse[right]
-        cross = chain.stiffnesses * lengths[left] * lengths[right]
+        crosses = chain.stiffnesses * lengths[left] * lengths[right]
         rows = np.array(
             [
                 chain.offsets / squares,
@@ -173,15 +222,15 @@ class CompiledSteps:
                 2 * chain.spacings * lengths[left] / squares,
                 2 * lengths[left] * lengths[right] / squares,
                 lever_left,
-                cross * inverse[left],
-                cross * inverse[right],
+                crosses * inverse[left],
+                crosses * inverse[right],
                 lever_right,
             ]
         )
-        offset, slope, _, product, lever, cross_left, *_ = (float(row[0]) for row in rows)
+        offset, _, slope, product, lever, cross, *_ = (float(row[0]) for row in rows)
         uniform = chain.deviations == NO_DEVIATIONS and not self._motion.fixed
         deviating = np.empty((8, 0)) if uniform else self._padded(rows)
-        return (offset, slope, product, lever, cross_left), deviating, chain.periodic
+        return (offset, slope, product, lever, cross), deviating, chain.periodic
 
     def _accelerations_of_field(self) -> Array:
         motion, gravity = self._motion, self._motion.gravity
@@ -193,11 +242,14 @@ class CompiledSteps:
         return self._padded(np.array([torques, *tilted]) * motion.inverse_inertias)
 
     def _decays_of(self, step: float) -> Array:
-        """Of each drift the factors of rates and the angles turned per rate, (2, 15, P)."""
+        """Factors of rates and angles per rate in the drifts of a half and a whole step."""
         if not self._motion.damped:
-            return np.empty((2, len(DRIFTS), 0))
-        decays = [_decay(self._motion, step * drift) for drift in DRIFTS]
-        return self._padded(np.array(decays).swapaxes(0, 1))
+            return np.empty((2, 2, len(DRIFTS), 0))
+        decays = [
+            [_decay(self._motion, length * drift) for drift in DRIFTS]
+            for length in (step / 2, step)
+        ]
+        return self._padded(np.array(decays).swapaxes(1, 2))
 
     def _padded(self, values: Array) -> Array:
         padding = [(0, 0)] * (values.ndim - 1) + [(0, self._places - values.shape[-1])]
