@@ -61,7 +61,7 @@ class ChainMotion:
         """Of free rotors [1/s], c / (M r^2), shape (N,)."""
         return self.chain.dampings * self.inverse_inertias
 
-    @property
+    @cached_property
     def fastest_rate(self) -> float:
         """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, c / (M r^2) [1/s]."""
         chain = self.chain

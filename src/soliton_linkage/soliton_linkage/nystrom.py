@@ -29,6 +29,7 @@ from soliton_linkage.nystrom_steps import (
     steps_of,
 )
 
+_LONGEST_DRIFT = float(np.abs(DRIFTS).max())
 _STEPS_BETWEEN_CHECKS = 32
 _ROTORS_TOGETHER = 4000
 _FEWEST_TOGETHER = 8
@@ -172,7 +173,7 @@ class SymplecticNystrom(OdeSolver):
         """Longest step that is stable and turns no rotor too far in a drift [s]."""
         number = self._motion.rotors
         fastest = float(np.abs(state[number : 2 * number]).max())
-        turning = float(np.abs(DRIFTS).max()) * fastest / LARGEST_TURN
+        turning = _LONGEST_DRIFT * fastest / LARGEST_TURN
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
         return min(self._max_step, _SAFETY / limit)
 
