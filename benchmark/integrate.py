@@ -105,7 +105,9 @@ def measured(problem: Problem, rounds: int) -> dict[str, object]:
         progress.show(done, peer.name)
         if peer.name != 'MuJoCo implicitfast' or problem.rotors <= ERRORS_FROM:
             curves[peer.name] = curve_of(peer, problem, reference)
-    needed = {name: [around(curve, target) for target in TARGETS] for name, curve in curves.items()}
+    needed = {
+        name: [around(curve, target) for target in TARGETS] for name, curve in curves.items()
+    }
     chosen = {id(s): s for pairs in needed.values() for pair in pairs for s in pair}
     for each in chosen.values():
         each.times.clear()
@@ -122,7 +124,10 @@ def measured(problem: Problem, rounds: int) -> dict[str, object]:
             for name, curve in curves.items()
         },
         'seconds': {
-            name: {str(target): times_at(pair, target) for target, pair in zip(TARGETS, pairs, strict=True)}
+            name: {
+                str(target): times_at(pair, target)
+                for target, pair in zip(TARGETS, pairs, strict=True)
+            }
             for name, pairs in needed.items()
         },
     }
@@ -184,7 +189,10 @@ def times_at(pair: tuple[Setting, ...], target: float) -> list[float]:
 
 
 def table_of(results: dict) -> list[str]:
-    rows = ['| peer | work | theirs | ours | ratio (spread) | set-up |', '| --- | --- | --- | --- | --- | --- |']
+    rows = [
+        '| peer | work | theirs | ours | ratio (spread) | set-up |',
+        '| --- | --- | --- | --- | --- | --- |',
+    ]
     for work, result in results.items():
         if work == 'account':
             continue
@@ -193,7 +201,9 @@ def table_of(results: dict) -> list[str]:
                 continue
             for target, theirs in by_target.items():
                 mine = result['seconds'][OURS.name][target]
-                rows.append(row(name, f'{work}, error {target}', theirs, mine, result['curves'][name]))
+                rows.append(
+                    row(name, f'{work}, error {target}', theirs, mine, result['curves'][name])
+                )
     rows += ['', '| rotors | ' + ' | '.join(results['account'][0]) + ' |']
     rows.append('| --- ' * (len(results['account'][0]) + 1) + '|')
     for line in results['account'][1]:

@@ -30,13 +30,15 @@ from soliton_linkage.nystrom_steps import (
 )
 
 _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-_STEPS_BETWEEN_CHECKS = 32
+_CHECK_EVERY = 16
+_CHECK_NEW_EVERY = 4
 _ROTORS_TOGETHER = 4000
 _FEWEST_TOGETHER = 8
 _SAFETY = 0.8
 _AIM = 0.3
 _WORTH_GROWING = 1.25
 _TRIALS = 60
+_SHORTEST = 1e-6
 
 
 class SymplecticNystrom(OdeSolver):
@@ -44,9 +46,10 @@ class SymplecticNystrom(OdeSolver):
 
     The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
     abs(y), and then kept: a step of constant length has a bounded error of the energy, which is
-    lost with every change. Every 32 steps the error is measured, against two of half the length,
-    and the step is changed where it has become too large or several times too small. It is never
-    longer than what keeps the fastest vibration bounded.
+    lost with every change. The error is measured in every 16th step, every 4th after a change,
+    against two of half the length. Where it has become too large, the steps since it was last
+    measured are taken back and the step is shortened; where it is several times too small, the
+    step is made longer, but never so long that the fastest vibration could grow.
 
     One step of this solver is as many of the method as make it worth a call, or `together`.
     Dense output interpolates in each of these with angles, rates and accelerations at its ends
@@ -95,7 +98,7 @@ class SymplecticNystrom(OdeSolver):
         self._steps = steps_of(fun, compiled)
         self._step = min(first_step or self._longest(self.y) / 2, self._longest(self.y))
         self._chosen = first_step is not None
-        self._unchecked = 0
+        self._since_change = 0
         self._even_from, self._even_steps = float(t0), 0
         self._states = self.y[np.newaxis]
 
@@ -103,7 +106,10 @@ class SymplecticNystrom(OdeSolver):
         if not self._chosen:
             self._choose_step()
         for _ in range(_TRIALS):
-            self._change_to(min(self._step, self._longest(self.y)))
+            longest = self._longest(self.y)
+            self._change_to(min(self._step, longest))
+            if self._step < _SHORTEST * longest:
+                break
             if self._advance():
                 return True, None
         return False, 'no step is short enough for the tolerances'
@@ -121,6 +127,8 @@ class SymplecticNystrom(OdeSolver):
         """Take steps of the method together; return whether any was good."""
         remaining = abs(self.t_bound - self.t)
         count, last = self._together, False
+        if self._since_change < _CHECK_EVERY:
+            count = min(count, _CHECK_EVERY - self._since_change)
         if remaining <= count * self._step * (1 + 1e-9):
             count, last = max(1, math.ceil(remaining / self._step * (1 - 1e-9))), True
             self._start_evenly()
@@ -130,9 +138,9 @@ class SymplecticNystrom(OdeSolver):
         if done:
             self._states, self.y = states, states[-1].copy()
             self._even_steps += done
+            self._since_change += done
             evenly = self._even_from + self._even_steps * step
             self.t = self.t_bound if last and done == count else evenly
-            self._unchecked = (self._unchecked + done) % _STEPS_BETWEEN_CHECKS
         better = self._better(error)
         if not error <= 1 or (error > 0 and better > _WORTH_GROWING * self._step):
             self._change_to(better)
@@ -142,14 +150,15 @@ class SymplecticNystrom(OdeSolver):
         return _NystromOutput(self.t_old, self.t, self._states, self._motion, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
-        """States and largest error of steps, measured where it is time for it."""
-        first = 1 + -self._unchecked % _STEPS_BETWEEN_CHECKS
-        checks = Checks(self._absolute, self._relative, first, _STEPS_BETWEEN_CHECKS)
+        """States and largest error of steps, up to the last good one that was measured."""
+        interval = _CHECK_NEW_EVERY if self._since_change < _CHECK_EVERY else _CHECK_EVERY
+        first = 1 + -self._since_change % interval
+        checks = Checks(self._absolute, self._relative, first, interval)
         states, error = self._steps.advance(self.y, step, count, checks)
-        taken = min(count, len(states) - 1 + (not error <= 1))
-        measured = len(range(first, taken + 1, _STEPS_BETWEEN_CHECKS))
-        self.nfev += len(KICKS) * (taken + 2 * measured)
-        return states, error
+        good = error <= 1
+        taken = min(count, len(states) - good)
+        self.nfev += len(KICKS) * (taken + 2 * len(range(first, taken + 1, interval)))
+        return states if good else states[: max(1, len(states) - interval + 1)], error
 
     def _better(self, error: float) -> float:
         """Length of step that an error asks for [s]."""
@@ -163,7 +172,7 @@ class SymplecticNystrom(OdeSolver):
     def _change_to(self, step: float) -> None:
         if step != self._step:
             self._step = step
-            self._unchecked = 0
+            self._since_change = 0
             self._start_evenly()
 
     def _start_evenly(self) -> None:
@@ -173,9 +182,9 @@ class SymplecticNystrom(OdeSolver):
         """Longest step that is stable and turns no rotor too far in a drift [s]."""
         number = self._motion.rotors
         fastest = float(np.abs(state[number : 2 * number]).max())
-        turning = _LONGEST_DRIFT * fastest / LARGEST_TURN
+        turning = _LONGEST_DRIFT * fastest / (_SAFETY * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
-        return min(self._max_step, _SAFETY / limit)
+        return min(self._max_step, 1 / limit)
 
     def _check_state(self) -> None:
         expected = 2 * self._motion.rotors + self._motion.damped

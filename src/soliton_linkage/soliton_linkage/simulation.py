@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, OdeSolver
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.gravity import NO_GRAVITY, Gravity
@@ -137,7 +137,7 @@ class Simulation(ABC):
         """Take one step of the solver towards the next frame; the current one stays as it is."""
         complaint = self._solver.step()
         self._steps += 1
-        time_unit = min(self.chain.time_unit, self._solver.max_step)
+        time_unit = min(self.chain.time_unit, self._tolerances()[1])
         if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
@@ -232,7 +232,10 @@ class Simulation(ABC):
         state = self._packed()
         self._batch = np.empty((0, len(state)))
         tolerances, longest_step = self._tolerances()
-        self._solver: DOP853 = DOP853(
+        self._solver: OdeSolver = self._new_solver(state, tolerances, longest_step)
+
+    def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
+        return DOP853(
             self._derivative,
             0.0,
             state,
