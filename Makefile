@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy benchmark soak format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -41,7 +41,10 @@ sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/st
 accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
 	@$(enter) accuracy config/studies/accuracy.yaml --output out/accuracy $(ARGS)
 
-benchmark: build  ## measure what publishing costs
+benchmark: build  ## compare with what one would use instead; ONLY=integrate; ARGS='--quick'
+	@$(enter) setup/benchmark.sh $(or $(ONLY),integrate) $(ARGS)
+
+soak: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)
 
 format: build  ## put the code in its form

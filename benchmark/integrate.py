@@ -14,6 +14,7 @@ and in chains of more than 150 rotors its errors are those in 150: the wall come
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import statistics
@@ -22,20 +23,17 @@ import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
-from integrate_account import account
+from integrate_account import COLUMNS, account
 from integrate_peers import OURS, PEERS, Peer, Problem, Ready, heyoka_taylor
 
 from soliton_linkage.chain import Array
 from soliton_linkage.progress import ProgressLine
 
-mpl.use('agg')
-import matplotlib.pyplot as plt  # noqa
-
 TARGETS = (1e-5, 1e-8)
 FINEST = 3e-9
-LONGEST_RUN = 4.0
+LONGEST_RUN = 20.0
 ERRORS_FROM = 150
 SHORTEST_ROUND = 0.03
 
@@ -64,6 +62,7 @@ class Setting:
 
 
 def main() -> None:
+    plt.switch_backend('agg')
     arguments = parse_arguments()
     problems = [flipper(rotors) for rotors in arguments.rotors]
     if arguments.spinner:
@@ -74,7 +73,7 @@ def main() -> None:
     results = stored.setdefault('integrate', {})
     for problem in problems:
         results[f'{problem.name} {problem.rotors}'] = measured(problem, arguments.rounds)
-    results['account'] = account(arguments.rotors)
+    results.setdefault('account', {}).update(account(arguments.rotors))
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     arguments.output.write_text(json.dumps(stored, indent=2) + '\n', encoding='utf-8')
     table = '\n'.join(table_of(results))
@@ -170,7 +169,7 @@ def prepared(peer: Peer, problem: Problem, value: float) -> Setting:
 
 def around(curve: list[Setting], target: float) -> tuple[Setting, ...]:
     """The setting just above and just below an error; one if the first is below, or none."""
-    for coarse, fine in zip(curve, curve[1:], strict=False):
+    for coarse, fine in itertools.pairwise(curve):
         if coarse.error >= target >= fine.error:
             return coarse, fine
     return (curve[0],) if curve[0].error < target else ()
@@ -204,16 +203,16 @@ def table_of(results: dict) -> list[str]:
                 rows.append(
                     row(name, f'{work}, error {target}', theirs, mine, result['curves'][name])
                 )
-    rows += ['', '| rotors | ' + ' | '.join(results['account'][0]) + ' |']
-    rows.append('| --- ' * (len(results['account'][0]) + 1) + '|')
-    for line in results['account'][1]:
-        rows.append('| ' + ' | '.join(f'{value:.4g}' for value in line) + ' |')
+    rows += ['', '| rotors | ' + ' | '.join(COLUMNS) + ' |', '| --- ' * (len(COLUMNS) + 1) + '|']
+    for size, times in results['account'].items():
+        rows.append(f'| {size} | ' + ' | '.join(f'{value:.2f}' for value in times) + ' |')
     return rows
 
 
 def row(name: str, work: str, theirs: list[float], mine: list[float], curve: list) -> str:
     if not theirs or not mine:
-        return f'| {name} | {work} | not reached | {1e3 * statistics.median(mine or [math.nan]):.3g} ms | | |'
+        reached = f'{1e3 * statistics.median(mine):.3g} ms' if mine else 'not reached'
+        return f'| {name} | {work} | not reached | {reached} | | |'
     ratios = sorted(t / m for t, m in zip(theirs, mine, strict=True))
     return (
         f'| {name} | {work} | {1e3 * statistics.median(theirs):.3g} ms '

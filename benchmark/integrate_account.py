@@ -21,9 +21,9 @@ BUDGET = 2e6
 COLUMNS = ('all [ns]', 'turn [ns]', 'springs [ns]', 'kick [ns]')
 
 
-def account(sizes: list[int]) -> tuple[tuple[str, ...], list[list[float]]]:
+def account(sizes: list[int]) -> dict[str, list[float]]:
     """Time of a rotor and force in long runs, and of each of its loops called on its own."""
-    return COLUMNS, [[size, whole(size), *parts(size)] for size in sizes]
+    return {str(size): [whole(size), *parts(size)] for size in sizes}
 
 
 def whole(size: int) -> float:
@@ -48,9 +48,14 @@ def parts(size: int) -> list[float]:
     ]
     repeats = math.ceil(BUDGET / longer)
     return [
-        1e9 * fastest(lambda call=call: [call() for _ in range(repeats)]) / (repeats * longer)
+        1e9 * fastest(lambda call=call: repeated(call, repeats)) / (repeats * longer)
         for call in calls
     ]
+
+
+def repeated(call: Callable[[], None], times: int) -> None:
+    for _ in range(times):
+        call()
 
 
 def fastest(call: Callable[[], object]) -> float:

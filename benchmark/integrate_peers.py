@@ -40,14 +40,17 @@ class Problem:
 
     @cached_property
     def chain(self) -> Chain:
+        """The chain, at rest and leaning left at the start."""
         return Chain(self.rotors, 1.0, self.rotor_length, self.rest_angle, 1.0, 1.0)
 
     @cached_property
     def angles(self) -> Array:
+        """At the start, shape (N,)."""
         return self.chain.uniform_state(-1)
 
     @cached_property
     def rates(self) -> Array:
+        """At the start, those of the kick, shape (N,)."""
         return self.speed * edge_mode(self.chain, self.angles, Edge.FIRST)
 
 
