@@ -37,14 +37,13 @@ def whole(size: int) -> float:
 
 def parts(size: int) -> list[float]:
     """Loops over rows long enough to drown the call, as many times as there is a budget."""
-    rng = np.random.default_rng(1)
     longer = max(size, 2000)
-    c, s, rates, a, b = rng.uniform(-0.1, 0.1, (5, longer + 1))
+    work = np.random.default_rng(1).uniform(-0.1, 0.1, (11, longer + 1))
     coefficients = (0.1, 0.2, 0.3, 0.4, 0.5)
     calls: list[Callable[[], None]] = [
-        lambda: kernels.turn(a[:-1], c[:-1], s[:-1], rates[:-1], 1e-9),
-        lambda: kernels.pull_uniform(c[:-1], s[:-1], c[1:], s[1:], a[:-1], b[1:], coefficients),
-        lambda: kernels.kick(rates[:-1], a[:-1], b[:-1], 1e-9),
+        lambda: kernels.turn(work, kernels.RATES, longer, 1e-9),
+        lambda: kernels.pull_uniform(work, longer, coefficients),
+        lambda: kernels.kick(work, longer, 1e-9),
     ]
     repeats = math.ceil(BUDGET / longer)
     return [
