@@ -50,7 +50,6 @@ def _compiled(function: Kernel, cache: bool) -> Kernel:
         fastmath={'contract', 'nsz'},
         error_model='numpy',
         nogil=True,
-        forceinline=True,
     )
     return cast(Kernel, compiler(function))
 
