@@ -192,9 +192,8 @@ def table_of(results: dict) -> list[str]:
         '| peer | work | theirs | ours | ratio (spread) | set-up |',
         '| --- | --- | --- | --- | --- | --- |',
     ]
-    for work, result in results.items():
-        if work == 'account':
-            continue
+    for work in sorted(results.keys() - {'account'}, key=size_of):
+        result = results[work]
         for name, by_target in result['seconds'].items():
             if name == OURS.name:
                 continue
@@ -204,7 +203,7 @@ def table_of(results: dict) -> list[str]:
                     row(name, f'{work}, error {target}', theirs, mine, result['curves'][name])
                 )
     rows += ['', '| rotors | ' + ' | '.join(COLUMNS) + ' |', '| --- ' * (len(COLUMNS) + 1) + '|']
-    for size, times in results['account'].items():
+    for size, times in sorted(results['account'].items(), key=lambda item: int(item[0])):
         rows.append(f'| {size} | ' + ' | '.join(f'{value:.2f}' for value in times) + ' |')
     return rows
 
@@ -222,13 +221,19 @@ def row(name: str, work: str, theirs: list[float], mine: list[float], curve: lis
     )
 
 
+def size_of(work: str) -> tuple[int, str]:
+    name, size = work.rsplit(maxsplit=1)
+    return int(size), name
+
+
 def draw(results: dict, path: Path) -> None:
-    works = [work for work in results if work != 'account']
+    works = sorted((work for work in results if work != 'account'), key=size_of)
+    colours = {peer.name: f'C{place}' for place, peer in enumerate((OURS, *PEERS))}
     figure, axes = plt.subplots(1, len(works), figsize=(4 * len(works), 4), squeeze=False)
     for axis, work in zip(axes[0], works, strict=True):
         for name, curve in results[work]['curves'].items():
             points = np.array(curve)
-            axis.loglog(points[:, 1], points[:, 2], 'o-', label=name)
+            axis.loglog(points[:, 1], points[:, 2], 'o-', color=colours[name], label=name)
         axis.set(title=work, xlabel='largest error of an angle [rad]', ylabel='wall time [s]')
         axis.invert_xaxis()
     axes[0][0].legend()
