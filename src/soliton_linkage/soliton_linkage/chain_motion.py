@@ -13,7 +13,7 @@ from soliton_linkage.chain import Array, Chain
 from soliton_linkage.gravity import NO_GRAVITY, Gravity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChainMotion:
     """Right-hand side for `scipy.integrate.solve_ivp`, of state (angles, rates, dissipated).
 
