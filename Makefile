@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy moves benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy moves benchmark soak format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -44,7 +44,10 @@ accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
 moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 	@$(enter) moves config/studies/moves.yaml --output out/moves $(ARGS)
 
-benchmark: build  ## measure what publishing costs
+benchmark: build  ## compare with what one would use instead; ONLY=integrate; ARGS='--quick'
+	@$(enter) setup/benchmark.sh $(or $(ONLY),integrate) $(ARGS)
+
+soak: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)
 
 format: build  ## put the code in its form
