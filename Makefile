@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark soak format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -50,7 +50,10 @@ moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 driving: build  ## show on one page what drives a chain: actuator, energy books, bars, tilt, moves
 	@$(enter) driving config/studies/driving.yaml --output out/driving $(ARGS)
 
-benchmark: build  ## measure what publishing costs
+benchmark: build  ## compare with what one would use instead; ONLY=integrate; ARGS='--quick'
+	@$(enter) setup/benchmark.sh $(or $(ONLY),integrate) $(ARGS)
+
+soak: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)
 
 format: build  ## put the code in its form

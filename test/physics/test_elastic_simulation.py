@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 from chains import EPS, EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
 from linkage_motion import wall_between
 
+from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.bands import couplings, penetration_depth
 from soliton_linkage.chain import Array, Chain
-from soliton_linkage.elastic_simulation import ElasticSimulation, simulate
+from soliton_linkage.elastic_simulation import INTEGRATORS, ElasticSimulation, simulate
+from soliton_linkage.gravity import Gravity
 from soliton_linkage.recording import Recording
 from soliton_linkage.rigidity import mode_towards_last, rigidity_matrix
 from soliton_linkage.soliton import find_solitons
@@ -410,3 +413,34 @@ def test_a_chain_at_rest_stays_there_but_for_rounding(example: tuple[float, floa
     simulation = ElasticSimulation(chain, rest, period=100 * chain.time_unit)
     simulation.advance()
     assert abs(simulation.energy_drift) < 1e-8
+
+
+@pytest.mark.parametrize('damping', [0.0, 1e-4])
+def test_both_integrators_move_the_chain_alike(damping: float) -> None:
+    pytest.importorskip('numba')
+    chain = dataclasses.replace(chain_of(FLIPPER, 12), damping=damping)
+    impulses = (
+        0.5 * chain.moment_of_inertia * edge_mode(chain, chain.uniform_state(-1), Edge.FIRST)
+    )
+    torques = np.linspace(-1e-3, 1e-3, 12)
+    ends = []
+    for integrator in INTEGRATORS:
+        simulation = ElasticSimulation(
+            chain, chain.uniform_state(-1), gravity=Gravity(0.2, 0.3), integrator=integrator
+        )
+        for _ in range(30):
+            simulation.advance()
+        simulation.kick(impulses)
+        simulation.hold(torques)
+        for _ in range(50):
+            simulation.advance()
+        assert abs(simulation.energy_drift) < 1e-9
+        ends.append((simulation.angles, simulation.rates, simulation.dissipated))
+    for one, other in zip(*ends, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
+
+
+def test_an_unknown_integrator_is_refused() -> None:
+    chain = chain_of(FLIPPER, 4)
+    with pytest.raises(ValueError, match="'LSODA' must be one of"):
+        ElasticSimulation(chain, chain.uniform_state(1), integrator='LSODA')

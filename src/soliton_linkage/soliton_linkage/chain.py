@@ -193,7 +193,7 @@ class Chain:
         v_left, v_right = self._joined(vertical)
         across, up = h_right - h_left, v_right - v_left
         products = h_left * h_right + v_left * v_right
-        excess = self._offsets + 2 * self.spacings * across - 2 * products
+        excess = self.offsets + 2 * self.spacings * across - 2 * products
         across += self.spacings
         lengths = np.hypot(across, up)
         divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
@@ -235,7 +235,7 @@ class Chain:
         return sums
 
     @cached_property
-    def _offsets(self) -> Array:
+    def offsets(self) -> Array:
         """Return c of each spring [m^2]; without deviations none of its terms cancel."""
         uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
         r_left, r_right = self._joined(self.rotor_lengths)

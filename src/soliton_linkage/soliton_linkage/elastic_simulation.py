@@ -4,12 +4,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from scipy.integrate import OdeSolver
 
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.nystrom import SymplecticNystrom
 from soliton_linkage.recording import Recording
 from soliton_linkage.simulation import Simulation
+
+INTEGRATORS = ('DOP853', 'symplectic')
+"""Of springs: scipy's explicit Runge-Kutta method, and `SymplecticNystrom`."""
 
 # In units of the fastest rate; DOP853 is stable in steps of 6. A chain at rest asks for no
 # accuracy, and longer steps would make a motion of rounding errors.
@@ -17,7 +24,16 @@ _LONGEST_STEP = 5
 
 
 class ElasticSimulation(Simulation):
-    """A chain of springs: M r^2 phi_ddot = -dV/dphi - damping phi_dot + torques of gravity etc."""
+    """A chain of springs: M r^2 phi_ddot = -dV/dphi - damping phi_dot + torques of gravity etc.
+
+    The integrator is one of INTEGRATORS; all else is as in `Simulation`.
+    """
+
+    def __init__(self, *arguments: Any, integrator: str = 'DOP853', **others: Any) -> None:
+        if integrator not in INTEGRATORS:
+            raise ValueError(f'integrator = {integrator!r} must be one of {INTEGRATORS}')
+        self.integrator = integrator
+        super().__init__(*arguments, **others)
 
     @property
     def link_torques(self) -> Array:
@@ -45,6 +61,12 @@ class ElasticSimulation(Simulation):
         friction = chain.dampings * rates
         accelerations = (torques - friction) / self._inertias
         return np.concatenate([rates, accelerations, [friction @ rates]])
+
+    def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
+        if self.integrator != 'symplectic':
+            return super()._new_solver(state, tolerances, longest_step)
+        motion = ChainMotion(self.chain, self.torques, self.gravity, self.fixed)
+        return SymplecticNystrom(motion, 0.0, state, np.inf, rtol=0.0, atol=tolerances, together=1)
 
     def _tolerances(self) -> tuple[Array, float]:
         # The solver takes the root mean square over its variables, in which a wall in a long

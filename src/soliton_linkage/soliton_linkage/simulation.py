@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, OdeSolver
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.gravity import NO_GRAVITY, Gravity
@@ -160,7 +160,7 @@ class Simulation(ABC):
             self._stale = False
         complaint = self._solver.step()
         self._steps += 1
-        time_unit = min(self.chain.time_unit, self._solver.max_step)
+        time_unit = min(self.chain.time_unit, self._tolerances()[1])
         if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
@@ -266,13 +266,16 @@ class Simulation(ABC):
         self._batch = np.empty((0, 0))
         self._stale = True
 
-    def _fresh_solver(self) -> DOP853:
+    def _fresh_solver(self) -> OdeSolver:
         """Solver from the current frame on; it is made once however much happens at a frame."""
         tolerances, longest_step = self._tolerances()
+        return self._new_solver(self._packed(), tolerances, longest_step)
+
+    def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
         return DOP853(
             self._derivative,
             0.0,
-            self._packed(),
+            state,
             np.inf,
             rtol=_SMALLEST_RELATIVE_TOLERANCE,
             atol=tolerances,

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from soliton_linkage.elastic_simulation import ElasticSimulation
+from soliton_linkage.elastic_simulation import INTEGRATORS, ElasticSimulation
 from soliton_linkage.gravity import Gravity
 from soliton_linkage.initial_states import State, leaning, with_soliton
 from soliton_linkage.quantities import quantity
@@ -14,10 +14,7 @@ from soliton_linkage.rigid_simulation import RigidSimulation
 from soliton_linkage.simulation import Simulation
 from soliton_linkage_nodes.conversions import NamedChain
 
-_MECHANICS: Mapping[str, type[Simulation]] = {
-    'elastic': ElasticSimulation,
-    'rigid': RigidSimulation,
-}
+_MECHANICS = ('elastic', 'rigid')
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
 _SOLITON = 'soliton'
 
@@ -27,7 +24,12 @@ class WorldParameters:
     """Parameters of the world besides those of the chain and of gravity."""
 
     mechanics: str = quantity(
-        'elastic', 'whether rotors are joined by springs or by rigid bars', choices=(*_MECHANICS,)
+        'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS
+    )
+    integrator: str = quantity(
+        'DOP853',
+        "solver of springs in motion: scipy's, or a compiled symplectic one",
+        choices=INTEGRATORS,
     )
     tolerance: float = quantity(
         1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
@@ -60,15 +62,11 @@ class World:
 
     def begin(self, state: State, gravity: Gravity) -> Simulation:
         """Simulate from a state on."""
-        return _MECHANICS[self._parameters.mechanics](
-            self._chain,
-            state.angles,
-            state.rates,
-            self._period,
-            self._parameters.tolerance,
-            gravity,
-            self._fixed,
-        )
+        given = self._parameters
+        begun = (state.angles, state.rates, self._period, given.tolerance, gravity, self._fixed)
+        if given.mechanics == 'rigid':
+            return RigidSimulation(self._chain, *begun)
+        return ElasticSimulation(self._chain, *begun, integrator=given.integrator)
 
     def initial_state(self) -> State:
         """State that the parameters say."""

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ways to integrate a chain of springs: ours, and what a user would take instead.
+
+Each is prepared for a problem and a setting, a tolerance or a step, which is set-up. Then it is
+made ready and run as often as one likes; a run returns the angles at the end, and its wall time
+is what counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import heyoka
+import mujoco
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.nystrom import SymplecticNystrom
+
+Run = Callable[[], Array]
+Ready = Callable[[], Run]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A chain at rest, kicked at its first edge, in units of a = M = k_e = 1."""
+
+    name: str
+    rotors: int
+    duration: float
+    rotor_length: float
+    rest_angle: float
+    speed: float
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The chain, at rest and leaning left at the start."""
+        return Chain(self.rotors, 1.0, self.rotor_length, self.rest_angle, 1.0, 1.0)
+
+    @cached_property
+    def angles(self) -> Array:
+        """At the start, shape (N,)."""
+        return self.chain.uniform_state(-1)
+
+    @cached_property
+    def rates(self) -> Array:
+        """At the start, those of the kick, shape (N,)."""
+        return self.speed * edge_mode(self.chain, self.angles, Edge.FIRST)
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A way to integrate, with settings from coarse to fine."""
+
+    name: str
+    prepare: Callable[[Problem, float], Ready]
+    settings: tuple[float, ...]
+    constant_step: bool = False
+    """Whether a part of the duration takes that part of the time."""
+
+
+def ours(problem: Problem, tolerance: float) -> Ready:
+    motion = ChainMotion(problem.chain)
+    state = motion.state(problem.angles, problem.rates)
+    absolute = tolerance / math.sqrt(len(state))
+
+    def ready() -> Run:
+        solver = SymplecticNystrom(
+            motion, 0.0, state, problem.duration, rtol=0.0, atol=absolute, compiled=True
+        )
+
+        def run() -> Array:
+            while solver.status == 'running':
+                solver.step()
+            return solver.y[: problem.rotors]
+
+        return run
+
+    ready()()
+    return ready
+
+
+def plain_scipy(problem: Problem, tolerance: float) -> Ready:
+    """What one writes on the first day."""
+    number, a, r = problem.rotors, problem.chain.spacing, problem.chain.rotor_length
+    rest_length = problem.chain.rest_length
+
+    def derivative(_time: float, state: Array) -> Array:
+        angles, rates = state[:number], state[number:]
+        x, z = a * np.arange(number) + r * np.sin(angles), r * np.cos(angles)
+        dx, dz = np.diff(x), np.diff(z)
+        length = np.sqrt(dx**2 + dz**2)
+        tension = (length - rest_length) / length
+        force_x, force_z = np.zeros(number), np.zeros(number)
+        force_x[:-1] += tension * dx
+        force_x[1:] -= tension * dx
+        force_z[:-1] += tension * dz
+        force_z[1:] -= tension * dz
+        torque = r * (np.cos(angles) * force_x - np.sin(angles) * force_z)
+        return np.concatenate([rates, torque / r**2])
+
+    start = np.concatenate([problem.angles, problem.rates])
+
+    def run() -> Array:
+        span = 0.0, problem.duration
+        solution = solve_ivp(
+            derivative, span, start, method='DOP853', rtol=tolerance, atol=tolerance
+        )
+        return solution.y[:number, -1]
+
+    return lambda: run
+
+
+def heyoka_taylor(problem: Problem, tolerance: float) -> Ready:
+    """Compact mode for all but short chains, whose unrolled code takes minutes to compile."""
+    number, chain = problem.rotors, problem.chain
+    a, r, rest_length = chain.spacing, chain.rotor_length, chain.rest_length
+    angles = [heyoka.make_vars(f'angle_{n}') for n in range(number)]
+    rates = [heyoka.make_vars(f'rate_{n}') for n in range(number)]
+    sines, cosines = [heyoka.sin(x) for x in angles], [heyoka.cos(x) for x in angles]
+    terms: list[list[object]] = [[] for _ in range(number)]
+    for n in range(number - 1):
+        s, c, s_next, c_next = sines[n], cosines[n], sines[n + 1], cosines[n + 1]
+        square = (
+            (a**2 + 2 * r**2) + 2 * a * r * (s_next - s) - 2 * r**2 * (s * s_next + c * c_next)
+        )
+        tension = 1.0 - rest_length * square**-0.5
+        cross = s * c_next - c * s_next
+        terms[n].append(tension * ((a / r) * c - cross))
+        terms[n + 1].append(tension * (cross - (a / r) * c_next))
+    system = list(zip(angles, rates, strict=True))
+    system += [(rate, heyoka.sum(term)) for rate, term in zip(rates, terms, strict=True)]
+    start = np.concatenate([problem.angles, problem.rates])
+    integrator = heyoka.taylor_adaptive(system, start, tol=tolerance, compact_mode=number > 20)
+
+    def run() -> Array:
+        integrator.propagate_until(problem.duration)
+        return integrator.state[:number].copy()
+
+    def ready() -> Run:
+        integrator.time = 0.0
+        integrator.state[:] = start
+        return run
+
+    return ready
+
+
+def mujoco_rk4(problem: Problem, step: float) -> Ready:
+    return mujoco_with('RK4', problem, step)
+
+
+def mujoco_implicit(problem: Problem, step: float) -> Ready:
+    return mujoco_with('implicitfast', problem, step)
+
+
+def mujoco_with(integrator: str, problem: Problem, step: float) -> Ready:
+    model = mujoco_model(problem.chain, integrator)
+    data = mujoco.MjData(model)
+    count = math.ceil(problem.duration / step)
+    model.opt.timestep = problem.duration / count
+
+    def run() -> Array:
+        mujoco.mj_step(model, data, nstep=count)
+        return data.qpos.copy()
+
+    def ready() -> Run:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = problem.angles, problem.rates
+        return run
+
+    return ready
+
+
+@lru_cache(maxsize=2)
+def mujoco_model(chain: Chain, integrator: str) -> mujoco.MjModel:
+    r, number = chain.rotor_length, chain.number_of_rotors
+    bodies = ''.join(
+        f'<body pos="{n * chain.spacing} 0 0"><joint type="hinge" axis="0 1 0"/>'
+        f'<inertial pos="0 0 {r}" mass="{chain.mass}" diaginertia="1e-14 1e-14 1e-14"/>'
+        f'<site name="{n}" pos="0 0 {r}"/></body>'
+        for n in range(number)
+    )
+    springs = ''.join(
+        f'<spatial stiffness="{chain.stiffness}" springlength="{chain.rest_length!r}">'
+        f'<site site="{n}"/><site site="{n + 1}"/></spatial>'
+        for n in range(number - 1)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option integrator="{integrator}" gravity="0 0 0" jacobian="sparse">'
+        '<flag contact="disable" constraint="disable"/></option>'
+        f'<worldbody>{bodies}</worldbody><tendon>{springs}</tendon></mujoco>'
+    )
+
+
+OURS = Peer('ours', ours, tuple(10.0**-n for n in range(4, 12)))
+PEERS = (
+    Peer('heyoka', heyoka_taylor, (1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
+    Peer('MuJoCo RK4', mujoco_rk4, (0.2, 0.1, 0.05, 0.025, 0.0125), constant_step=True),
+    Peer('MuJoCo implicitfast', mujoco_implicit, (0.1, 0.02, 0.005), constant_step=True),
+    Peer('scipy DOP853', plain_scipy, tuple(10.0**-n for n in range(4, 13))),
+)

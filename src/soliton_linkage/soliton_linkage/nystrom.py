@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fast solver for chains of springs, beside those of scipy.
+
+    motion = ChainMotion(chain)
+    solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
+
+It takes the steps of `nystrom_steps`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import DenseOutput, OdeSolver
+
+from soliton_linkage.chain import Array
+from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.nystrom_steps import (
+    DRIFTS,
+    KICKS,
+    LARGEST_TURN,
+    ORDER,
+    STABLE_STEP,
+    Checks,
+    Steps,
+    steps_of,
+)
+
+_LONGEST_DRIFT = float(np.abs(DRIFTS).max())
+_CHECK_EVERY = 16
+_CHECK_NEW_EVERY = 4
+_ROTORS_TOGETHER = 4000
+_FEWEST_TOGETHER = 8
+_SAFETY = 0.8
+_AIM = 0.3
+_WORTH_GROWING = 1.25
+_TRIALS = 60
+_SHORTEST = 1e-6
+
+
+class SymplecticNystrom(OdeSolver):
+    """Symplectic Runge-Kutta-Nystrom method of order 6 for `ChainMotion`.
+
+    The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
+    abs(y), and then kept: a step of constant length has a bounded error of the energy, which is
+    lost with every change. The error is measured in every 16th step, every 4th after a change,
+    against two of half the length. Where it has become too large, the steps since it was last
+    measured are taken back and the step is shortened; where it is several times too small, the
+    step is made longer, but never so long that the fastest vibration could grow.
+
+    One step of this solver is as many of the method as make it worth a call, or `together`.
+    Dense output interpolates in each of these with angles, rates and accelerations at its ends
+    and its middle, degree 8 in the angles. `compiled` chooses between loops compiled by numba
+    and numpy; None takes numpy, with a RuntimeWarning, where numba is absent.
+
+    Raises TypeError for a right-hand side that is no `ChainMotion` and ValueError for a state
+    or options that do not fit.
+    """
+
+    n: int
+    t: float
+    t_bound: float
+    t_old: float
+    y: Array
+    direction: float
+
+    def __init__(
+        self,
+        fun: ChainMotion,
+        t0: float,
+        y0: ArrayLike,
+        t_bound: float,
+        vectorized: bool = False,
+        rtol: float = 1e-3,
+        atol: ArrayLike = 1e-6,
+        first_step: float | None = None,
+        max_step: float = math.inf,
+        together: int | None = None,
+        compiled: bool | None = None,
+    ) -> None:
+        if not isinstance(fun, ChainMotion):
+            raise TypeError(
+                f'SymplecticNystrom integrates a ChainMotion, not {fun!r}; take DOP853 for others'
+            )
+        super().__init__(fun, t0, y0, t_bound, vectorized)
+        self._motion = fun
+        self._check_state()
+        self._relative, self._absolute = _checked_tolerances(rtol, atol, self.n)
+        self._max_step = _checked_positive('max_step', max_step)
+        if first_step is not None:
+            _checked_positive('first_step', first_step)
+        if together is not None and together < 1:
+            raise ValueError(f'together = {together} must be a number of steps, 1 or more')
+        self._together = together or max(_FEWEST_TOGETHER, _ROTORS_TOGETHER // fun.rotors)
+        self._steps = steps_of(fun, compiled)
+        self._step = min(first_step or self._longest(self.y) / 2, self._longest(self.y))
+        self._chosen = first_step is not None
+        self._since_change = 0
+        self._even_from, self._even_steps = float(t0), 0
+        self._states = self.y[np.newaxis]
+
+    def _step_impl(self) -> tuple[bool, str | None]:
+        if not self._chosen:
+            self._choose_step()
+        for _ in range(_TRIALS):
+            longest = self._longest(self.y)
+            self._change_to(min(self._step, longest))
+            if self._step < _SHORTEST * longest:
+                break
+            if self._advance():
+                return True, None
+        return False, 'no step is short enough for the tolerances'
+
+    def _choose_step(self) -> None:
+        for _ in range(_TRIALS):
+            states, error = self._checked(self.direction * self._step, 1)
+            better = self._better(error)
+            if len(states) > 1 and better < _WORTH_GROWING * self._step:
+                break
+            self._change_to(better)
+        self._chosen = True
+
+    def _advance(self) -> bool:
+        """Take steps of the method together; return whether any was good."""
+        remaining = abs(self.t_bound - self.t)
+        count, last = self._together, False
+        if self._since_change < _CHECK_EVERY:
+            count = min(count, _CHECK_EVERY - self._since_change)
+        if remaining <= count * self._step * (1 + 1e-9):
+            count, last = max(1, math.ceil(remaining / self._step * (1 - 1e-9))), True
+            self._start_evenly()
+        step = self.direction * (remaining / count if last else self._step)
+        states, error = self._checked(step, count)
+        done = len(states) - 1
+        if done:
+            self._states, self.y = states, states[-1].copy()
+            self._even_steps += done
+            self._since_change += done
+            evenly = self._even_from + self._even_steps * step
+            self.t = self.t_bound if last and done == count else evenly
+        better = self._better(error)
+        if not error <= 1 or (error > 0 and better > _WORTH_GROWING * self._step):
+            self._change_to(better)
+        return done > 0
+
+    def _dense_output_impl(self) -> DenseOutput:
+        return _NystromOutput(self.t_old, self.t, self._states, self._motion, self._steps)
+
+    def _checked(self, step: float, count: int) -> tuple[Array, float]:
+        """States and largest error of steps, up to the last good one that was measured."""
+        interval = _CHECK_NEW_EVERY if self._since_change < _CHECK_EVERY else _CHECK_EVERY
+        first = 1 + -self._since_change % interval
+        checks = Checks(self._absolute, self._relative, first, interval)
+        states, error = self._steps.advance(self.y, step, count, checks)
+        good = error <= 1
+        taken = min(count, len(states) - good)
+        self.nfev += len(KICKS) * (taken + 2 * len(range(first, taken + 1, interval)))
+        return states if good else states[: max(1, len(states) - interval + 1)], error
+
+    def _better(self, error: float) -> float:
+        """Length of step that an error asks for [s]."""
+        if not math.isfinite(error):
+            return self._step / 4
+        factor = min(4.0, (_AIM / error) ** (1 / (ORDER + 1))) if error else 4.0
+        if error > 1:
+            factor = max(0.2, min(factor, 0.9))
+        return min(self._step * factor, self._longest(self.y))
+
+    def _change_to(self, step: float) -> None:
+        if step != self._step:
+            self._step = step
+            self._since_change = 0
+            self._start_evenly()
+
+    def _start_evenly(self) -> None:
+        self._even_from, self._even_steps = float(self.t), 0
+
+    def _longest(self, state: Array) -> float:
+        """Longest step that is stable and turns no rotor too far in a drift [s]."""
+        number = self._motion.rotors
+        fastest = float(np.abs(state[number : 2 * number]).max())
+        turning = _LONGEST_DRIFT * fastest / (_SAFETY * LARGEST_TURN)
+        limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
+        return min(self._max_step, 1 / limit)
+
+    def _check_state(self) -> None:
+        expected = 2 * self._motion.rotors + self._motion.damped
+        if self.n != expected:
+            raise ValueError(
+                f'a state of {self.n} numbers does not fit the motion of {self._motion.rotors} '
+                f'rotors, which has {expected}; take ChainMotion.state'
+            )
+
+
+class _NystromOutput(DenseOutput):
+    """Polynomials of degree 8 through ends and middle of each step of the method."""
+
+    def __init__(
+        self, t_old: float, t: float, states: Array, motion: ChainMotion, steps: Steps
+    ) -> None:
+        super().__init__(t_old, t)
+        self._states, self._motion, self._steps = states, motion, steps
+        self._step = (t - t_old) / (len(states) - 1)
+
+    def _call_impl(self, t: Any) -> Array:
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        places = (times - self.t_old) / self._step
+        found = np.clip(np.floor(places), 0, len(self._states) - 2).astype(int)
+        values = np.empty((self._states.shape[1], len(times)))
+        for step in np.unique(found):
+            here = found == step
+            values[:, here] = self._within(int(step), 2 * (places[here] - step) - 1)
+        return values if np.ndim(t) else values[:, 0]
+
+    def _within(self, step: int, places: Array) -> Array:
+        """States at places from -1 to 1 in a step, shape (len(state), len(places))."""
+        number, half = self._motion.rotors, self._step / 2
+        middle = self._steps.advance(self._states[step], half, 1)[0][-1]
+        knots = self._states[step], middle, self._states[step + 1]
+        data = np.array([self._with_derivatives(knot, half) for knot in knots]).reshape(9, -1)
+        data[6] -= data[0]
+        data[3] -= data[0]
+        origin = data[0].copy()
+        data[0] = 0.0
+        coefficients = _POLYNOMIALS @ data
+        powers = places ** np.arange(9)[:, np.newaxis]
+        values = origin[:, np.newaxis] + coefficients.T @ powers
+        slopes = np.arange(1, 9)[:, np.newaxis] * coefficients[1:, :number]
+        rates = slopes.T @ powers[:-1] / half
+        return np.concatenate([values[:number], rates, values[number:]])
+
+    def _with_derivatives(self, state: Array, unit: float) -> Array:
+        """Angles, and dissipated energy, and their derivatives in a unit of time, (3, ...)."""
+        number, motion = self._motion.rotors, self._motion
+        slope = motion(0.0, state)
+        rates, accelerations = slope[:number], slope[number : 2 * number]
+        heating = 2 * motion.chain.dampings * rates @ accelerations
+        values = np.concatenate([state[:number], state[2 * number :]])
+        first = np.concatenate([rates, slope[2 * number :]])
+        second = np.concatenate([accelerations, [heating] * motion.damped])
+        return np.array([values, unit * first, unit**2 * second])
+
+
+def _polynomials() -> Array:
+    """Coefficients of 1 to x^8 from value, slope and curvature at -1, 0 and 1, shape (9, 9)."""
+    rows = []
+    for place in (-1.0, 0.0, 1.0):
+        for derivative in range(3):
+            factors = [math.perm(power, derivative) for power in range(9)]
+            powers = [place ** max(0, power - derivative) for power in range(9)]
+            rows.append(np.multiply(factors, powers))
+    # The exact ones are multiples of 1/16.
+    return np.asarray(np.round(16 * np.linalg.inv(np.array(rows))) / 16)
+
+
+_POLYNOMIALS = _polynomials()
+
+
+def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float, Array]:
+    absolute = np.asarray(atol, dtype=np.float64)
+    if absolute.ndim and absolute.shape != (size,):
+        raise ValueError(f'atol of shape {absolute.shape} must be a number or of shape ({size},)')
+    if not (rtol >= 0 and (absolute >= 0).all()):
+        raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
+    if rtol == 0 and not (absolute > 0).all():
+        raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
+    return rtol, np.full(size, absolute) if absolute.ndim == 0 else absolute
+
+
+def _checked_positive(name: str, value: float) -> float:
+    if not value > 0:
+        raise ValueError(f'{name} = {value} s must be above 0')
+    return value

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops of `nystrom_steps`, which says what they compute; imports numba.
+
+Every rotor is carried as its angle, cosine and sine, and turned by the small angle of a drift
+with polynomials, so that no loop calls a function and all are vectorised. Arrays are padded from
+N to P places, whole vectors, with rotors that do not move.
+
+The loops are short, and kept apart, because the compiler vectorises those alone in which few
+rows could overlap. They index one array, `work`, rather than take rows of it, because every array
+made in a stage counts its references, which takes longer than twenty rotors do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+
+from soliton_linkage.chain import Array
+from soliton_linkage.nystrom_steps import LARGEST_TURN
+
+ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS = range(7)
+"""Rows of work, shape (11, P + 1); the last four are to come back to.
+
+Of the angular accelerations by springs, spring n has that of rotor n at place n of ON_LEFT, and
+that of rotor n+1 at place n+1 of ON_RIGHT.
+"""
+
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+Coefficients = tuple[float, float, float, float, float]
+
+
+def compiled(function: Kernel) -> Kernel:
+    """Compile when first called, or take what an earlier process has compiled.
+
+    Products and sums may contract, but no sum is reordered.
+    """
+    try:
+        return _compiled(function, cache=True)
+    except RuntimeError:  # no folder to cache in can be written
+        return _compiled(function, cache=False)
+
+
+def _compiled(function: Kernel, cache: bool) -> Kernel:
+    compiler = numba.njit(
+        cache=cache,
+        fastmath={'contract', 'nsz'},
+        error_model='numpy',
+        nogil=True,
+    )
+    return cast(Kernel, compiler(function))
+
+
+@compiled
+def largest(work: Array, row: int, number: int) -> float:
+    """Largest absolute value of a row; NaN where one is NaN."""
+    found = 0.0
+    for n in range(number):
+        value = abs(work[row, n])
+        if not value <= found:
+            found = value
+    return found
+
+
+@compiled
+def turn(work: Array, rates: int, places: int, time: float) -> None:
+    """Turn rotors by x = rate time: (c, s) <- (c cos x - s sin x, s cos x + c sin x).
+
+    The series of sin x and cos x - 1 go on until LARGEST_TURN allows nothing more.
+    """
+    for n in range(places):
+        x = time * work[rates, n]
+        work[ANGLES, n] += x
+        z = x * x
+        y = z * z
+        odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
+        odd = (-1 / 6 + z * (1 / 120)) + y * odd
+        even = (-1 / 720 + z * (1 / 40320)) + y * (-1 / 3628800 + z * (1 / 479001600))
+        even = z * ((-1 / 2 + z * (1 / 24)) + y * even)
+        sine = x + x * z * odd
+        c, s = work[COSINES, n], work[SINES, n]
+        work[COSINES, n] = c + (c * even - s * sine)
+        work[SINES, n] = s + (s * even + c * sine)
+
+
+@compiled
+def decay(
+    work: Array, places: int, decays: Array, length: int, stage: int, half_inertias: Array
+) -> float:
+    """Damp the rates in a drift; return the energy taken out and put the angles into TURNS.
+
+    Decays, shape (2, 2, 15, P), are for half a step and a whole one the factors of the rates and
+    the angles per rate of each drift.
+    """
+    dissipated = 0.0
+    for n in range(places):
+        rate, factor = work[RATES, n], decays[length, 0, stage, n]
+        work[TURNS, n] = decays[length, 1, stage, n] * rate
+        work[RATES, n] = factor * rate
+        dissipated += half_inertias[n] * (1 - factor * factor) * rate * rate
+    return dissipated
+
+
+@compiled
+def pull_uniform(work: Array, places: int, coefficients: Coefficients) -> None:
+    """Pull of springs between rotors (c, s) and (c', s') whose parameters are all the same.
+
+    With x = l^2 / lbar^2 - 1 the tension over the length is k (1 - lbar/l) = k e,
+    e = x / (1 + x + sqrt(1 + x)), and
+
+    x = offset + slope (s' - s) - product (s s' + c c'),
+    pull on the left  = e [lever c - cross (s c' - c s')],
+    pull on the right = e [cross (s c' - c s') - lever c'],
+
+    slope = 2 a r / lbar^2, product = 2 r^2 / lbar^2, lever = k a r / I, cross = k r^2 / I.
+    """
+    offset, slope, product, lever, cross = coefficients
+    for n in range(places):
+        c, c_next = work[COSINES, n], work[COSINES, n + 1]
+        s, s_next = work[SINES, n], work[SINES, n + 1]
+        x = offset + slope * (s_next - s) - product * (s * s_next + c * c_next)
+        e = x / (1 + x + np.sqrt(1 + x))
+        torque = cross * (s * c_next - c * s_next)
+        work[ON_LEFT, n] = e * (lever * c - torque)
+        work[ON_RIGHT, n + 1] = e * (torque - lever * c_next)
+
+
+@compiled
+def pull_deviating(work: Array, places: int, rows: Array) -> None:
+    """Pull of springs that each have their own parameters, the rows, shape (8, P).
+
+    These are offset, slope', slope, product, lever, cross, cross', lever' of `pull_uniform`, in
+    which each place of a length or inertia takes that of its own rotor:
+
+    x = offset + slope' s' - slope s - product (s s' + c c').
+    """
+    for n in range(places):
+        c, c_next = work[COSINES, n], work[COSINES, n + 1]
+        s, s_next = work[SINES, n], work[SINES, n + 1]
+        x = rows[0, n] + (rows[1, n] * s_next - rows[2, n] * s)
+        x -= rows[3, n] * (s * s_next + c * c_next)
+        e = x / (1 + x + np.sqrt(1 + x))
+        torque = s * c_next - c * s_next
+        work[ON_LEFT, n] = e * (rows[4, n] * c - rows[5, n] * torque)
+        work[ON_RIGHT, n + 1] = e * (rows[6, n] * torque - rows[7, n] * c_next)
+
+
+@compiled
+def add_field(work: Array, field: Array) -> None:
+    """Add accelerations load + by_sine sin(phi) + by_cosine cos(phi), the rows of the field."""
+    for n in range(field.shape[1]):
+        varying = field[1, n] * work[SINES, n] + field[2, n] * work[COSINES, n]
+        work[ON_LEFT, n] += field[0, n] + varying
+
+
+@compiled
+def kick(work: Array, number: int, time: float) -> None:
+    """Change the rates by the pulls for a time."""
+    for n in range(number):
+        work[RATES, n] += time * (work[ON_LEFT, n] + work[ON_RIGHT, n])
+
+
+@compiled
+def take_step(
+    work: Array,
+    number: int,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    damping: tuple[Array, Array],
+    stages: tuple[Array, Array],
+    length: int,
+) -> float:
+    """Take one step and return the energy that damping has taken out; see `advance`."""
+    coefficients, rows, periodic = springs
+    decays, half_inertias = damping
+    drifts, kicks = stages
+    places, share, dissipated = work.shape[1] - 1, (1 + length) / 2, 0.0
+    for stage in range(drifts.size):
+        if half_inertias.size:
+            dissipated += decay(work, places, decays, length, stage, half_inertias)
+            turn(work, TURNS, places, 1.0)
+        else:
+            turn(work, RATES, places, share * drifts[stage])
+        if stage == kicks.size:
+            break
+        if periodic:
+            work[COSINES, number], work[SINES, number] = work[COSINES, 0], work[SINES, 0]
+        if rows.size:
+            pull_deviating(work, places, rows)
+        else:
+            pull_uniform(work, places, coefficients)
+        if periodic:
+            work[ON_RIGHT, 0] = work[ON_RIGHT, number]
+        else:
+            work[ON_LEFT, number - 1] = 0.0
+        add_field(work, field)
+        kick(work, number, share * kicks[stage])
+    return dissipated
+
+
+@compiled
+def record(states: Array, step: int, work: Array, number: int, dissipated: float) -> None:
+    """Write down the state after a step."""
+    for n in range(number):
+        states[step, n] = work[ANGLES, n]
+        states[step, number + n] = work[RATES, n]
+    if states.shape[1] > 2 * number:
+        states[step, -1] = states[step - 1, -1] + dissipated
+
+
+@compiled
+def copy(work: Array, start: int, end: int) -> None:
+    """Copy angles, rates, cosines and sines from four rows to four others."""
+    for row in range(4):
+        for n in range(work.shape[1]):
+            work[end + row, n] = work[start + row, n]
+
+
+@compiled
+def error(before: Array, whole: Array, halves: Array, absolute: Array, relative: float) -> float:
+    """Root mean square of the difference of two states in units of what is tolerated."""
+    squares = 0.0
+    for n in range(whole.size):
+        tolerated = absolute[n] + relative * max(abs(before[n]), abs(halves[n]))
+        squares += ((whole[n] - halves[n]) / tolerated) ** 2
+    return math.sqrt(squares / whole.size)
+
+
+@compiled
+def advance(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    damping: tuple[Array, Array],
+    stages: tuple[Array, Array],
+    tolerances: tuple[Array, float],
+    checks: tuple[int, int],
+    states: Array,
+) -> tuple[int, float]:
+    """Fill states[1:] with the state after each step; return how many, and the largest error.
+
+    Springs are the coefficients of `pull_uniform`, the rows of `pull_deviating`, of shape (8, 0)
+    where all are the same, and whether the ends are periodic. Field and damping, arguments of
+    `add_field` and `decay`, have 0 places where there is none. Stages are the times of drifts and
+    kicks [s]. Checks are the first step whose error is measured, by two of half the length, and
+    how many follow till the next. It stops before a step that turns a rotor too far or whose
+    error exceeds 1.
+    """
+    number = states.shape[1] // 2
+    halves = np.empty((3, states.shape[1]))
+    longest_drift, largest_error = np.max(np.abs(stages[0])), 0.0
+    for step in range(1, len(states)):
+        if not longest_drift * largest(work, RATES, number) <= LARGEST_TURN:
+            return step - 1, largest_error
+        checked = step >= checks[0] and (step - checks[0]) % checks[1] == 0
+        if checked:
+            copy(work, 0, 7)
+            halves[0] = states[step - 1]
+            for half in (1, 2):
+                dissipated = take_step(work, number, springs, field, damping, stages, 0)
+                record(halves, half, work, number, dissipated)
+            copy(work, 7, 0)
+        dissipated = take_step(work, number, springs, field, damping, stages, 1)
+        record(states, step, work, number, dissipated)
+        if checked:
+            found = error(states[step - 1], states[step], halves[2], tolerances[0], tolerances[1])
+            largest_error = max(largest_error, found)
+            if not found <= 1:
+                return step - 1, found
+    return len(states) - 1, largest_error

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps of a symplectic Runge-Kutta-Nystrom method along the motion of a chain of springs.
+
+A step of length h is a palindrome of drifts and kicks,
+
+    drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h),
+
+both of which are exact flows: a kick changes the rates by the accelerations at the angles as they
+are; a drift turns rotors at their rates, which decay with the damping gamma = c / (M r^2),
+
+    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
+
+and takes out the kinetic energy that they lose. Without damping the map is symplectic and each
+step is undone by a step of -h. With it areas in phase space shrink exactly as those of the motion
+do, by e^(-h sum gamma), and energy plus dissipated energy is what stays near its value.
+
+The coefficients make use of a kinetic energy that is quadratic: SRKN_14^a, order 6, of S. Blanes
+and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from soliton_linkage.chain import Array
+from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.deviations import NO_DEVIATIONS
+
+ORDER = 6
+STABLE_STEP = 3.14
+"""Longest step in units of 1 / omega at which vibrations of frequency omega stay bounded.
+
+Those of pi grow, though by less than a thousandth a step, and those of 6.15 and more.
+"""
+
+_HALF_OF_DRIFTS = (
+    0.0378593198406116,
+    0.102635633102435,
+    -0.0258678882665587,
+    0.314241403071447,
+    -0.130144459517415,
+    0.106417700369543,
+    -0.00879424312851058,
+)
+_HALF_OF_KICKS = (
+    0.09171915262446165,
+    0.183983170005006,
+    -0.05653436583288827,
+    0.004914688774712854,
+    0.143761127168358,
+    0.328567693746804,
+)
+_LAST_KICK = 0.5 - sum(_HALF_OF_KICKS)
+
+DRIFTS = np.array([*_HALF_OF_DRIFTS, 1 - 2 * sum(_HALF_OF_DRIFTS), *_HALF_OF_DRIFTS[::-1]])
+"""a_1 to a_15."""
+KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]])
+"""b_1 to b_14."""
+
+LARGEST_TURN = 0.5
+"""Of a rotor in one drift [rad], up to which the compiled loops are exact to rounding."""
+
+_VECTOR = 4
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Which steps have their error measured, against two of half the length, and by what.
+
+    Errors are in the norm of scipy's solvers: the root mean square over the state, in units of
+    absolute + relative abs(state).
+    """
+
+    absolute: Array
+    """Shape (len(state),)."""
+    relative: float
+    first: int = 1
+    """Number of the first step measured; the first step of all is 1."""
+    interval: int = 32
+
+
+class Steps(Protocol):
+    """Takes steps along a motion."""
+
+    def advance(
+        self, state: Array, step: float, count: int, checks: Checks | None = None
+    ) -> tuple[Array, float]:
+        """States at the start and after each of count steps [s], and the largest error.
+
+        It stops before a step in which a rotor would turn by more than half a radian in a drift,
+        or whose error exceeds 1, so that the states have the shape (done + 1, len(state)).
+        """
+
+
+def steps_of(motion: ChainMotion, compiled: bool | None) -> Steps:
+    """Steps in compiled loops, or in numpy where that is asked for.
+
+    Where nothing is asked for, and numba is absent, it is numpy with a RuntimeWarning.
+    """
+    if compiled is False:
+        return NumpySteps(motion)
+    try:
+        return CompiledSteps(motion)
+    except ImportError as error:
+        if compiled:
+            raise
+        warnings.warn(
+            f'the chain is integrated without compiled loops, many times slower ({error}): '
+            'pip install numba',
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return NumpySteps(motion)
+
+
+class NumpySteps:
+    """Steps as the equations have them."""
+
+    def __init__(self, motion: ChainMotion) -> None:
+        """Take steps along a motion."""
+        self._motion = motion
+
+    def advance(
+        self, state: Array, step: float, count: int, checks: Checks | None = None
+    ) -> tuple[Array, float]:
+        """States at the start and after each of count steps [s], and the largest error."""
+        number = self._motion.rotors
+        longest_drift = abs(step) * float(np.abs(DRIFTS).max())
+        states, largest = [state.copy()], 0.0
+        for index in range(1, count + 1):
+            before = states[-1]
+            if not longest_drift * np.abs(before[number : 2 * number]).max() <= LARGEST_TURN:
+                break
+            after = self._after(before, step)
+            if checks and index >= checks.first and (index - checks.first) % checks.interval == 0:
+                halves = self._after(self._after(before, step / 2), step / 2)
+                sizes = np.maximum(np.abs(before), np.abs(halves))
+                differences = (after - halves) / (checks.absolute + checks.relative * sizes)
+                error = math.sqrt(float(np.mean(differences**2)))
+                largest = max(largest, error)
+                if not error <= 1:
+                    return np.array(states), error
+            states.append(after)
+        return np.array(states), largest
+
+    def _after(self, before: Array, step: float) -> Array:
+        motion, number = self._motion, self._motion.rotors
+        after = before.copy()
+        angles, rates, dissipated = after[:number], after[number : 2 * number], after[-1:]
+        for stage, drift in enumerate(DRIFTS):
+            if stage:
+                rates += step * KICKS[stage - 1] * motion.accelerations(angles)
+            factors, turns = _decay(motion, step * drift)
+            angles += turns * rates
+            if motion.damped:
+                lost = motion.chain.moments_of_inertia * (1 - factors**2) * rates**2 / 2
+                dissipated += lost.sum()
+                rates *= factors
+        return after
+
+
+class CompiledSteps:
+    """Steps in the loops of `nystrom_kernels`; raises ImportError where numba is absent."""
+
+    def __init__(self, motion: ChainMotion) -> None:
+        """Take steps along a motion."""
+        # What numba takes to import, half a second, is for those who use it.
+        from soliton_linkage import nystrom_kernels as kernels
+
+        self._kernels = kernels
+        self._motion = motion
+        self._places = -(-motion.rotors // _VECTOR) * _VECTOR
+        self._springs = self._coefficients()
+        self._field = self._accelerations_of_field()
+        self._decays_step = 0.0
+        self._decays = self._decays_of(0.0)
+        half_inertias = motion.chain.moments_of_inertia / 2
+        self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
+        self._work = np.zeros((11, self._places + 1))
+
+    def advance(
+        self, state: Array, step: float, count: int, checks: Checks | None = None
+    ) -> tuple[Array, float]:
+        """States at the start and after each of count steps [s], and the largest error."""
+        number = self._motion.rotors
+        states = np.empty((count + 1, len(state)))
+        states[0] = state
+        angles, rates, cosines, sines = self._work[:4, :number]
+        angles[:] = state[:number]
+        rates[:] = state[number : 2 * number]
+        np.cos(angles, out=cosines)
+        np.sin(angles, out=sines)
+        if step != self._decays_step:
+            self._decays_step, self._decays = step, self._decays_of(step)
+        checks = checks or Checks(state, 0.0, first=count + 1)
+        done, error = self._kernels.advance(
+            self._work,
+            self._springs,
+            self._field,
+            (self._decays, self._half_inertias),
+            (step * DRIFTS, step * KICKS),
+            (checks.absolute, checks.relative),
+            (checks.first, checks.interval),
+            states,
+        )
+        return states[: done + 1], error
+
+    def _coefficients(self) -> tuple[tuple[float, float, float, float, float], Array, bool]:
+        chain, inverse = self._motion.chain, self._motion.inverse_inertias
+        left = np.arange(chain.number_of_springs)
+        right = (left + 1) % chain.number_of_rotors
+        squares, lengths = chain.rest_lengths**2, chain.rotor_lengths
+        lever_left = chain.stiffnesses * chain.spacings * lengths[left] * inverse[left]
+        lever_right = chain.stiffnesses * chain.spacings * lengths[right] * inverse[right]
+        crosses = chain.stiffnesses * lengths[left] * lengths[right]
+        rows = np.array(
+            [
+                chain.offsets / squares,
+                2 * chain.spacings * lengths[right] / squares,
+                2 * chain.spacings * lengths[left] / squares,
+                2 * lengths[left] * lengths[right] / squares,
+                lever_left,
+                crosses * inverse[left],
+                crosses * inverse[right],
+                lever_right,
+            ]
+        )
+        offset, _, slope, product, lever, cross, *_ = (float(row[0]) for row in rows)
+        uniform = chain.deviations == NO_DEVIATIONS and not self._motion.fixed
+        deviating = np.empty((8, 0)) if uniform else self._padded(rows)
+        return (offset, slope, product, lever, cross), deviating, chain.periodic
+
+    def _accelerations_of_field(self) -> Array:
+        motion, gravity = self._motion, self._motion.gravity
+        if motion.torques is None and gravity.acceleration == 0:
+            return np.empty((3, 0))
+        torques = np.zeros(motion.rotors) if motion.torques is None else motion.torques
+        weights = gravity.acceleration * motion.chain.masses * motion.chain.rotor_lengths
+        tilted = [weights * np.cos(gravity.tilt), weights * np.sin(gravity.tilt)]
+        return self._padded(np.array([torques, *tilted]) * motion.inverse_inertias)
+
+    def _decays_of(self, step: float) -> Array:
+        """Factors of rates and angles per rate in the drifts of a half and a whole step."""
+        if not self._motion.damped:
+            return np.empty((2, 2, len(DRIFTS), 0))
+        decays = [
+            [_decay(self._motion, length * drift) for drift in DRIFTS]
+            for length in (step / 2, step)
+        ]
+        return self._padded(np.array(decays).swapaxes(1, 2))
+
+    def _padded(self, values: Array) -> Array:
+        padding = [(0, 0)] * (values.ndim - 1) + [(0, self._places - values.shape[-1])]
+        return np.pad(values, padding)
+
+
+def _decay(motion: ChainMotion, time: float) -> tuple[Array, Array]:
+    """Factor of the rates after a free time [s], and the angle turned per rate [s], (N,) each."""
+    exponents = -motion.decay_rates * time
+    divisors = np.where(exponents == 0, 1.0, exponents)
+    growth = np.where(exponents == 0, 1.0, np.expm1(exponents) / divisors)
+    return np.exp(exponents), time * growth
