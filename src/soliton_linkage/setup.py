@@ -3,7 +3,7 @@
 
 from setuptools import setup
 
-STUDIES = ['accuracy', 'figures', 'films', 'moves', 'sweep']
+STUDIES = ['accuracy', 'driving', 'figures', 'films', 'moves', 'sweep']
 
 setup(
     name='soliton_linkage',

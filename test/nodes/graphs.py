@@ -18,6 +18,7 @@ from rclpy.publisher import Publisher
 from soliton_linkage_nodes import interfaces
 
 LONGEST_WAIT = 30.0
+_QUEUED = 20
 
 
 class Graph:
@@ -48,6 +49,9 @@ class Graph:
         """Destroy a node as its process does at the end."""
         self._nodes.remove(node)
         self._executor.remove_node(node)
+        # What the executor has queued for the node must not be called once it is gone.
+        for _ in range(_QUEUED):
+            self._executor.spin_once(timeout_sec=0)
         node.destroy_node()
 
     def until(self, condition: Callable[[], Any], what: str) -> None:

@@ -122,6 +122,11 @@ class Steering:
         return self._observer.estimate
 
     @property
+    def course(self) -> Course | None:
+        """The way that the wall is taken, at its end that it is held at; None where it is free."""
+        return self._course
+
+    @property
     def holding(self) -> bool:
         """Whether the wall is on a course, or held at the end of one."""
         return self._course is not None

@@ -55,6 +55,8 @@ def test_a_run_is_the_move_from_its_goal_to_its_end() -> None:
     assert run.times[0] == 0
     assert run.times[-1] == pytest.approx(run.duration + 0.5, abs=0.25)
     assert (run.places[0], run.places[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
+    assert (run.aims[0], run.aims[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
+    assert np.abs(run.places - run.aims).max() < 0.1
     assert run.error < 0.01
     assert run.energy_left < 1e-6 * run.peak_energy
     assert (run.phonon_energies >= 0).all()
@@ -72,7 +74,7 @@ def test_the_table_holds_the_worst_of_what_was_reached() -> None:
     times = np.zeros(1)
 
     def run(outcome: Outcome, error: float, left: float) -> MoveRun:
-        return MoveRun(outcome, 3.0, times, times, times, error, left, 2.0)
+        return MoveRun(outcome, 3.0, times, times, times, times, error, left, 2.0)
 
     runs = [
         run(Outcome.REACHED, 0.01, 1e-6),

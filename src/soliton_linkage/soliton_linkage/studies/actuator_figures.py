@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -25,6 +27,7 @@ _SEED = 1
 _KILO = 1e3
 _MILLI = 1e-3
 _FRAMES_A_SECOND = 500
+_TOLERANCE = 1e-12
 _TIME = 'time [s]'
 
 
@@ -38,7 +41,7 @@ def actuator_figure(section: Section, quick: bool) -> Plate:
     order = EdgeOrder(Edge.FIRST, Kind.PRESSURE, pressure, duration, ramp, ramp)
     plate = Plate(Figure(figsize=(8, 10), layout='constrained'))
     above, middle, below = plate.figure.subplots(3)
-    _draw_response(plate, above, actuator, order.profile)
+    draw_response(plate, above, actuator, order.profile)
     noise = section.number('noise', 0.0, 1e5)
     rate = section.number('rate', 10.0, 1e4)
     _draw_fit(plate, middle, actuator, (pressure, duration, noise, rate))
@@ -46,10 +49,13 @@ def actuator_figure(section: Section, quick: bool) -> Plate:
     return plate
 
 
-def _draw_response(
+def draw_response(
     plate: Plate, axes: Axes, actuator: PneumaticActuator, command: Profile
-) -> None:
-    """Pressure under a command with ramps: closed form, and the equation solved by steps."""
+) -> float:
+    """Pressure under a command: closed form, and the equation solved by steps.
+
+    Returns the largest distance of the one from the other [Pa].
+    """
     times = np.linspace(0.0, command.end + 6 * actuator.venting_time, 400)
     asked = np.array([float(command.after(time)) for time in times])
     closed = np.array([actuator.driven(0.0, command, 0.0, time)[0] for time in times])
@@ -82,6 +88,7 @@ def _draw_response(
         float(stepped[largest]),
         float(closed[shown][largest]),
     )
+    return float(np.abs(stepped - closed[shown]).max())
 
 
 def _draw_fit(
@@ -126,27 +133,55 @@ def _draw_work(
 ) -> None:
     """Energy of a chain that the actuator drives, and the work booked from its frames."""
     period = (4 if quick else 1) / _FRAMES_A_SECOND
-    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=period)
+    driven = driven_chain(chain, actuator, order, period)
+    for series, values, style, colour in (
+        ('energy of the chain', driven.energies, '-', BLUE),
+        ('work booked', driven.works, ':', BLACK),
+    ):
+        axes.plot(driven.times, values / _MILLI, style, color=colour, label=series)
+        plate.note('c', series, (_TIME, 'energy [J]'), driven.times, values)
+    axes.set(xlabel=_TIME, ylabel='energy [mJ]', title='c')
+    axes.legend()
+    plate.compare(
+        'work of a pressure on the chain [J]',
+        '',
+        'energy gained',
+        float(driven.works[-1]),
+        float(driven.energies[-1]),
+    )
+
+
+@dataclass(frozen=True)
+class DrivenChain:
+    """What an actuator does to a chain of springs, in T frames."""
+
+    times: Array
+    """Instants of the frames [s], shape (T,)."""
+    energies: Array
+    """Energy that the chain has gained [J], shape (T,)."""
+    works: Array
+    """Work that is booked from torques and angles [J], shape (T,)."""
+
+
+def driven_chain(
+    chain: Chain, actuator: PneumaticActuator, order: EdgeOrder, period: float
+) -> DrivenChain:
+    """Carry out an order at the first edge of the left-leaning chain, in frames of a period [s].
+
+    Until the last torque is gone.
+    """
+    start = chain.uniform_state(-1)
+    simulation = ElasticSimulation(chain, start, period=period, tolerance=_TOLERANCE)
     drive = TorqueDrive(chain, actuator, timeout=0.0)
     drive.edges.obey(order, Edge.FIRST, 0.0)
     books = TorqueBooks(chain.number_of_rotors)
-    times, energies, works = [0.0], [0.0], [0.0]
+    frames = [(0.0, 0.0, 0.0)]
     rest = simulation.energy
     while drive.active:
-        start, angles = simulation.time, simulation.angles
-        torques = drive.torques(angles, start, start + period).torques
+        time, angles = simulation.time, simulation.angles
+        torques = drive.torques(angles, time, time + period).torques
         simulation.hold(torques)
         simulation.advance()
         books.add(torques, simulation.angles - angles, period)
-        times.append(simulation.time)
-        energies.append(simulation.energy - rest)
-        works.append(books.account.work)
-    axes.plot(times, np.array(energies) / _MILLI, color=BLUE, label='energy of the chain')
-    axes.plot(times, np.array(works) / _MILLI, ':', color=BLACK, label='work booked')
-    axes.set(xlabel=_TIME, ylabel='energy [mJ]', title='c')
-    axes.legend()
-    for series, values in (('energy of the chain', energies), ('work booked', works)):
-        plate.note('c', series, (_TIME, 'energy [J]'), times, values)
-    plate.compare(
-        'work of a pressure on the chain [J]', '', 'energy gained', works[-1], energies[-1]
-    )
+        frames.append((simulation.time, simulation.energy - rest, books.account.work))
+    return DrivenChain(*np.array(frames).T)

@@ -76,6 +76,8 @@ class MoveRun:
     """Since the goal was given [s], shape (T,)."""
     places: Array
     """Of the wall [rotor spacings], shape (T,)."""
+    aims: Array
+    """Where its course has the wall [rotor spacings], shape (T,), NaN where there is none."""
     phonon_energies: Array
     """[J], shape (T,)."""
     error: float
@@ -93,7 +95,7 @@ def made(task: Task) -> MoveRun:
     simulation = ElasticSimulation(chain, start, period=1 / task.frame_rate, tolerance=_TOLERANCE)
     steering = Steering(cycle, Grip(cycle, torque_limit=task.torque_limit))
     random = np.random.default_rng(task.seed)
-    samples: list[tuple[float, float, float]] = []
+    samples: list[tuple[float, float, float, float]] = []
     ended: Ended | None = None
     arc, arrival, peak = math.nan, math.nan, 0.0
     begin = round(_SEEN_BEFORE * task.frame_rate)
@@ -110,18 +112,22 @@ def made(task: Task) -> MoveRun:
         if frame >= begin and (frame - begin) % _SAMPLE_EVERY == 0:
             arc = fit_near(cycle, simulation.angles, arc).arc
             left = phonon_energy(chain, simulation.angles, simulation.rates)
-            samples.append((since, cycle.place(arc), left))
+            course = steering.course
+            aim = cycle.place(course.at(simulation.time).arc) if course else math.nan
+            samples.append((since, cycle.place(arc), aim, left))
         if since > arrival + task.held:
             break
         simulation.hold(torques)
         torques = steering.torques()
         simulation.advance()
         peak = max(peak, float(chain.kinetic_energy(simulation.rates)))
-    times, places, energies = np.array(samples).T
+    times, places, aims, energies = np.array(samples).T
     reached = ended is not None and ended.outcome is Outcome.REACHED
     error = float(np.abs(places[times >= arrival] - task.goal).max()) if reached else math.nan
     outcome = Outcome.NOT_HELD if ended is None else ended.outcome
-    return MoveRun(outcome, arrival, times, places, energies, error, float(energies[-1]), peak)
+    return MoveRun(
+        outcome, arrival, times, places, aims, energies, error, float(energies[-1]), peak
+    )
 
 
 def _started(task: Task, cycle: Cycle) -> tuple[Chain, Array]:
