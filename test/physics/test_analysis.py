@@ -16,9 +16,13 @@ from soliton_linkage.analysis import AnalysedSoliton, Analyser, Analysis, Unknow
 from soliton_linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.cycle_filter import Status
+from soliton_linkage.cycle_fit import fit_anywhere, fit_near
+from soliton_linkage.deviating_cycle import cycle_of
+from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.recording import Recording
 from soliton_linkage.rigidity import mode_towards_last
+from soliton_linkage.statics import rest_state
 
 CHAINS = {
     'flipper': Chain(number_of_rotors=16),
@@ -336,6 +340,30 @@ def test_the_class_is_that_of_the_angles_and_of_the_parameters(name: str) -> Non
     told = analysed(wrong, noisy(name))[-1]
     assert told.motion is wrong.motion
     assert told.measured_motion.motion in (None, CHAINS[name].motion)
+
+
+@pytest.mark.parametrize('name', ['flipper', 'spinner'])
+def test_deviations_that_are_not_told_make_it_less_sure(name: str) -> None:
+    """The truth is the place on the cycle of the chain with its deviations."""
+    chain = replace(CHAINS[name], number_of_rotors=24)
+    drawn = drawn_deviations(24, 2, rotor_length=0.05, spacing=0.025, stiffness=0.05)
+    real = replace(chain, deviations=drawn)
+    start = rest_state(real, -1)
+    states = simulate(real, start, KICKS[name] * mode_towards_last(real, start), 2.5, PERIOD)
+    generator = np.random.default_rng(4)
+    angles = states.angles + NOISE * generator.standard_normal(states.angles.shape)
+    cycle = cycle_of(real)
+    upright = math.pi - states.angles if name == 'spinner' else states.angles
+    arc, truth = fit_anywhere(cycle, upright[0]).arc, []
+    for frame in upright:
+        arc = fit_near(cycle, frame, arc).arc
+        truth.append(cycle.place(arc))
+    for told, least, most in ((real, 0.4, 1.5), (chain, 0.3, 3.0)):
+        found = [each.estimate for each in analysed(told, angles)][BEGUN:]
+        errors = np.array([each.place for each in found]) - truth[BEGUN:]
+        stated = np.array([each.place_deviation for each in found])
+        assert least < np.sqrt(np.mean((errors / stated) ** 2)) < most
+        assert np.abs(errors / stated).max() < 3 * most + 1
 
 
 def domains(chain: Chain, walls: Sequence[float]) -> Array:

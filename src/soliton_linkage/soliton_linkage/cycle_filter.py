@@ -39,6 +39,7 @@ _SAME_PLACE = 2.0
 _ROTORS_AT_EDGE = 2.0
 _DEPTHS_BESIDE = 3.0
 _BESIDE = 0.08
+_EVEN = 0.004
 _MOST_ALIKE = 1000.0
 _WAY_BESIDE = 0.5
 
@@ -149,6 +150,7 @@ class CycleFilter:
         margin = 1 + _DEPTHS_BESIDE * self._depth
         self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic[0])
         self._upside_down = self._doubts = False
+        self._disorder = 0.0
         self._forget(math.nan)
 
     @property
@@ -366,6 +368,7 @@ class CycleFilter:
         self._far.learn(-1 if self._upside_down else 1, self._noise.variance)
         self._far.look_for_doubtful(seen, view.outlying)
         self._doubts = bool(self._far.doubtful.any())
+        self._disorder = max(self.offsets.typical - _EVEN, 0.0)
         if np.count_nonzero(self.offsets.corrections) != known:
             self._noise.forget_what_lasted()
 
@@ -376,8 +379,9 @@ class CycleFilter:
         direction = (1 if leg % 2 == 0 else -1) if inside else 0
         cycles, within = divmod(arc, cycle.length)
         site_arc = cycle.site_arc_at(arc)
-        # The nearest point of the orbit is not to be told better than the frame is on it.
-        beside = _BESIDE**2 * self._noise.excess
+        # The nearest point of the orbit is not to be told better than the frame is on it, nor
+        # than the chain is that of the cycle: what rotors are off by, the arc is too.
+        beside = _BESIDE**2 * self._noise.excess + self._disorder**2
         way = motion.rate / (_WAY_BESIDE * cycle.site_arc)
         arc_deviation = math.sqrt(motion.arc_variance + beside)
         rate_deviation = math.sqrt(motion.rate_variance + beside * way**2)

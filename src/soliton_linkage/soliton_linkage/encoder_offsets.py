@@ -21,6 +21,7 @@ _SIGNIFICANT = 5.5
 _LEAST_TIMES = 5
 _BLOCK = 16
 _BEYOND_CHANCE = 5.0
+_MOST_BY_CHANCE = 3.0
 _DEVIATION_PER_MEDIAN = 1.4826
 _WAVES = 10.0
 _LEAST_STRONG = 4.0
@@ -57,6 +58,21 @@ class EncoderOffsets:
     def corrections(self) -> Array:
         """What is to be subtracted from each angle [rad], shape (N,): 0 where none is sure."""
         return self._corrections
+
+    @property
+    def typical(self) -> float:
+        """Typical residual that lasts, of rotors on the sides on which they were seen [rad].
+
+        It is that of rest angles, where most rotors or springs differ from the chain's; 0 where
+        chance may have done it.
+        """
+        seen = self._weights > 0
+        if not seen.any():
+            return 0.0
+        means = np.abs(self._sums[seen] / self._weights[seen])
+        chance = 1 / np.sqrt(self._weights[seen])
+        typical = _DEVIATION_PER_MEDIAN * float(np.median(means))
+        return typical if typical > _MOST_BY_CHANCE * float(np.median(chance)) else 0.0
 
     @property
     def passed(self) -> NDArray[np.bool_]:
