@@ -110,12 +110,27 @@ def measured(study: ContractionStudy, folder: Path, stopping: threading.Event) -
     for number, (walls, kick) in enumerate(runs):
         each = study.walls[walls]
         progress.show(number, f'{each.name}, kick {each.kicks[kick]:g}')
+        passages.append(_passage(study, walls, kick, folder, stopping))
+    progress.end(f'{len(runs)} walls recorded and measured')
+    return passages
+
+
+def _passage(
+    study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
+) -> Passage:
+    """Record and measure a wall, once more where the first bag shows none."""
+    for last in (False, True):
         bag = record(study, walls, kick, folder, stopping)
         if stopping.is_set():
             raise KeyboardInterrupt
-        passages.append(measure(bag))
-    progress.end(f'{len(runs)} walls recorded and measured')
-    return passages
+        try:
+            return measure(bag)
+        except ValueError as error:
+            # A nudge that reaches the actuator before the first frame is refused.
+            if last:
+                raise
+            print(f'\ncontraction: {error}; recording it once more', file=sys.stderr)
+    raise AssertionError
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
