@@ -80,7 +80,7 @@ def test_the_whole_record_of_a_steady_wall_counts(
     # The end of a straight line through n points, and its slope; the prior is forgotten.
     assert estimate.arc_deviation == pytest.approx(2 * 0.05 / math.sqrt(frames), rel=0.01)
     slope = 0.05 * math.sqrt(12) / (frames**1.5 * PERIOD)
-    assert slope < estimate.rate_deviation < 1.1 * slope
+    assert slope < estimate.rate_deviation < 1.05 * slope
     assert np.abs(normalised(estimate, stream)).max() < 4.5
     assert estimate.place_deviation < 0.005
     assert estimate.velocity_deviation < 1e-3 * abs(estimate.velocity)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.chain import Array, Chain, Motion, check_shape, staggered
 from soliton_linkage.completed_frame import CompletedFrame, OnCycle, Unwrapper, complete, on_cycle
 from soliton_linkage.continuum import wall_theory
 from soliton_linkage.cycle import WallCycle
@@ -201,9 +201,9 @@ class Analyser:
         shape.
         """
         rotors = self.chain.number_of_rotors
-        _check(angles, rotors, 'angle')
+        check_shape(angles, rotors, 'angle')
         if rates is not None:
-            _check(rates, rotors, 'rate')
+            check_shape(rates, rotors, 'rate')
         if not self._clock.advance(stamp):
             return None
         if self._clock.restarted:
@@ -377,7 +377,7 @@ class UnknownChainAnalyser:
 
     def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
         """Analyse a frame, as `Analyser.analyse`; rates say nothing here."""
-        _check(angles, len(self.offsets), 'angle')
+        check_shape(angles, len(self.offsets), 'angle')
         if not self._clock.advance(stamp):
             return None
         if self._clock.restarted:
@@ -436,11 +436,3 @@ def _crossing(place: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
     charge = 1 if np.nansum(leans) > 0 else -1
     nan = math.nan
     return (AnalysedSoliton(place, nan, nan, nan, nan, charge, nan, nan, nan),)
-
-
-def _check(values: Array, rotors: int, what: str) -> None:
-    if np.shape(values) != (rotors,):
-        raise ValueError(
-            f'{what}s of shape {np.shape(values)} do not fit a chain of {rotors} rotors; give '
-            f'one {what} a rotor, NaN where it is unknown'
-        )

@@ -166,11 +166,7 @@ class Chain:
         They are angles, unless said to be something else for the sake of the message.
         """
         checked = np.asarray(angles, dtype=np.float64)
-        if checked.shape != (self.number_of_rotors,):
-            raise ValueError(
-                f'{what}s of shape {checked.shape} do not fit a chain of '
-                f'{self.number_of_rotors} rotors; give one {what} a rotor'
-            )
+        check_shape(checked, self.number_of_rotors, what)
         if not np.isfinite(checked).all():
             rotor = int(np.flatnonzero(~np.isfinite(checked))[0])
             raise ValueError(f'{what} of rotor {rotor} = {checked[rotor]} must be a finite number')
@@ -269,6 +265,15 @@ def uprightness(angles: ArrayLike) -> int:
     top, or through the bottom where it was assembled upside down.
     """
     return -1 if np.cos(staggered(angles))[1:-1].sum() < 0 else 1
+
+
+def check_shape(values: ArrayLike, rotors: int, what: str = 'angle') -> None:
+    """Raise ValueError for values that are not one a rotor, in a row."""
+    if np.shape(values) != (rotors,):
+        raise ValueError(
+            f'{what}s of shape {np.shape(values)} do not fit a chain of {rotors} rotors; give one '
+            'a rotor'
+        )
 
 
 def wrapped(differences: ArrayLike) -> Array:

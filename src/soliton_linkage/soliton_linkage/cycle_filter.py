@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.bands import penetration_depth
-from soliton_linkage.chain import Array, Motion, wrapped
+from soliton_linkage.chain import Array, Motion, check_shape, wrapped
 from soliton_linkage.cycle import WallCycle
 from soliton_linkage.cycle_fit import fit_anywhere
 from soliton_linkage.cycle_motion import CycleMotion
@@ -168,12 +168,7 @@ class CycleFilter:
 
         Raises ValueError for angles that are not one a rotor; all else it takes as it comes.
         """
-        rotors = self.cycle.chain.number_of_rotors
-        if np.shape(angles) != (rotors,):
-            raise ValueError(
-                f'angles of shape {np.shape(angles)} do not fit a chain of {rotors} rotors; give '
-                'one angle a rotor, NaN where it is unknown'
-            )
+        check_shape(angles, self.cycle.chain.number_of_rotors)
         elapsed = time - self._estimate.time
         if not math.isfinite(time) or -self._clock_limit <= elapsed <= 0:
             self.ignored += 1

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.bands import penetration_depth
-from soliton_linkage.chain import Array
+from soliton_linkage.chain import Array, check_shape
 from soliton_linkage.cycle import Stretch, WallCycle
 
 _ITERATIONS = 20
@@ -128,12 +128,7 @@ def _compared(frame: Array, about: Stretch) -> tuple[Array, Array]:
 def _checked(cycle: WallCycle, angles: Array) -> Array:
     """Angles as an array; ValueError where they are infinite or not one a rotor."""
     frame = np.asarray(angles, dtype=np.float64)
-    rotors = cycle.chain.number_of_rotors
-    if frame.shape != (rotors,):
-        raise ValueError(
-            f'angles of shape {frame.shape} do not fit a chain of {rotors} rotors; give one a '
-            'rotor, NaN where it is unknown'
-        )
+    check_shape(frame, cycle.chain.number_of_rotors)
     infinite = np.isinf(frame)
     if infinite.any():
         rotor = int(np.argmax(infinite))

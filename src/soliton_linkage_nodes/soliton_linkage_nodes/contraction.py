@@ -80,7 +80,8 @@ def record(
         )
         if not processes.wait('nudge', 2 * _LONGEST_START):
             raise RuntimeError('the nudge found nobody to hear it; see the logs')
-        stopping.wait(_SECONDS)
+        if stopping.wait(_SECONDS):
+            raise KeyboardInterrupt
         processes.check()
     finally:
         processes.stop(['simulator'])
@@ -119,18 +120,12 @@ def _passage(
     study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
 ) -> Passage:
     """Record and measure a wall, once more where the first bag shows none."""
-    for last in (False, True):
-        bag = record(study, walls, kick, folder, stopping)
-        if stopping.is_set():
-            raise KeyboardInterrupt
-        try:
-            return measure(bag)
-        except ValueError as error:
-            # A nudge that reaches the actuator before the first frame is refused.
-            if last:
-                raise
-            print(f'\ncontraction: {error}; recording it once more', file=sys.stderr)
-    raise AssertionError
+    try:
+        return measure(record(study, walls, kick, folder, stopping))
+    except ValueError as error:
+        # A nudge that reaches the actuator before the first frame is refused.
+        print(f'\ncontraction: {error}; recording it once more', file=sys.stderr)
+    return measure(record(study, walls, kick, folder, stopping))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
