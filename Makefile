@@ -50,8 +50,8 @@ moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 driving: build  ## show on one page what drives a chain: actuator, energy books, bars, tilt, moves
 	@$(enter) driving config/studies/driving.yaml --output out/driving $(ARGS)
 
-benchmark: build  ## compare with what one would use instead; ONLY=integrate; ARGS='--quick'
-	@$(enter) setup/benchmark.sh $(or $(ONLY),integrate) $(ARGS)
+benchmark: build  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
+	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
 
 soak: build  ## measure what publishing costs
 	@$(enter) python3 benchmark/publishing.py $(ARGS)

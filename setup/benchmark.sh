@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs a benchmark by its name, after installing what it compares with, unless that is done.
+# Runs a part of the benchmark by its name, or `all`, after installing what it compares with,
+# unless that is done.
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -14,5 +15,10 @@ if ! python3 -c 'import heyoka, mujoco, numba' 2>/dev/null; then
     python3 -m pip install --quiet --constraint setup/constraints.txt \
         --requirement setup/requirements-benchmark.txt
 fi
-[ -f "benchmark/$1.py" ] || { echo >&2 "ONLY=$1: there is no benchmark/$1.py"; exit 1; }
-exec python3 "benchmark/$1.py" "${@:2}"
+parts=$1
+[ "$parts" != all ] ||
+    parts=$(PYTHONPATH=benchmark python3 -c 'import comparison; print(*comparison.PARTS)')
+for part in $parts; do
+    [ -f "benchmark/$part.py" ] || { echo >&2 "ONLY=$part: there is no benchmark/$part.py"; exit 1; }
+    python3 "benchmark/$part.py" "${@:2}"
+done
