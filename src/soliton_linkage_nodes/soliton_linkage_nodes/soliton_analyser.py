@@ -60,9 +60,7 @@ class SolitonAnalyser(Node):
         )
         refuse_unknown(self)
         topic = interfaces.JOINT_STATES
-        self.create_subscription(
-            topic.type, topic.name, self._on_joint_states, topic.qos, raw=True
-        )
+        self.create_subscription(topic.type, topic.name, self.take, topic.qos, raw=True)
 
     def _on_chain(self, named: NamedChain) -> None:
         """Analyse the frames that came before the chain was known."""
@@ -70,7 +68,8 @@ class SolitonAnalyser(Node):
         while self._waiting:
             self._analyse(self._waiting.popleft())
 
-    def _on_joint_states(self, serialized: bytes) -> None:
+    def take(self, serialized: bytes) -> None:
+        """Analyse joint states and publish what they show, once the chain is known."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self._waiting.append(serialized)
