@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import os
 import signal
 import subprocess
@@ -142,6 +143,12 @@ class Heard:
         self.subscription: Subscription = node.create_subscription(
             SolitonState, topic, lambda _: None, qos, raw=True
         )
+        self.last = math.nan
+        """When something was last drained [s]."""
+
+    def matched(self) -> bool:
+        """Whether somebody publishes."""
+        return bool(self.subscription.get_publisher_count())
 
     def drain(self) -> list[bytes]:
         """All that waits."""
@@ -149,6 +156,8 @@ class Heard:
         with handle:
             while (message := handle.take_message(SolitonState, True)) is not None:
                 taken.append(message[0])
+        if taken:
+            self.last = time.perf_counter()
         return taken
 
     def wait_for(self, count: int) -> list[bytes]:
@@ -208,6 +217,8 @@ def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str
         'theirs': Heard(node, PEER_TOPIC),
         'ours': Heard(node, interfaces.SOLITON_STATE.name),
     }
+    while not all(each.matched() for each in heard.values()):
+        time.sleep(POLL)
     runs: dict[str, list[Run]] = {'theirs': [], 'ours': []}
     coming = iter(frames)
     progress = ProgressLine(f'{rotors} rotors', arguments.rounds + 1)
@@ -247,14 +258,14 @@ def in_use(node: Node, seconds: float) -> dict[str, float]:
     coming = iter(Frames(IN_USE, warm + count))
     process = subprocess.Popen([str(program / 'soliton_analyser'), '--ros-args', *options])
     try:
-        while not (
-            publisher.get_subscription_count() and heard.subscription.get_publisher_count()
-        ):
+        while not (publisher.get_subscription_count() and heard.matched()):
+            if process.poll() is not None:
+                raise RuntimeError(f'the analyser ended with exit code {process.returncode}')
             time.sleep(POLL)
         send(publisher, heard, coming, warm, 'first second')
-        wall, cpu = time.perf_counter(), processor_time(process.pid)
+        start, cpu = time.perf_counter(), processor_time(process.pid)
         analysed = send(publisher, heard, coming, count, f'{IN_USE} rotors at {RATE:g} Hz')
-        cpu, wall = processor_time(process.pid) - cpu, time.perf_counter() - wall
+        cpu, wall = processor_time(process.pid) - cpu, heard.last - start
     finally:
         process.send_signal(signal.SIGINT)
         process.wait()
