@@ -16,7 +16,7 @@ from soliton_linkage_nodes.interfaces import SUITE, Topic
 from soliton_linkage_nodes.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.writing_thread import Source, Taken
 
-_DEPTH = 1000
+_DEPTH = 5000
 
 
 class Inlet:
