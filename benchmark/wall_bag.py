@@ -40,11 +40,11 @@ def named_chain(rotors: int) -> NamedChain:
 class NoisyWall:
     """Frames of a wall that goes round the cycle, at 1000 Hz, with noisy angles and rates."""
 
-    def __init__(self, rotors: int) -> None:
+    def __init__(self, rotors: int, deviation: float = NOISE) -> None:
         """Work out the cycle, and draw the noise, which repeats after a million numbers."""
         self._rotors = rotors
         self._cycle = Cycle(Chain(number_of_rotors=rotors))
-        self._noise = NOISE * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
+        self._noise = deviation * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
 
     def frame(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The largest memory that processes of the suite ever had resident."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import rclpy
+from processes import node_command, running
+from wall_bag import write_wall_bag
+
+from soliton_linkage_nodes import interfaces
+
+FRAMES = 5
+LONGEST_WAIT = 120.0
+POLL = 0.01
+
+
+def simulator_memory(rotors: int) -> float:
+    """Of a simulator, started as in use, that somebody has had some frames from [B]."""
+    node = rclpy.create_node('watcher')
+    topic = interfaces.JOINT_STATES
+    subscription = node.create_subscription(
+        topic.type, topic.name, lambda _: None, topic.qos, raw=True
+    )
+    handle, taken = subscription.handle, 0
+    with running(node_command('simulator', {'chain.number_of_rotors': rotors})) as simulator:
+        deadline = time.monotonic() + LONGEST_WAIT
+        with handle:
+            while taken < FRAMES:
+                taken += handle.take_message(topic.type, True) is not None
+                if time.monotonic() > deadline or simulator.poll() is not None:
+                    raise TimeoutError(f'{taken} frames after {LONGEST_WAIT:g} s')
+                time.sleep(POLL)
+        status = Path(f'/proc/{simulator.pid}/status').read_text(encoding='ascii')
+    node.destroy_node()
+    found = re.search(r'VmHWM:\s+(\d+) kB', status)
+    if found is None:
+        raise OSError(f'/proc/{simulator.pid}/status has no VmHWM')
+    return 1024.0 * int(found[1])
+
+
+def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
+    """Of `analyse_bag` on a bag of so many frames, which is removed in the end [B]."""
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        bag = write_wall_bag(Path(name, 'wall'), rotors, frames, 'zstd')
+        program, *_ = node_command('analyse_bag', {})
+        process = subprocess.Popen([str(program), str(bag), '--output', name])
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        shutil.rmtree(bag)
+    if process.returncode:
+        raise RuntimeError(f'analyse_bag ended with {process.returncode}')
+    return 1024.0 * usage.ru_maxrss
