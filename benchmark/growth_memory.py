@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -20,6 +19,13 @@ from soliton_linkage_nodes import interfaces
 FRAMES = 5
 LONGEST_WAIT = 120.0
 POLL = 0.01
+ANALYSE = """
+import sys
+from pathlib import Path
+from soliton_linkage_nodes.analyse_bag import main
+main(sys.argv[1:])
+print(Path('/proc/self/status').read_text())
+"""
 
 
 def simulator_memory(rotors: int) -> float:
@@ -40,21 +46,21 @@ def simulator_memory(rotors: int) -> float:
                 time.sleep(POLL)
         status = Path(f'/proc/{simulator.pid}/status').read_text(encoding='ascii')
     node.destroy_node()
-    found = re.search(r'VmHWM:\s+(\d+) kB', status)
-    if found is None:
-        raise OSError(f'/proc/{simulator.pid}/status has no VmHWM')
-    return 1024.0 * int(found[1])
+    return largest_resident(status)
 
 
 def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
     """Of `analyse_bag` on a bag of so many frames, which is removed in the end [B]."""
     with tempfile.TemporaryDirectory(dir=folder) as name:
         bag = write_wall_bag(Path(name, 'wall'), rotors, frames, 'zstd')
-        program, *_ = node_command('analyse_bag', {})
-        process = subprocess.Popen([str(program), str(bag), '--output', name])
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        shutil.rmtree(bag)
-    if process.returncode:
-        raise RuntimeError(f'analyse_bag ended with {process.returncode}')
-    return 1024.0 * usage.ru_maxrss
+        command = [sys.executable, '-c', ANALYSE, str(bag), '--output', name]
+        ended = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    return largest_resident(ended.stdout)
+
+
+def largest_resident(status: str) -> float:
+    """Largest memory that the status of a process tells [B]."""
+    found = re.search(r'VmHWM:\s+(\d+) kB', status)
+    if found is None:
+        raise ValueError(f'no VmHWM in {status[:100]!r}')
+    return 1024.0 * int(found[1])
