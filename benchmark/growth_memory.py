@@ -16,7 +16,8 @@ from wall_bag import write_wall_bag
 
 from soliton_linkage_nodes import interfaces
 
-FRAMES = 5
+FRAMES = 20
+SPEED = 0.1
 LONGEST_WAIT = 120.0
 POLL = 0.01
 ANALYSE = """
@@ -29,14 +30,20 @@ print(Path('/proc/self/status').read_text())
 
 
 def simulator_memory(rotors: int) -> float:
-    """Of a simulator, started as in use, that somebody has had some frames from [B]."""
+    """Of a simulator with a soliton on its way, that somebody has had some frames from [B]."""
     node = rclpy.create_node('watcher')
     topic = interfaces.JOINT_STATES
     subscription = node.create_subscription(
         topic.type, topic.name, lambda _: None, topic.qos, raw=True
     )
     handle, taken = subscription.handle, 0
-    with running(node_command('simulator', {'chain.number_of_rotors': rotors})) as simulator:
+    settings = {
+        'chain.number_of_rotors': rotors,
+        'initial_state': 'soliton',
+        'initial_place': rotors / 2,
+        'initial_velocity': SPEED,
+    }
+    with running(node_command('simulator', settings)) as simulator:
         deadline = time.monotonic() + LONGEST_WAIT
         with handle:
             while taken < FRAMES:

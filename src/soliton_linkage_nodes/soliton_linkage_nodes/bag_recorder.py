@@ -30,7 +30,7 @@ from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 from soliton_linkage_nodes.writing_thread import Taken, WritingThread
 
-_POLL_INTERVAL = 0.01
+_POLL_INTERVAL = 0.02
 _SEARCH_INTERVAL = 0.25
 _LONGEST_TEXT = 1000
 
