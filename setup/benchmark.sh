@@ -5,7 +5,7 @@
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-if ! python3 -c 'import heyoka, mujoco, numba' 2>/dev/null; then
+if ! python3 -c 'import heyoka, mcap, mujoco, numba' 2>/dev/null; then
     [ -d .venv ] || {
         echo >&2 'setup: the benchmark needs the wheels in .venv, not a full ROS 2 install:' \
             'run it in a shell that has not sourced one.'

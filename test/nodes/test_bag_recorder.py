@@ -128,14 +128,14 @@ def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
     assert reports[-1].message == 'recording'
     gate.clear()
     assert entered.wait(10)
-    publish_frames(publisher, named, 1500)
+    publish_frames(publisher, named, 6000)
     gate.set()
     graph.until(lambda: reports[-1].level == reports[-1].WARN, 'a warning')
     lost = int(values(reports[-1])['lost messages'])
     assert reports[-1].message == f'recording, {lost} messages lost'
     graph.stop(recorder)
     recorded = len(messages_of(tmp_path / 'run_0')['/joint_states'])
-    assert lost == 1501 - recorded > 0
+    assert lost == 6001 - recorded > 0
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == lost
 
 

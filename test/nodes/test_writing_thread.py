@@ -77,7 +77,7 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
     monkeypatch: pytest.MonkeyPatch,
     storage: str,
 ) -> None:
-    write = BagWriter.write
+    write = BagWriter.write_all
     stalled = threading.Event()
 
     def stalling(*arguments: Any) -> None:
@@ -86,7 +86,7 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
             time.sleep(2.0)
         write(*arguments)
 
-    monkeypatch.setattr(BagWriter, 'write', stalling)
+    monkeypatch.setattr(BagWriter, 'write_all', stalling)
     given = {'output': str(tmp_path / 'run'), 'storage': storage, 'topics': ['joint_states']}
     recorder = graph.start(BagRecorder, given)
     publisher = graph.speak(interfaces.JOINT_STATES)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 from soliton_linkage_nodes.writing_thread import Taken, WritingThread
 
-_POLL_INTERVAL = 0.005
+_POLL_INTERVAL = 0.02
 _SEARCH_INTERVAL = 0.25
 _LONGEST_TEXT = 1000
 
@@ -177,10 +178,10 @@ class BagRecorder(Node):
             self._taking_failure = error
 
     def _keep(self, batch: list[Taken]) -> None:
-        for message in batch:
-            if message.source.type_name == _CHAIN_TYPE:
-                self._chains[message.source.name] = _parameters_of(message.serialized)
-        batch.sort(key=lambda message: message.stamp)
+        for source, _, serialized in batch:
+            if source.type_name == _CHAIN_TYPE:
+                self._chains[source.name] = _parameters_of(serialized)
+        batch.sort(key=attrgetter('stamp'))
         with self._gate_lock:
             passed = self._gate.take(batch)
             if passed:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -115,10 +115,15 @@ class BagWriter:
 
     def write(self, topic: StoredTopic, stamp: int, serialized: bytes) -> None:
         """Store a serialized message that was received at a time since the epoch [ns]."""
-        if self._is_full(stamp):
-            self.split()
+        self.write_all([(topic, stamp, serialized)])
+
+    def write_all(self, messages: Iterable[tuple[StoredTopic, int, bytes]]) -> None:
+        """Store serialized messages, each with its topic and when it was received [ns]."""
         with self._complaining():
-            self._file.write(topic.number, stamp, serialized)
+            for topic, stamp, serialized in messages:
+                if self._is_full(stamp):
+                    self._split()
+                self._file.write(topic.number, stamp, serialized)
         self.tick()
 
     def tick(self) -> None:
@@ -140,13 +145,7 @@ class BagWriter:
     def split(self) -> None:
         """Go on in a new file."""
         with self._complaining():
-            self._close_file()
-            self._is_open = False
-            self._file = self._open_file()
-            self._is_open = True
-            for topic in self.topics:
-                self._file.add_topic(topic)
-            self._noted = {}
+            self._split()
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
         """Finish the bag, with texts that are kept in its metadata."""
@@ -168,14 +167,23 @@ class BagWriter:
             if self._is_open:
                 self._file.abandon()
 
+    def _split(self) -> None:
+        self._close_file()
+        self._is_open = False
+        self._file = self._open_file()
+        self._is_open = True
+        for topic in self.topics:
+            self._file.add_topic(topic)
+        self._noted = {}
+
     def _finish(self) -> None:
         write_metadata(self.path, self._information([]))
         self.finished = True
 
     def _is_full(self, stamp: int) -> bool:
-        span = self._file.span
-        too_long = self._longest_file and span and stamp - span[0] >= self._longest_file
-        return bool(too_long) or bool(self._largest_file and self._file.size >= self._largest_file)
+        span = self._file.span if self._longest_file else None
+        too_long = span is not None and stamp - span[0] >= self._longest_file
+        return too_long or 0 < self._largest_file <= self._file.size
 
     def _open_file(self) -> McapWriter | SqliteWriter:
         suffix = McapWriter.suffix if self._storage == 'mcap' else SqliteWriter.suffix

@@ -16,7 +16,7 @@ from soliton_linkage_nodes.interfaces import SUITE, Topic
 from soliton_linkage_nodes.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.writing_thread import Source, Taken
 
-_DEPTH = 1000
+_DEPTH = 5000
 
 
 class Inlet:
@@ -31,15 +31,16 @@ class Inlet:
         self._qos = _heard_by_all(source.profiles)
         self._subscription = self._subscribe()
         self.publishers = 0
-        """How many publishers it heard when it was last drained."""
+        """How many publishers it heard when it last looked."""
 
     def drain(self) -> list[Taken]:
         """Take all messages that are waiting."""
-        taken = []
-        self.publishers = self._subscription.get_publisher_count()
+        taken: list[Taken] = []
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
+                if not taken:
+                    self.publishers = self._subscription.get_publisher_count()
                 serialized, info = message
                 number = info['publication_sequence_number']
                 if number is not None:
@@ -50,6 +51,7 @@ class Inlet:
     def adapt(self) -> list[Taken]:
         """Subscribe anew where a publisher offers less; return what was waiting till then."""
         offered = self._node.get_publishers_info_by_topic(self.source.name)
+        self.publishers = len(offered)
         qos = _heard_by_all([info.qos_profile for info in offered]) if offered else self._qos
         if (qos.reliability, qos.durability) == (self._qos.reliability, self._qos.durability):
             return []

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -15,6 +15,7 @@ from backports import zstd
 
 MAGIC: Final = b'\x89MCAP0\r\n'
 MESSAGE_HEADER: Final = struct.Struct('<HIQQ')
+_MESSAGE_RECORD_HEADER: Final = struct.Struct('<BQHIQQ')
 RECORD_HEADER: Final = struct.Struct('<BQ')
 CHUNK_HEADER: Final = struct.Struct('<QQQI')
 CODECS: Final = ('', 'zstd', 'lz4')
@@ -117,23 +118,28 @@ def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
     return record(Opcode.METADATA, text(name), text_map(texts))
 
 
-def message_record(message: Message) -> bytes:
-    """A message as a record; it was published when it was received, for all that is known."""
-    head = MESSAGE_HEADER.pack(message.channel, 0, message.stamp, message.stamp)
-    return record(Opcode.MESSAGE, head, message.data)
+def message_head(channel: int, stamp: int, size: int) -> bytes:
+    """What a message's bytes, so many, follow to be a record.
+
+    It was published when it was received [ns], for all that is known.
+    """
+    length = MESSAGE_HEADER.size + size
+    return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp)
 
 
-def chunk_record(records: bytes, start: int, end: int, codec: str) -> tuple[bytes, int]:
-    """A chunk of records with messages from start to end [ns], and its compressed size."""
+def chunk_record(
+    records: bytes | memoryview, start: int, end: int, codec: str
+) -> tuple[bytes, bytes | memoryview]:
+    """A chunk of records with messages from start to end [ns]: its head, and they as packed."""
     packed = zstd.compress(records) if codec == 'zstd' else records
-    head = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
-    size = struct.pack('<Q', len(packed))
-    return record(Opcode.CHUNK, head, text(codec), size, packed), len(packed)
+    fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
+    fields += text(codec) + struct.pack('<Q', len(packed))
+    return RECORD_HEADER.pack(Opcode.CHUNK, len(fields) + len(packed)) + fields, packed
 
 
-def message_index_record(channel: int, places: Iterable[tuple[int, int]]) -> bytes:
-    """Where in the chunk before it the messages of a channel are: stamp [ns] and offset."""
-    entries = b''.join(struct.pack('<QQ', stamp, offset) for stamp, offset in places)
+def message_index_record(channel: int, places: Sequence[int]) -> bytes:
+    """Where in the chunk before it the messages of a channel are: stamp [ns], offset, ..."""
+    entries = struct.pack(f'<{len(places)}Q', *places)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(entries))
 
 

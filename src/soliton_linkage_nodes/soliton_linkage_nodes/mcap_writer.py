@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import time
+from collections import defaultdict
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from zlib import crc32
 
 from soliton_linkage_nodes import mcap_records as mcap
-from soliton_linkage_nodes.mcap_records import Channel, Message, Opcode, Schema
+from soliton_linkage_nodes.mcap_records import Channel, Opcode, Schema
 from soliton_linkage_nodes.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
@@ -37,9 +40,9 @@ class McapWriter:
         self._file = path.open('xb', buffering=0)
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunk = bytearray()
-        self._places: dict[int, list[tuple[int, int]]] = {}
-        self._chunk_span: tuple[int, int] | None = None
+        # It is overwritten from its beginning, never shrunk: new memory takes longer than writing.
+        self._chunk = BytesIO()
+        self._places: defaultdict[int, list[int]] = defaultdict(list)
         self._chunk_indexes: list[bytes] = []
         self._metadata: list[tuple[int, int, str]] = []
         self._told_at = time.monotonic()
@@ -57,53 +60,58 @@ class McapWriter:
                 topic.definition.encode(),
             )
             self._schemas[topic.type_name] = schema
-            self._chunk += mcap.schema_record(schema)
+            self._chunk.write(mcap.schema_record(schema))
         about = {'offered_qos_profiles': topic.profiles, 'topic_type_hash': topic.digest}
         channel = Channel(topic.number, schema.id, topic.name, topic.serialization, about)
         self._channels[channel.id] = channel
         self.counts[channel.id] = 0
-        self._chunk += mcap.channel_record(channel)
+        self._chunk.write(mcap.channel_record(channel))
 
     def write(self, number: int, stamp: int, serialized: bytes) -> None:
         """Store a message of a topic."""
-        self._places.setdefault(number, []).append((stamp, len(self._chunk)))
-        self._chunk += mcap.message_record(Message(number, stamp, serialized))
+        self._places[number] += (stamp, self._chunk.tell())
+        self._chunk.write(mcap.message_head(number, stamp, len(serialized)))
+        self._chunk.write(serialized)
         self.counts[number] += 1
-        self._chunk_span = widened(self._chunk_span, stamp)
-        if len(self._chunk) > _LARGEST_CHUNK:
+        if self._chunk.tell() > _LARGEST_CHUNK:
             self.flush()
 
     def flush(self) -> None:
         """Hand all messages to the system, which keeps them if this process is killed."""
-        if not self._chunk:
+        size = self._chunk.tell()
+        if not size:
             return
-        start, end = self._chunk_span or (0, 0)
-        chunk, packed = mcap.chunk_record(bytes(self._chunk), start, end, self._codec)
+        with self._chunk.getbuffer() as buffer, buffer[:size] as records:
+            self._append_chunk(records)
+        self._begin_chunk()
+
+    def _append_chunk(self, records: memoryview) -> None:
+        stamps = [stamp for places in self._places.values() for stamp in places[::2]]
+        start, end = (min(stamps), max(stamps)) if stamps else (0, 0)
+        head, packed = mcap.chunk_record(records, start, end, self._codec)
+        length = len(head) + len(packed)
         indexes, offsets = bytearray(), bytearray()
         for number, places in self._places.items():
-            place = self.size + len(chunk) + len(indexes)
+            place = self.size + length + len(indexes)
             offsets += struct.pack('<HQ', number, place)
             indexes += mcap.message_index_record(number, places)
-        head = struct.pack('<QQQQ', start, end, self.size, len(chunk))
-        tail = struct.pack('<QQ', packed, len(self._chunk))
         index = mcap.record(
             Opcode.CHUNK_INDEX,
-            head,
+            struct.pack('<QQQQ', start, end, self.size, length),
             mcap.sized(bytes(offsets)),
             struct.pack('<Q', len(indexes)),
             mcap.text(self._codec),
-            tail,
+            struct.pack('<QQ', len(packed), len(records)),
         )
-        self._append(chunk + bytes(indexes))
+        self._append(head, packed, indexes)
         self._chunk_indexes.append(index)
-        if self._chunk_span is not None:
+        if stamps:
             self.span = widened(widened(self.span, start), end)
-        self._begin_chunk()
 
     def discard(self) -> None:
         """Forget what the disk refused."""
         for number, places in self._places.items():
-            self.counts[number] -= len(places)
+            self.counts[number] -= len(places) // 2
         self._begin_chunk()
 
     def note(self, texts: Mapping[str, str]) -> None:
@@ -122,13 +130,12 @@ class McapWriter:
         self._file.close()
 
     def _begin_chunk(self) -> None:
-        self._chunk.clear()
+        self._chunk.seek(0)
         self._places.clear()
-        self._chunk_span = None
         if time.monotonic() - self._told_at > _DEFINITIONS_INTERVAL:
             self._told_at = time.monotonic()
-            self._chunk += b''.join(map(mcap.schema_record, self._schemas.values()))
-            self._chunk += b''.join(map(mcap.channel_record, self._channels.values()))
+            self._chunk.writelines(map(mcap.schema_record, self._schemas.values()))
+            self._chunk.writelines(map(mcap.channel_record, self._channels.values()))
 
     def _add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         record = mcap.metadata_record(name, texts)
@@ -172,17 +179,19 @@ class McapWriter:
         span = struct.pack('<QQ', *(self.span or (0, 0)))
         return mcap.record(Opcode.STATISTICS, head, span, mcap.sized(counts))
 
-    def _append(self, data: bytes) -> None:
-        begin = self.size
-        rest = memoryview(data)
+    def _append(self, *parts: bytes | bytearray | memoryview) -> None:
+        begin, size = self.size, sum(map(len, parts))
         try:
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            written = os.writev(self._file.fileno(), parts)
+            if written < size:
+                rest = memoryview(b''.join(parts))[written:]
+                while rest:
+                    rest = rest[self._file.write(rest) :]
         except OSError:
             self._file.truncate(begin)
             self._file.seek(begin)
             raise
-        self.size = begin + len(data)
+        self.size = begin + size
 
 
 def widened(span: tuple[int, int] | None, stamp: int) -> tuple[int, int]:

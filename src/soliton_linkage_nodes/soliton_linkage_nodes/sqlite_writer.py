@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,9 +12,9 @@ from pathlib import Path
 import yaml
 
 from soliton_linkage_nodes.bag_metadata import METADATA_VERSION
-from soliton_linkage_nodes.mcap_writer import widened
 from soliton_linkage_nodes.stored_topic import StoredTopic
 
+_MOST_ROWS_BYTES = 2**20
 _SCHEMA = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
 CREATE TABLE metadata(
@@ -55,7 +56,9 @@ class SqliteWriter:
         self._types: set[str] = set()
         self._path = path
         self._bytes = 0
-        self._pending: dict[int, int] = {}
+        self._rows: list[tuple[int, int, bytes]] = []
+        self._rows_bytes = 0
+        self._pending: Counter[int] = Counter()
         self._whole_span: tuple[int, int] | None = None
         with _as_os_error():
             self._database = sqlite3.connect(path, isolation_level=None)
@@ -71,7 +74,7 @@ class SqliteWriter:
     @property
     def size(self) -> int:
         """About how many bytes the file takes."""
-        return self._bytes
+        return self._bytes + self._rows_bytes
 
     def add_topic(self, topic: StoredTopic) -> None:
         """Begin to store a topic."""
@@ -99,19 +102,16 @@ class SqliteWriter:
 
     def write(self, number: int, stamp: int, serialized: bytes) -> None:
         """Store a message of a topic."""
-        with _as_os_error():
-            self._database.execute(
-                'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)',
-                (number, stamp, serialized),
-            )
-        self._bytes += len(serialized) + 40
+        self._rows.append((number, stamp, serialized))
+        self._rows_bytes += len(serialized) + 40
         self.counts[number] += 1
-        self._pending[number] = self._pending.get(number, 0) + 1
-        self.span = widened(self.span, stamp)
+        if self._rows_bytes > _MOST_ROWS_BYTES:
+            with _as_os_error():
+                self._insert()
 
     def flush(self) -> None:
         """Commit all messages: the system keeps them if this process is killed."""
-        if self._pending:
+        if self._rows or self._pending:
             with _as_os_error():
                 self._commit()
 
@@ -121,6 +121,8 @@ class SqliteWriter:
             if self._database.in_transaction:
                 self._database.execute('ROLLBACK')
             self._database.execute('BEGIN')
+        self._pending.update(number for number, _, _ in self._rows)
+        self._rows.clear()
         for number, count in self._pending.items():
             self.counts[number] -= count
         self._pending.clear()
@@ -150,7 +152,20 @@ class SqliteWriter:
             )
             self._commit()
 
+    def _insert(self) -> None:
+        self._database.executemany(
+            'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', self._rows
+        )
+        stamps = [*(self.span or ()), *(stamp for _, stamp, _ in self._rows)]
+        self.span = (min(stamps), max(stamps))
+        self._pending.update(number for number, _, _ in self._rows)
+        self._bytes += self._rows_bytes
+        self._rows.clear()
+        self._rows_bytes = 0
+
     def _commit(self) -> None:
+        if self._rows:
+            self._insert()
         self._database.execute('COMMIT')
         self._database.execute('BEGIN')
         self._pending.clear()

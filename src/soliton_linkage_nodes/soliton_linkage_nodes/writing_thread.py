@@ -7,6 +7,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rclpy.qos import QoSProfile
 
@@ -27,8 +28,7 @@ class Source:
     latched: bool = False
 
 
-@dataclass(frozen=True)
-class Taken:
+class Taken(NamedTuple):
     """A message as it was taken: whence, when it was received [ns], and what."""
 
     source: Source
@@ -161,9 +161,11 @@ class WritingThread:
         return self._topics[source]
 
     def _write(self, messages: Sequence[Taken], size: int) -> None:
-        for message in messages:
-            topic = self._begin(message.source)
-            if topic is not None:
-                self._writer.write(topic, message.stamp, message.serialized)
+        stored = [
+            (topic, stamp, serialized)
+            for source, stamp, serialized in messages
+            if (topic := self._begin(source)) is not None
+        ]
+        self._writer.write_all(stored)
         with self._changed:
             self._bytes -= size

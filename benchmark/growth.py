@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How cost grows with the number of rotors, and memory with that and with the length of a bag.
+
+Times are processor times of the thread that does the work, the mean of many calls in each round;
+the exponent p of time ~ N^p is fitted to sizes from 1000 on. Memory is the largest that a
+process ever had resident, of a simulator as in use and of `analyse_bag` on short and long bags.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from comparison import Figure, Part, parser, write
+from growth_memory import analyser_memory, simulator_memory
+from growth_work import WORKS, Work
+from processes import own_domain
+
+from soliton_linkage.progress import ProgressLine
+
+ROTORS = (20, 100, 1000, 10_000, 100_000)
+QUICK_ROTORS = (20, 100, 1000)
+FITTED_FROM = 1000
+ROUND = 0.2
+QUICK_ROUND = 0.02
+MOST_CALLS = 200
+MEGABYTE = 1e6
+BAG_ROTORS = 100
+BAG_FRAMES = (5_000, 40_000)
+QUICK_BAG_FRAMES = (200, 800)
+
+Times = dict[str, dict[int, list[float]]]
+
+
+def main() -> None:
+    plt.switch_backend('agg')
+    options = parser(__doc__)
+    options.add_argument('--rotors', type=int, nargs='*', help=f'sizes {ROTORS}')
+    options.add_argument('--frames', type=int, nargs='*', help=f'of the bags {BAG_FRAMES}')
+    options.add_argument('--no-memory', dest='memory', action='store_false')
+    arguments = options.parse_args()
+    quick = arguments.quick
+    sizes = sorted(arguments.rotors or (QUICK_ROTORS if quick else ROTORS))
+    rounds = arguments.rounds or (2 if quick else 5)
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    times = measured(sizes, rounds, QUICK_ROUND if quick else ROUND)
+    figures = [*figures_of(times), *exponents(times)]
+    if arguments.memory:
+        frames = arguments.frames or (QUICK_BAG_FRAMES if quick else BAG_FRAMES)
+        figures += memory(sizes[-1], frames, arguments.output.parent)
+    draw(times, arguments.output.with_name('benchmark_growth.png'))
+    write(Part('growth', figures=figures, details={'seconds': times}), arguments.output)
+
+
+def measured(sizes: Sequence[int], rounds: int, seconds: float) -> Times:
+    """Processor time of one call of each work [s], by size, a number a round."""
+    times: Times = {name: {size: [] for size in sizes} for name in WORKS}
+    progress = ProgressLine('growing', len(sizes))
+    with own_domain():
+        for done, size in enumerate(sizes):
+            for name, make in WORKS.items():
+                progress.show(done, f'{name} of {size} rotors')
+                with make(size) as work:
+                    for _ in range(rounds):
+                        times[name][size].append(time_of(work, seconds))
+    progress.end(f'{len(WORKS)} works of {len(sizes)} sizes measured')
+    return times
+
+
+def time_of(work: Work, seconds: float) -> float:
+    """Processor time of a unit of work [s]: the mean of calls that take so long together."""
+    spent, calls, units = 0.0, 0, 0
+    while not units or (spent < seconds and calls < MOST_CALLS):
+        work.prepare()
+        start = time.thread_time()
+        units += work.do()
+        spent += time.thread_time() - start
+        calls += 1
+    return spent / units
+
+
+def exponents(times: Times) -> list[Figure]:
+    """Exponent of each work's growth, a number a round."""
+    figures = []
+    for name, by_size in times.items():
+        sizes = [size for size in by_size if size >= FITTED_FROM] or list(by_size)
+        sizes = sizes if len(sizes) > 1 else sorted(by_size)[-2:]
+        rounds = zip(*(by_size[size] for size in sizes), strict=True)
+        fitted = [float(np.polyfit(np.log(sizes), np.log(each), 1)[0]) for each in rounds]
+        what = f'{name}: exponent, {min(sizes)} to {max(sizes)}'
+        figures.append(Figure(what, '', fitted, '1 or less'))
+    return figures
+
+
+def figures_of(times: Times) -> list[Figure]:
+    """Time of each work at each size."""
+    return [
+        Figure(f'{name}, N = {size}', 's', rounds)
+        for name, by_size in times.items()
+        for size, rounds in by_size.items()
+    ]
+
+
+def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
+    """Resident memory of a simulator of many rotors, and of the analysis of bags of lengths."""
+    goal = 'under 500 MB' if rotors == max(ROTORS) else ''
+    with own_domain():
+        resident = simulator_memory(rotors) / MEGABYTE
+    figures = [Figure(f'simulator resident, N = {rotors}', 'MB', [resident], goal)]
+    for length in frames:
+        resident = analyser_memory(BAG_ROTORS, length, folder) / MEGABYTE
+        what = f'analyse_bag resident, N = {BAG_ROTORS}, {length} frames'
+        figures.append(Figure(what, 'MB', [resident], 'the same at any length'))
+    return figures
+
+
+def draw(times: Times, path: Path) -> None:
+    """Plot time against N."""
+    figure, axes = plt.subplots(figsize=(7, 5))
+    for name, by_size in times.items():
+        medians = [1e6 * statistics.median(rounds) for rounds in by_size.values()]
+        axes.loglog(list(by_size), medians, 'o-', label=name)
+    low, high = axes.get_xlim()
+    foot = math.sqrt(math.prod(axes.get_ylim()))
+    axes.loglog([low, high], [foot, foot * high / low], 'k:', label='as N')
+    axes.set(xlabel='number of rotors N', ylabel='processor time [µs]')
+    axes.legend(fontsize='small')
+    figure.tight_layout()
+    figure.savefig(path, dpi=120)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The largest memory that processes of the suite ever had resident."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import rclpy
+from processes import node_command, running
+from wall_bag import write_wall_bag
+
+from soliton_linkage_nodes import interfaces
+
+FRAMES = 20
+SPEED = 0.1
+LONGEST_WAIT = 120.0
+POLL = 0.01
+ANALYSE = """
+import sys
+from pathlib import Path
+from soliton_linkage_nodes.analyse_bag import main
+main(sys.argv[1:])
+print(Path('/proc/self/status').read_text())
+"""
+
+
+def simulator_memory(rotors: int) -> float:
+    """Of a simulator with a soliton on its way, that somebody has had some frames from [B]."""
+    node = rclpy.create_node('watcher')
+    topic = interfaces.JOINT_STATES
+    subscription = node.create_subscription(
+        topic.type, topic.name, lambda _: None, topic.qos, raw=True
+    )
+    handle, taken = subscription.handle, 0
+    settings = {
+        'chain.number_of_rotors': rotors,
+        'initial_state': 'soliton',
+        'initial_place': rotors / 2,
+        'initial_velocity': SPEED,
+    }
+    with running(node_command('simulator', settings)) as simulator:
+        deadline = time.monotonic() + LONGEST_WAIT
+        with handle:
+            while taken < FRAMES:
+                taken += handle.take_message(topic.type, True) is not None
+                if time.monotonic() > deadline or simulator.poll() is not None:
+                    raise TimeoutError(f'{taken} frames after {LONGEST_WAIT:g} s')
+                time.sleep(POLL)
+        status = Path(f'/proc/{simulator.pid}/status').read_text(encoding='ascii')
+    node.destroy_node()
+    return largest_resident(status)
+
+
+def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
+    """Of `analyse_bag` on a bag of so many frames, which is removed in the end [B]."""
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        bag = write_wall_bag(Path(name, 'wall'), rotors, frames, 'zstd')
+        command = [sys.executable, '-c', ANALYSE, str(bag), '--output', name]
+        ended = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    return largest_resident(ended.stdout)
+
+
+def largest_resident(status: str) -> float:
+    """Largest memory that the status of a process tells [B]."""
+    found = re.search(r'VmHWM:\s+(\d+) kB', status)
+    if found is None:
+        raise ValueError(f'no VmHWM in {status[:100]!r}')
+    return 1024.0 * int(found[1])

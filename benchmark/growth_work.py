@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The works whose cost is followed as chains grow, each prepared for a number of rotors."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from processes import program_command, running
+from rclpy.qos import QoSProfile
+from wall_bag import NOISE, RATE, SECOND, NoisyWall, named_chain
+
+from soliton_linkage.analysis import Analyser
+from soliton_linkage.chain import Chain
+from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.nystrom import SymplecticNystrom
+from soliton_linkage.rigidity import zero_mode
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.bag_writer import BagWriter
+from soliton_linkage_nodes.bags import type_name
+from soliton_linkage_nodes.inlets import Inlet
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.writing_thread import Source
+
+FIRST_FRAMES = 30
+STEPS = 50
+ARRIVAL = 0.02
+LONGEST_WAIT = 30.0
+BATCH = 5
+
+
+@dataclass(frozen=True)
+class Work:
+    """What is timed, and what must be done before each time."""
+
+    do: Callable[[], int]
+    """Returns how many units of work it did."""
+    prepare: Callable[[], object] = lambda: None
+
+
+def wall_state(rotors: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates of a chain whose wall is on its way, without noise."""
+    wall = NoisyWall(rotors, 0.0)
+    return wall.frame(FIRST_FRAMES)
+
+
+@contextmanager
+def right_hand_side(rotors: int) -> Iterator[Work]:
+    """One call of the equations of motion."""
+    motion = ChainMotion(Chain(number_of_rotors=rotors))
+    state = motion.state(*wall_state(rotors))
+    yield Work(lambda: len(motion(0.0, state)) // len(state))
+
+
+@contextmanager
+def compiled_force(rotors: int) -> Iterator[Work]:
+    """One force of the compiled integrator, with all that stands about it in a step."""
+    motion = ChainMotion(Chain(number_of_rotors=rotors))
+    state = motion.state(*wall_state(rotors))
+    solver = SymplecticNystrom(motion, 0.0, state, 1e9, first_step=0.01, atol=1e-3, rtol=0.0)
+    solver.step()
+
+    def step() -> int:
+        before = solver.nfev
+        solver.step()
+        return int(solver.nfev - before)
+
+    yield Work(step)
+
+
+@contextmanager
+def one_zero_mode(rotors: int) -> Iterator[Work]:
+    """The zero mode of a chain with a wall in it."""
+    chain = Chain(number_of_rotors=rotors)
+    angles, _ = wall_state(rotors)
+    yield Work(lambda: zero_mode(chain, angles).size // rotors)
+
+
+@contextmanager
+def analysis(rotors: int) -> Iterator[Work]:
+    """One frame, noisy and with rates, in the steady state of the analyser."""
+    wall, analyser = NoisyWall(rotors), Analyser(Chain(number_of_rotors=rotors), NOISE)
+    numbers = itertools.count(FIRST_FRAMES)
+    frame = [0, *wall.frame(0)]
+
+    def prepare() -> None:
+        number = next(numbers)
+        frame[:] = [number * SECOND // RATE, *wall.frame(number)]
+
+    def analyse() -> int:
+        return 0 if analyser.analyse(*frame) is None else 1
+
+    for _ in range(FIRST_FRAMES):
+        prepare()
+        analyse()
+    yield Work(analyse, prepare)
+
+
+@contextmanager
+def published(rotors: int) -> Iterator[Work]:
+    """Joint states from arrays to the middleware, with a subscriber in another process."""
+    buffer, still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
+    topic = f'growing_{rotors}'
+    node = rclpy.create_node('speaker')
+    qos = interfaces.stream_qos(len(buffer))
+    publisher = node.create_publisher(interfaces.JOINT_STATES.type, topic, qos)
+    numbers = itertools.count()
+
+    def publish() -> int:
+        publisher.publish(buffer.write(next(numbers), still, still, still))
+        return 1
+
+    with running(program_command(Path(__file__).with_name('listener.py'), topic)):
+        deadline = time.monotonic() + LONGEST_WAIT
+        while not publisher.get_subscription_count() and time.monotonic() < deadline:
+            time.sleep(ARRIVAL)
+        yield Work(publish)
+    node.destroy_node()
+
+
+@contextmanager
+def recorded(rotors: int) -> Iterator[Work]:
+    """A message from the middleware into a file, as the recorder's threads do it."""
+    buffer, still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
+    message = buffer.write(0, still, still, still)
+    kind, qos = interfaces.JOINT_STATES.type, QoSProfile(depth=2 * BATCH)
+    node = rclpy.create_node('recorded')
+    name = f'/recorded_{rotors}'
+    publisher = node.create_publisher(kind, name, qos)
+    inlet = Inlet(node, Source(name, type_name(kind), (qos,)), kind)
+    with tempfile.TemporaryDirectory() as folder:
+        writer = BagWriter(Path(folder, 'run'), 'mcap')
+        topic = writer.add_topic(name, type_name(kind), qos)
+
+        def publish() -> None:
+            for _ in range(BATCH):
+                publisher.publish(message)
+            time.sleep(ARRIVAL)
+
+        def record() -> int:
+            taken = inlet.drain()
+            writer.write_all((topic, each.stamp, each.serialized) for each in taken)
+            return len(taken)
+
+        yield Work(record, publish)
+        writer.close()
+    node.destroy_node()
+
+
+WORKS: dict[str, Callable[[int], AbstractContextManager[Work]]] = {
+    'right-hand side': right_hand_side,
+    'compiled force': compiled_force,
+    'zero mode': one_zero_mode,
+    'analysis': analysis,
+    'published message': published,
+    'recorded message': recorded,
+}

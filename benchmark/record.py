@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What recording joint states takes, and what analysing a recording takes.
+
+Recorders run as processes, ours and plain ones in turn, and this one publishes: first at 1000 Hz,
+for the processor time that they need, then faster and faster. A rate counts as taken where no
+message of it, or of a lower one, is missing in the recording, and is reckoned until the recorder
+is idle again. Offline, ours and `AnyReader` read the same bags.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sqlite3
+import struct
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from comparison import Comparison, Figure, Part, parser, write
+from processes import node_command, own_domain, processor_time, program_command, running
+from rclpy.publisher import Publisher
+from record_peer import SUBSCRIPTIONS
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from wall_bag import RATE, named_chain, write_wall_bag
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.bag_analysis import analysed
+from soliton_linkage_nodes.bags import decoder, find_topic, open_bag, read_messages
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+
+ROTORS = (100, 1000)
+STORAGES = ('mcap', 'sqlite3')
+OURS = 'ours'
+PEERS = {'raw': 'rclpy, raw subscription', 'typed': 'rclpy, typed subscription'}
+SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
+FASTEST = 64_000.0
+SETTLING = 1.0
+REACHED = 0.8
+NAP = 0.0003
+LOOK = 0.1
+IDLE = 0.3
+LONGEST_START = 30.0
+LONGEST_DRAIN = 20.0
+FRAMES = {100: 4000, 1000: 1500}
+SECOND = 10**9
+STAMP = struct.Struct('<4xiI')
+
+
+@dataclass(frozen=True)
+class Burst:
+    """Messages that were published at one rate."""
+
+    asked: float
+    """Rate that was asked for [1/s]; the stamps of its messages have its whole seconds."""
+    sent: int
+    sending: float
+    """Time that publishing took [s]."""
+    working: float
+    """Time until the recorder was idle again [s]."""
+    processor: float
+    """Processor time that the recorder took [s]."""
+
+    @property
+    def was_sent(self) -> bool:
+        """Whether about as much was sent as was asked for."""
+        return self.sent > REACHED * self.asked * self.sending
+
+
+@dataclass
+class Trial:
+    """What one recorder did."""
+
+    bursts: list[Burst] = field(default_factory=list)
+    stored: Counter[int] = field(default_factory=Counter)
+    """Messages in the recording, by the burst's number."""
+
+    def lost(self, number: int) -> int:
+        """Messages of a burst that are missing."""
+        return self.bursts[number].sent - self.stored[number]
+
+    @property
+    def share(self) -> float:
+        """Share of a core needed at 1000 Hz [%]."""
+        first = self.bursts[0]
+        return 100 * first.processor / first.working
+
+    @property
+    def taken(self) -> float:
+        """Largest rate up to which nothing was lost [1/s]; 0 where some was at the lowest."""
+        whole = itertools.takewhile(lambda n: not self.lost(n), range(len(self.bursts)))
+        return max((self.bursts[n].sent / self.bursts[n].working for n in whole), default=0.0)
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument('--rotors', type=int, nargs='*', help=f'{ROTORS}')
+    arguments = options.parse_args()
+    rounds = arguments.rounds or (1 if arguments.quick else 3)
+    sizes = arguments.rotors or ROTORS[: 1 if arguments.quick else None]
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=arguments.output.parent) as folder:
+        recorded = recording(Path(folder), sizes, rounds, arguments.quick)
+        read = reading(Path(folder), sizes, rounds, arguments.quick)
+    comparisons = [*recorded.comparisons, *read.comparisons]
+    details = {**recorded.details, **read.details}
+    write(Part('record', comparisons, recorded.figures, details), arguments.output)
+
+
+def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Part:
+    """Compare recorders."""
+    comparisons, figures, details = [], [], {}
+    kinds = (OURS, *SUBSCRIPTIONS)
+    storages = STORAGES[:1] if quick else STORAGES
+    runs = list(itertools.product(sizes, storages, range(rounds), kinds))
+    progress = ProgressLine('recording', len(runs))
+    trials: dict[tuple[int, str], dict[str, list[Trial]]] = {}
+    for done, (rotors, storage, turn, kind) in enumerate(runs):
+        progress.show(done, f'{kind}, {storage}, {rotors} rotors, round {turn + 1}')
+        by_kind = trials.setdefault((rotors, storage), {each: [] for each in kinds})
+        by_kind[kind].append(trial(kind, storage, rotors, folder, quick))
+    progress.end(f'{len(runs)} recordings measured')
+    for (rotors, storage), by_kind in trials.items():
+        ours, work = by_kind[OURS], f'{storage}, N = {rotors}'
+        for kind, name in PEERS.items():
+            shares = [[each.share for each in side] for side in (by_kind[kind], ours)]
+            taken = [rates_taken(side) for side in (by_kind[kind], ours)]
+            comparisons += [
+                Comparison(name, f'record at {RATE} Hz, {work}', '% of a core', *shares),
+                Comparison(name, f'record, none lost, {work}', '/s', *taken, more_is_better=True),
+            ]
+        size = len(JointStateBuffer(named_chain(rotors))) / 1e6
+        bytes_taken = [size * rate for rate in rates_taken(ours)]
+        figures.append(Figure(f'recorded, none lost, {work}', 'MB/s', bytes_taken))
+        for kind, side in by_kind.items():
+            details[f'{work}, {kind}'] = [told(each) for each in side]
+    return Part('record', comparisons, figures, details)
+
+
+def rates_taken(trials: Sequence[Trial]) -> list[float]:
+    """Rates taken in each round [1/s]; none where a recorder lost messages at the lowest."""
+    rates = [each.taken for each in trials]
+    return rates if all(rates) else []
+
+
+def trial(kind: str, storage: str, rotors: int, folder: Path, quick: bool) -> Trial:
+    """Have a recorder record bursts, faster and faster until one cannot be sent."""
+    seconds, factor = (0.5, 4.0) if quick else (1.0, 2**0.5)
+    done = Trial()
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        path = Path(name, f'run{SUFFIXES[storage]}')
+        command = program_command(Path(__file__).with_name('record_peer.py'), kind, storage, path)
+        if kind == OURS:
+            path = Path(name, 'run_0')
+            command = node_command(
+                'bag_recorder', {'output': Path(name, 'run'), 'storage': storage}
+            )
+        with own_domain(), running(command) as recorder:
+            send = Sender(rotors)
+            done.bursts.append(send.burst(0, float(RATE), 2 * seconds, recorder.pid))
+            rate = 2.0 * RATE
+            while rate <= FASTEST and done.bursts[-1].was_sent:
+                done.bursts.append(send.burst(len(done.bursts), rate, seconds, recorder.pid))
+                rate *= factor
+        done.stored.update(stamped_bursts(path))
+    return done
+
+
+class Sender:
+    """Publishes joint states whose stamps say, in whole seconds, which burst they belong to."""
+
+    def __init__(self, rotors: int) -> None:
+        """Wait for the recorder."""
+        topic = interfaces.JOINT_STATES
+        self._node = rclpy.create_node('sender')
+        self._publisher: Publisher = self._node.create_publisher(topic.type, topic.name, topic.qos)
+        self._buffer, self._still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
+        deadline = time.monotonic() + LONGEST_START
+        while self._publisher.get_subscription_count() < 1:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f'no recorder after {LONGEST_START:g} s')
+            time.sleep(LOOK)
+        time.sleep(SETTLING)
+
+    def burst(self, number: int, rate: float, seconds: float, recorder: int) -> Burst:
+        """Publish at a rate, as far as that is possible, and wait until all is recorded."""
+        still, sent = self._still, 0
+        processor, start = processor_time(recorder), time.monotonic()
+        while (now := time.monotonic() - start) < seconds:
+            for _ in range(min(int(now * rate) + 1 - sent, 100)):
+                stamp = number * SECOND + sent
+                self._publisher.publish(self._buffer.write(stamp, still, still, still))
+                sent += 1
+            time.sleep(max(0.0, min(NAP, sent / rate - (time.monotonic() - start))))
+        sending = time.monotonic() - start
+        working = sending + self._drained(recorder)
+        return Burst(rate, sent, sending, working, processor_time(recorder) - processor)
+
+    def _drained(self, recorder: int) -> float:
+        """Wait until a recorder takes little processor time; return when it began to [s]."""
+        start = time.monotonic()
+        while time.monotonic() - start < LONGEST_DRAIN:
+            before, begin = processor_time(recorder), time.monotonic()
+            time.sleep(LOOK)
+            used = processor_time(recorder) - before
+            if used < IDLE * LOOK:
+                return begin - start
+        return time.monotonic() - start
+
+
+def stamped_bursts(path: Path) -> Iterator[int]:
+    """Burst of each message in a recording."""
+    if path.suffix == '.db3':
+        with sqlite3.connect(path) as database:
+            rows = database.execute('SELECT substr(data, 1, 12) FROM messages').fetchall()
+        database.close()
+        yield from (STAMP.unpack(head)[0] for (head,) in rows)
+        return
+    with Reader(path) as reader:
+        connections = [c for c in reader.connections if c.topic == '/joint_states']
+        for _, _, data in reader.messages(connections):
+            yield STAMP.unpack_from(data)[0]
+
+
+def told(done: Trial) -> list[dict[str, Any]]:
+    """A trial as the JSON keeps it."""
+    return [{**vars(burst), 'lost': done.lost(number)} for number, burst in enumerate(done.bursts)]
+
+
+def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Part:
+    """Compare what can be done with a bag, in frames a second of processor time."""
+    comparisons, details = [], {}
+    for rotors in sizes:
+        frames = 200 if quick else FRAMES.get(rotors, 1500)
+        bag = write_wall_bag(folder / f'wall_{rotors}', rotors, frames)
+        ways: dict[str, Callable[[Path], int]] = {
+            'AnyReader': read_by_any_reader,
+            'read and decode': read_by_ours,
+            'analyse': analyse,
+        }
+        rates: dict[str, list[float]] = {name: [] for name in ways}
+        progress = ProgressLine(f'reading {rotors} rotors', rounds)
+        for turn in range(rounds):
+            progress.show(turn)
+            for name, way in ways.items():
+                start = time.thread_time()
+                done = way(bag)
+                rates[name].append(done / (time.thread_time() - start))
+                if done != frames:
+                    raise AssertionError(f'{name} saw {done} of {frames} frames')
+        progress.end(f'bags of {rotors} rotors read')
+        theirs = rates.pop('AnyReader')
+        peer = 'rosbags AnyReader, read and deserialize'
+        comparisons += [
+            Comparison(peer, f'{name}, N = {rotors}', 'frames/s', theirs, ours, True)
+            for name, ours in rates.items()
+        ]
+        details[f'read, N = {rotors}'] = {'frames': frames}
+    return Part('record', comparisons, details=details)
+
+
+def read_by_any_reader(bag: Path) -> int:
+    """Deserialize every frame of a bag by rosbags; return how many there are."""
+    frames = 0
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == '/joint_states']
+        for connection, _, data in reader.messages(connections):
+            reader.deserialize(data, connection.msgtype)
+            frames += 1
+    return frames
+
+
+def read_by_ours(bag: Path) -> int:
+    """Decode every frame of a bag as the suite does."""
+    frames = 0
+    with open_bag(bag) as reader:
+        joints = find_topic(reader, 'joint_states')
+        decode = decoder(joints)
+        for _, _, data in read_messages(reader, [joints]):
+            decode(data)
+            frames += 1
+    return frames
+
+
+def analyse(bag: Path) -> int:
+    """Analyse every frame of a bag."""
+    with open_bag(bag) as reader:
+        return sum(1 for _ in analysed(reader))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one would write to record a topic: a node whose callback hands each message to a file.
+
+A raw subscription is what a careful user takes; a typed one, with `serialize_message` in its
+callback, is what the tutorials of ROS 2 show. It is as generous as it can be: a deep queue, no
+compression, and a commit a second.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import sys
+from pathlib import Path
+from typing import Any, Protocol
+
+import rclpy
+from mcap.writer import CompressionType, Writer
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+
+from soliton_linkage_nodes.interfaces import JOINT_STATES
+from soliton_linkage_nodes.stored_topic import type_definition
+
+TYPE_NAME = 'sensor_msgs/msg/JointState'
+SUBSCRIPTIONS = ('raw', 'typed')
+
+
+class Store(Protocol):
+    """A file of messages."""
+
+    def add(self, stamp: int, serialized: bytes) -> None:
+        """Store a message that was received at a time [ns]."""
+
+    def commit(self) -> None:
+        """Hand what was stored to the system."""
+
+    def close(self) -> None:
+        """End the file."""
+
+
+class McapStore:
+    """A file by the mcap package."""
+
+    def __init__(self, path: Path) -> None:
+        """Create it."""
+        self._file = path.open('wb')
+        self._writer = Writer(self._file, compression=CompressionType.NONE)
+        self._writer.start('ros2')
+        definition, _ = type_definition(TYPE_NAME)
+        schema = self._writer.register_schema(TYPE_NAME, 'ros2msg', definition.encode())
+        self._channel = self._writer.register_channel('/joint_states', 'cdr', schema)
+
+    def add(self, stamp: int, serialized: bytes) -> None:
+        """Store a message."""
+        self._writer.add_message(self._channel, stamp, serialized, stamp)
+
+    def commit(self) -> None:
+        """Hand on what is in whole chunks."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """End the file."""
+        self._writer.finish()
+        self._file.close()
+
+
+class SqliteStore:
+    """A table of sqlite3."""
+
+    def __init__(self, path: Path) -> None:
+        """Create it."""
+        self._database = sqlite3.connect(path)
+        self._database.execute('CREATE TABLE messages(timestamp INTEGER, data BLOB)')
+
+    def add(self, stamp: int, serialized: bytes) -> None:
+        """Store a message."""
+        self._database.execute('INSERT INTO messages VALUES (?, ?)', (stamp, serialized))
+
+    def commit(self) -> None:
+        """Commit the rows."""
+        self._database.commit()
+
+    def close(self) -> None:
+        """End the file."""
+        self._database.commit()
+        self._database.close()
+
+
+STORES = {'mcap': McapStore, 'sqlite3': SqliteStore}
+
+
+class Recorder(Node):
+    """Records joint states."""
+
+    def __init__(self, store: Store, raw: bool) -> None:
+        """Subscribe."""
+        super().__init__('plain_recorder')
+        self._store = store
+        keep = self._keep_raw if raw else self._keep
+        self.create_subscription(
+            JOINT_STATES.type, JOINT_STATES.name, keep, JOINT_STATES.qos, raw=raw
+        )
+        self.create_timer(1.0, store.commit)
+
+    def _keep_raw(self, serialized: bytes) -> None:
+        self._store.add(self.get_clock().now().nanoseconds, serialized)
+
+    def _keep(self, message: Any) -> None:
+        self._keep_raw(serialize_message(message))
+
+
+def main() -> None:
+    subscription, storage, path = sys.argv[1:]
+    rclpy.init()
+    store = STORES[storage](Path(path))
+    try:
+        rclpy.spin(Recorder(store, subscription == 'raw'))
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        store.close()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of any length, of a chain with a wall on its way in noisy frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.cycle import Cycle
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.bag_writer import BagWriter
+from soliton_linkage_nodes.bags import type_name
+from soliton_linkage_nodes.conversions import (
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    time_to_msg,
+)
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+
+START = 10**18
+NOISE = 0.01
+RATE = 1000
+SECOND = 10**9
+_ARC_RATE = 10.0
+_ARC_PER_FRAME = _ARC_RATE / RATE
+_DRAWS = 2**20
+_SHOW_EVERY = 1000
+
+
+def named_chain(rotors: int) -> NamedChain:
+    """A flipper chain with the names that joints have."""
+    return NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
+
+
+class NoisyWall:
+    """Frames of a wall that goes round the cycle, at 1000 Hz, with noisy angles and rates."""
+
+    def __init__(self, rotors: int, deviation: float = NOISE) -> None:
+        """Work out the cycle, and draw the noise, which repeats after a million numbers."""
+        self._rotors = rotors
+        self._cycle = Cycle(Chain(number_of_rotors=rotors))
+        self._noise = deviation * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
+
+    def frame(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""
+        arc = _ARC_PER_FRAME * number
+        about = self._cycle.stretch(arc)
+        begin = number * 2 * self._rotors % _DRAWS
+        noise = self._noise[begin : begin + 2 * self._rotors]
+        angles = self._cycle.configuration(arc) + noise[: self._rotors]
+        rates = noise[self._rotors :].copy()
+        rates[about.first : about.first + len(about.tangent)] += _ARC_RATE * about.tangent
+        return angles, rates
+
+
+def write_wall_bag(name: Path, rotors: int, frames: int, compression: str = 'none') -> Path:
+    """Write so many frames at 1000 Hz as fast as can be; return the bag's path."""
+    named, wall = named_chain(rotors), NoisyWall(rotors)
+    buffer, still = JointStateBuffer(named), np.zeros(rotors)
+    writer = BagWriter(name, 'mcap', compression)
+    told, joints = (
+        writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
+        for topic in (interfaces.CHAIN, interfaces.JOINT_STATES)
+    )
+    writer.write(told, START, serialize_message(chain_to_msg(named, time_to_msg(START))))
+    progress = ProgressLine('writing', frames)
+    for number in range(frames):
+        stamp = START + number * SECOND // RATE
+        writer.write(joints, stamp, buffer.write(stamp, *wall.frame(number), still))
+        if number % _SHOW_EVERY == 0:
+            progress.show(number)
+    writer.close()
+    progress.end(f'{frames} frames of {rotors} rotors, {frames * len(buffer) / 1e9:.3g} GB')
+    return writer.path
