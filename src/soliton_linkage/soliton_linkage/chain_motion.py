@@ -49,6 +49,13 @@ class ChainMotion:
         """Whether the state has the dissipated energy behind the rates."""
         return self.chain.damping > 0
 
+    @property
+    def in_field(self) -> bool:
+        """Whether torques or gravity act on the rotors."""
+        return self.gravity.acceleration != 0 or (
+            self.torques is not None and bool(np.any(self.torques))
+        )
+
     @cached_property
     def inverse_inertias(self) -> Array:
         """Of the rotors [1/(kg m^2)], 1 / (M r^2), and 0 of fixed ones, shape (N,)."""

@@ -65,7 +65,7 @@ KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]
 LARGEST_TURN = 0.5
 """Of a rotor in one drift [rad], up to which the compiled loops are exact to rounding."""
 
-_VECTOR = 4
+_VECTOR = 8
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class CompiledSteps:
         crosses = chain.stiffnesses * lengths[left] * lengths[right]
         rows = np.array(
             [
-                chain.offsets / squares,
+                1 + chain.offsets / squares,
                 2 * chain.spacings * lengths[right] / squares,
                 2 * chain.spacings * lengths[left] / squares,
                 2 * lengths[left] * lengths[right] / squares,
@@ -231,13 +231,18 @@ class CompiledSteps:
             ]
         )
         offset, _, slope, product, lever, cross, *_ = (float(row[0]) for row in rows)
-        uniform = chain.deviations == NO_DEVIATIONS and not self._motion.fixed
-        deviating = np.empty((8, 0)) if uniform else self._padded(rows)
-        return (offset, slope, product, lever, cross), deviating, chain.periodic
+        rows = np.empty((8, 0)) if self._plain() else self._padded(rows)
+        return (offset, slope, product, lever, cross), rows, chain.periodic
+
+    def _plain(self) -> bool:
+        """Whether springs that are all alike are all that acts."""
+        motion = self._motion
+        even = motion.chain.deviations == NO_DEVIATIONS and not motion.fixed
+        return even and not (motion.chain.periodic or motion.damped or motion.in_field)
 
     def _accelerations_of_field(self) -> Array:
         motion, gravity = self._motion, self._motion.gravity
-        if motion.torques is None and gravity.acceleration == 0:
+        if not motion.in_field:
             return np.empty((3, 0))
         torques = np.zeros(motion.rotors) if motion.torques is None else motion.torques
         weights = gravity.acceleration * motion.chain.masses * motion.chain.rotor_lengths
