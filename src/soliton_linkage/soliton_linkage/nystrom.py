@@ -147,7 +147,7 @@ class SymplecticNystrom(OdeSolver):
         return done > 0
 
     def _dense_output_impl(self) -> DenseOutput:
-        return _NystromOutput(self.t_old, self.t, self._states, self._motion, self._steps)
+        return _NystromOutput(self.t_old, self.t, self._states, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
         """States and largest error of steps, up to the last good one that was measured."""
@@ -196,67 +196,16 @@ class SymplecticNystrom(OdeSolver):
 
 
 class _NystromOutput(DenseOutput):
-    """Polynomials of degree 8 through ends and middle of each step of the method."""
-
-    def __init__(
-        self, t_old: float, t: float, states: Array, motion: ChainMotion, steps: Steps
-    ) -> None:
+    def __init__(self, t_old: float, t: float, states: Array, steps: Steps) -> None:
         super().__init__(t_old, t)
-        self._states, self._motion, self._steps = states, motion, steps
+        self._states, self._steps = states, steps
         self._step = (t - t_old) / (len(states) - 1)
 
     def _call_impl(self, t: Any) -> Array:
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         places = (times - self.t_old) / self._step
-        found = np.clip(np.floor(places), 0, len(self._states) - 2).astype(int)
-        values = np.empty((self._states.shape[1], len(times)))
-        for step in np.unique(found):
-            here = found == step
-            values[:, here] = self._within(int(step), 2 * (places[here] - step) - 1)
+        values = self._steps.interpolated(self._states, self._step, places).T
         return values if np.ndim(t) else values[:, 0]
-
-    def _within(self, step: int, places: Array) -> Array:
-        """States at places from -1 to 1 in a step, shape (len(state), len(places))."""
-        number, half = self._motion.rotors, self._step / 2
-        middle = self._steps.advance(self._states[step], half, 1)[0][-1]
-        knots = self._states[step], middle, self._states[step + 1]
-        data = np.array([self._with_derivatives(knot, half) for knot in knots]).reshape(9, -1)
-        data[6] -= data[0]
-        data[3] -= data[0]
-        origin = data[0].copy()
-        data[0] = 0.0
-        coefficients = _POLYNOMIALS @ data
-        powers = places ** np.arange(9)[:, np.newaxis]
-        values = origin[:, np.newaxis] + coefficients.T @ powers
-        slopes = np.arange(1, 9)[:, np.newaxis] * coefficients[1:, :number]
-        rates = slopes.T @ powers[:-1] / half
-        return np.concatenate([values[:number], rates, values[number:]])
-
-    def _with_derivatives(self, state: Array, unit: float) -> Array:
-        """Angles, and dissipated energy, and their derivatives in a unit of time, (3, ...)."""
-        number, motion = self._motion.rotors, self._motion
-        slope = motion(0.0, state)
-        rates, accelerations = slope[:number], slope[number : 2 * number]
-        heating = 2 * motion.chain.dampings * rates @ accelerations
-        values = np.concatenate([state[:number], state[2 * number :]])
-        first = np.concatenate([rates, slope[2 * number :]])
-        second = np.concatenate([accelerations, [heating] * motion.damped])
-        return np.array([values, unit * first, unit**2 * second])
-
-
-def _polynomials() -> Array:
-    """Coefficients of 1 to x^8 from value, slope and curvature at -1, 0 and 1, shape (9, 9)."""
-    rows = []
-    for place in (-1.0, 0.0, 1.0):
-        for derivative in range(3):
-            factors = [math.perm(power, derivative) for power in range(9)]
-            powers = [place ** max(0, power - derivative) for power in range(9)]
-            rows.append(np.multiply(factors, powers))
-    # The exact ones are multiples of 1/16.
-    return np.asarray(np.round(16 * np.linalg.inv(np.array(rows))) / 16)
-
-
-_POLYNOMIALS = _polynomials()
 
 
 def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float, Array]:

@@ -41,33 +41,38 @@ def compiled(function: Kernel) -> Kernel:
 
     Products and sums may contract, but no sum is reordered.
     """
-    return _cached(function, {'contract', 'nsz'})
+    return _cached(function, {'contract', 'nsz'}, inlined=False)
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile as `compiled` does, into the functions that call it."""
+    return _cached(function, {'contract', 'nsz'}, inlined=True)
 
 
 def estimating(function: Kernel) -> Kernel:
-    """Compile as `compiled` does, but roots and inverses may be estimated."""
-    return _cached(function, {'contract', 'nsz', 'arcp', 'afn'})
+    """Compile as `inlined` does, but roots and inverses may be estimated."""
+    return _cached(function, {'contract', 'nsz', 'arcp', 'afn'}, inlined=True)
 
 
-def _cached(function: Kernel, freedoms: set[str]) -> Kernel:
+def _cached(function: Kernel, freedoms: set[str], inlined: bool) -> Kernel:
     try:
-        return _compiled(function, freedoms, cache=True)
+        return _compiled(function, freedoms, inlined, cache=True)
     except RuntimeError:  # no folder to cache in can be written
-        return _compiled(function, freedoms, cache=False)
+        return _compiled(function, freedoms, inlined, cache=False)
 
 
-def _compiled(function: Kernel, freedoms: set[str], cache: bool) -> Kernel:
+def _compiled(function: Kernel, freedoms: set[str], inlined: bool, cache: bool) -> Kernel:
     compiler = numba.njit(
         cache=cache,
         fastmath=freedoms,
         error_model='numpy',
-        forceinline=True,
+        forceinline=inlined,
         nogil=True,
     )
     return cast(Kernel, compiler(function))
 
 
-@compiled
+@inlined
 def faster(work: Array, number: int, limit: float) -> int:
     """Number of rotors whose rate is not below a limit, or no number at all."""
     found = 0
@@ -90,7 +95,7 @@ def _wide(_typing: Any) -> Any:
 take_widest_vectors = cast(Callable[[], None], intrinsic(_wide))
 
 
-@compiled
+@inlined
 def turned(c: float, s: float, x: float) -> tuple[float, float]:
     """(c cos x - s sin x, s cos x + c sin x).
 
@@ -106,7 +111,7 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
     return c + (c * even - s * sine), s + (s * even + c * sine)
 
 
-@compiled
+@inlined
 def turn(work: Array, rates: int, places: int, time: float) -> None:
     """Turn rotors at their rates for a time."""
     take_widest_vectors()
@@ -122,7 +127,7 @@ def inverse_root_estimate(w: float) -> float:
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
-@compiled
+@inlined
 def tension(w: float) -> float:
     """1 - 1 / sqrt(w), of a spring of length lbar sqrt(w) the force over k l.
 
@@ -135,7 +140,7 @@ def tension(w: float) -> float:
     return (1 - y) - y * d * (0.5 + 0.375 * d)
 
 
-@compiled
+@inlined
 def kick_and_turn(
     angles: Array,
     rates: Array,
@@ -172,7 +177,7 @@ def kick_and_turn(
         cosines[n], sines[n] = turned(c, s, turn_time * rate)
 
 
-@compiled
+@inlined
 def decay(
     work: Array, places: int, decays: Array, length: int, stage: int, half_inertias: Array
 ) -> float:
@@ -190,7 +195,7 @@ def decay(
     return dissipated
 
 
-@compiled
+@inlined
 def pull(work: Array, places: int, rows: Array) -> None:
     """Pull of springs that each have their own parameters, the rows, shape (8, P).
 
@@ -212,7 +217,7 @@ def pull(work: Array, places: int, rows: Array) -> None:
         work[ON_RIGHT, n + 1] = e * (rows[6, n] * torque - rows[7, n] * c_next)
 
 
-@compiled
+@inlined
 def add_field(work: Array, field: Array) -> None:
     """Add accelerations load + by_sine sin(phi) + by_cosine cos(phi), the rows of the field."""
     for n in range(field.shape[1]):
@@ -220,7 +225,7 @@ def add_field(work: Array, field: Array) -> None:
         work[ON_LEFT, n] += field[0, n] + varying
 
 
-@compiled
+@inlined
 def kick(work: Array, number: int, time: float) -> None:
     """Change the rates by the pulls for a time."""
     for n in range(number):
@@ -269,7 +274,7 @@ def take_step(
     return dissipated
 
 
-@compiled
+@inlined
 def record(states: Array, step: int, work: Array, number: int, dissipated: float) -> None:
     """Write down the state after a step."""
     for n in range(number):
@@ -279,7 +284,7 @@ def record(states: Array, step: int, work: Array, number: int, dissipated: float
         states[step, -1] = states[step - 1, -1] + dissipated
 
 
-@compiled
+@inlined
 def copy(work: Array, start: int, end: int) -> None:
     """Copy angles, rates, cosines and sines from four rows to four others."""
     for row in range(4):
@@ -287,7 +292,7 @@ def copy(work: Array, start: int, end: int) -> None:
             work[end + row, n] = work[start + row, n]
 
 
-@compiled
+@inlined
 def error(before: Array, whole: Array, halves: Array, absolute: Array, relative: float) -> float:
     """Root mean square of the difference of two states in units of what is tolerated."""
     squares = 0.0
@@ -339,3 +344,126 @@ def advance(
             if not found <= 1:
                 return step - 1, found
     return len(states) - 1, largest_error
+
+
+@compiled
+def interpolate(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    damping: tuple[Array, Array, Array],
+    stages: tuple[Array, Array],
+    states: Array,
+    circular: Array,
+    places: Array,
+    output: Array,
+) -> None:
+    """Fill output with the states at places, counted in steps, between states.
+
+    The polynomials, degree 8 in the angles, go through angle, rate and acceleration at the ends
+    and the middle of a step. Circular holds cosines and sines of the states, shape (2, steps, N).
+    Damping are decays and half inertias, as `decay` has them, and decay rates, shape (N,).
+    """
+    number = states.shape[1] // 2
+    half = np.sum(stages[0]) / 2
+    knots = np.empty((9, states.shape[1] - number))
+    middle = np.empty((2, states.shape[1]))
+    fitted = -1
+    for frame in range(places.size):
+        step = min(int(places[frame]), len(states) - 2)
+        if step != fitted:
+            load(work, states[step], circular[:, step])
+            middle[0] = states[step]
+            dissipated = take_step(work, number, springs, field, damping[:2], stages, 0)
+            record(middle, 1, work, number, dissipated)
+            put_knot(work, springs, field, damping, middle[1], half, knots, 1)
+            for end in range(2):
+                load(work, states[step + end], circular[:, step + end])
+                put_knot(work, springs, field, damping, states[step + end], half, knots, 2 * end)
+            fit(knots)
+            fitted = step
+        evaluate(knots, number, 2 * (places[frame] - step) - 1, half, output[frame])
+
+
+@inlined
+def load(work: Array, state: Array, circular: Array) -> None:
+    """Put angles, rates, cosines and sines of a state into work."""
+    number = circular.shape[1]
+    for n in range(number):
+        work[ANGLES, n] = state[n]
+        work[RATES, n] = state[number + n]
+    for n in range(number):
+        work[COSINES, n] = circular[0, n]
+        work[SINES, n] = circular[1, n]
+
+
+@compiled
+def put_knot(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    damping: tuple[Array, Array, Array],
+    state: Array,
+    unit: float,
+    knots: Array,
+    knot: int,
+) -> None:
+    """Put angles, and dissipated energy, and their two derivatives in a unit of time into knots.
+
+    The accelerations are what rates of 0 become in a kick of one second.
+    """
+    number = state.size // 2
+    decays, half_inertias, decay_rates = damping
+    for n in range(work.shape[1]):
+        work[RATES, n] = 0.0
+    stages = np.zeros(2), np.ones(1)
+    take_step(work, number, springs, field, (decays, half_inertias[:0]), stages, 1)
+    for n in range(number):
+        knots[3 * knot, n] = state[n]
+        knots[3 * knot + 1, n] = unit * state[number + n]
+        knots[3 * knot + 2, n] = unit**2 * work[RATES, n]
+    if half_inertias.size:
+        power = heating = 0.0
+        for n in range(number):
+            rate, drag = state[number + n], decay_rates[n] * state[number + n]
+            knots[3 * knot + 2, n] -= unit**2 * drag
+            power += 2 * half_inertias[n] * drag * rate
+            heating += 4 * half_inertias[n] * drag * (work[RATES, n] - drag)
+        knots[3 * knot, number] = state[2 * number]
+        knots[3 * knot + 1, number] = unit * power
+        knots[3 * knot + 2, number] = unit**2 * heating
+
+
+@inlined
+def fit(knots: Array) -> None:
+    """Turn value, slope and curvature at -1, 0 and 1 into the coefficients of 1 to x^8."""
+    for n in range(knots.shape[1]):
+        value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
+        before, after = knots[0, n] - value, knots[6, n] - value
+        even = (after + before) / 2 - curvature / 2
+        even_slope = (knots[7, n] - knots[1, n]) / 2 - curvature
+        even_curvature = (knots[8, n] + knots[2, n]) / 2 - curvature
+        odd = (after - before) / 2 - slope
+        odd_slope = (knots[7, n] + knots[1, n]) / 2 - slope
+        odd_curvature = (knots[8, n] - knots[2, n]) / 2
+        eighth = (even_curvature - 9 * even_slope + 24 * even) / 8
+        sixth = (even_slope - 4 * even) / 2 - 2 * eighth
+        seventh = (odd_curvature - 7 * odd_slope + 15 * odd) / 8
+        fifth = (odd_slope - 3 * odd) / 2 - 2 * seventh
+        knots[0, n], knots[1, n], knots[2, n] = value, slope, curvature / 2
+        knots[3, n], knots[4, n] = odd - fifth - seventh, even - sixth - eighth
+        knots[5, n], knots[6, n], knots[7, n], knots[8, n] = fifth, sixth, seventh, eighth
+
+
+@inlined
+def evaluate(knots: Array, number: int, x: float, unit: float, output: Array) -> None:
+    """State of polynomials in x, which is time in a unit."""
+    take_widest_vectors()
+    for n in range(knots.shape[1]):
+        value = slope = 0.0
+        for power in range(8, -1, -1):
+            slope = slope * x + value
+            value = value * x + knots[power, n]
+        output[n if n < number else 2 * number] = value
+        if n < number:
+            output[number + n] = slope / unit
