@@ -70,11 +70,11 @@ class ChainMotion:
 
     @cached_property
     def fastest_rate(self) -> float:
-        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, c / (M r^2) [1/s]."""
+        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, 2 c / (M r^2) [1/s]."""
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
         of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
-        return max(math.sqrt(of_springs + of_gravity), float(self.decay_rates.max()))
+        return max(math.sqrt(of_springs + of_gravity), 2 * float(self.decay_rates.max()))
 
     def state(self, angles: Array, rates: Array) -> Array:
         """State with nothing dissipated so far, shape (2N,), or (2N + 1,) of a damped chain."""

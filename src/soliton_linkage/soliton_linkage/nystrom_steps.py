@@ -79,9 +79,21 @@ class Checks:
     absolute: Array
     """Shape (len(state),)."""
     relative: float
-    first: int = 1
-    """Number of the first step measured; the first step of all is 1."""
-    interval: int = 32
+    taken: int = 0
+    """Steps of the same length that were taken before."""
+
+    def measured(self, step: int) -> bool:
+        """Whether the error of a step, the first being 1, is measured."""
+        return is_measured(self.taken + step)
+
+
+def is_measured(number: int) -> bool:
+    """Whether the error is measured of a step, numbered from 1 among those of its length.
+
+    Of the first, when a motion has just begun it tells little, of some soon after it, and then of
+    every 32nd.
+    """
+    return number in (1, 4, 16) or number % 32 == 0
 
 
 class Steps(Protocol):
@@ -144,7 +156,7 @@ class NumpySteps:
             if not longest_drift * np.abs(before[number : 2 * number]).max() <= LARGEST_TURN:
                 break
             after = self._after(before, step)
-            if checks and index >= checks.first and (index - checks.first) % checks.interval == 0:
+            if checks and checks.measured(index):
                 halves = self._after(self._after(before, step / 2), step / 2)
                 sizes = np.maximum(np.abs(before), np.abs(halves))
                 differences = (after - halves) / (checks.absolute + checks.relative * sizes)
@@ -237,15 +249,14 @@ class CompiledSteps:
         np.cos(angles, out=cosines)
         np.sin(angles, out=sines)
         self._prepare(step)
-        checks = checks or Checks(state, 0.0, first=count + 1)
         done, error = self._kernels.advance(
             self._work,
             self._springs,
             self._field,
             (self._decays, self._half_inertias),
             self._stages,
-            (checks.absolute, checks.relative),
-            (checks.first, checks.interval),
+            (checks.absolute, checks.relative) if checks else (np.empty(0), 0.0),
+            checks.taken if checks else 0,
             states,
         )
         return states[: done + 1], error
