@@ -99,7 +99,7 @@ class SymplecticNystrom(OdeSolver):
         self._steps = steps_of(fun, compiled)
         self._longest = self._longest_from(self.y)
         self.length = min(first_step or self._longest, self._longest)
-        self._trying = first_step is None
+        self._trying = True
         self._since_change = 0
         self._even_from, self._even_steps = float(t0), 0
         self._states = self.y[np.newaxis]

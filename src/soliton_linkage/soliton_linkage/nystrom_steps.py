@@ -336,8 +336,9 @@ class CompiledSteps:
         return self._padded(np.array(decays).swapaxes(1, 2))
 
     def _padded(self, values: Array) -> Array:
-        padding = [(0, 0)] * (values.ndim - 1) + [(0, self._places - values.shape[-1])]
-        return np.pad(values, padding)
+        padded = np.zeros((*values.shape[:-1], self._places))
+        padded[..., : values.shape[-1]] = values
+        return padded
 
 
 def _polynomials() -> Array:
