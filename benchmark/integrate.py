@@ -15,17 +15,21 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import math
+import os
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from integrate_account import COLUMNS, account
+from comparison import Comparison, Figure, Part, parser, write
+from integrate_account import WHOLE, account
 from integrate_peers import OURS, PEERS, Peer, Problem, Ready, heyoka_taylor
 
 from soliton_linkage.chain import Array
@@ -61,43 +65,54 @@ class Setting:
         return angles
 
 
+Settings = tuple[Setting, ...]
+
+
 def main() -> None:
     plt.switch_backend('agg')
-    arguments = parse_arguments()
-    problems = [flipper(rotors) for rotors in arguments.rotors]
-    if arguments.spinner:
-        problems.append(Problem('spinner', 150, 200.0, 2.0, 1.18, 0.3))
-    if arguments.quick:
-        problems = [replace(problem, duration=20.0) for problem in problems]
-    stored = json.loads(arguments.output.read_text()) if arguments.output.exists() else {}
-    results = stored.setdefault('integrate', {})
-    for problem in problems:
-        results[f'{problem.name} {problem.rotors}'] = measured(problem, arguments.rounds)
-    results.setdefault('account', {}).update(account(arguments.rotors))
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(stored, indent=2) + '\n', encoding='utf-8')
-    table = '\n'.join(table_of(results))
-    arguments.output.with_name('benchmark_integrate.md').write_text(table + '\n', encoding='utf-8')
-    draw(results, arguments.output.with_name('benchmark_integrate.png'))
-    sys.stdout.write(f'{table}\nwritten to {arguments.output}\n')
+    options = parse_arguments()
+    rounds = options.rounds or (2 if options.quick else 5)
+    problems = problems_of(options)
+    measured = {name_of(each): measure(each, rounds) for each in problems}
+    accounts = account([each.rotors for each in problems if each.name == 'flipper'])
+    details = {'curves': {name: result['curves'] for name, result in measured.items()}}
+    part = Part(
+        'integrate',
+        [each for result in measured.values() for each in result['comparisons']],
+        [*figures_of(accounts), *growth_of(measured, problems), *compilation()],
+        {**details, 'account': accounts},
+    )
+    write(part, options.output)
+    draw(details['curves'], options.output.with_name('benchmark_integrate.png'))
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--rotors', type=int, nargs='*', default=[20, 150, 1000, 10000])
-    parser.add_argument('--no-spinner', dest='spinner', action='store_false')
-    parser.add_argument('--rounds', type=int, default=5, help='(%(default)s)')
-    parser.add_argument('--quick', action='store_true', help='a tenth of the duration')
-    parser.add_argument('--output', type=Path, default=Path('out/benchmark.json'))
-    return parser.parse_args()
+    made = parser(__doc__)
+    made.add_argument('--rotors', type=int, nargs='*', help='(20, 150, 1000, 10000; quick: 20)')
+    made.add_argument('--no-spinner', dest='spinner', action='store_false')
+    return made.parse_args()
+
+
+def problems_of(options: argparse.Namespace) -> list[Problem]:
+    """A tenth of the duration if it has to be quick."""
+    sizes = options.rotors or ([20] if options.quick else [20, 150, 1000, 10000])
+    problems = [flipper(rotors) for rotors in sizes]
+    if options.spinner and not options.quick:
+        problems.append(Problem('spinner', 150, 200.0, 2.0, 1.18, 0.3))
+    return [replace(each, duration=20.0) for each in problems] if options.quick else problems
+
+
+def name_of(problem: Problem) -> str:
+    return f'{problem.name} of {problem.rotors}'
 
 
 def flipper(rotors: int) -> Problem:
     return Problem('flipper', rotors, 200.0, 0.5, 0.97, 0.1)
 
 
-def measured(problem: Problem, rounds: int) -> dict[str, object]:
-    progress = ProgressLine(f'{problem.name} of {problem.rotors}', len(PEERS) + 1 + rounds)
+def measure(problem: Problem, rounds: int) -> dict[str, Any]:
+    """Work-precision curves of all, and comparisons at equal error."""
+    progress = ProgressLine(name_of(problem), len(PEERS) + 1 + rounds)
     reference = heyoka_taylor(problem, 1e-16)()()
     curves = {}
     for done, peer in enumerate((OURS, *PEERS)):
@@ -114,22 +129,30 @@ def measured(problem: Problem, rounds: int) -> dict[str, object]:
         progress.show(len(PEERS) + 1 + turn, f'round {turn + 1} of {rounds}')
         for each in chosen.values():
             each.run()
-    progress.end(f'{problem.name} of {problem.rotors} rotors measured')
+    progress.end(f'{name_of(problem)} rotors measured')
     return {
-        'duration': problem.duration,
-        'rotors': problem.rotors,
+        'comparisons': comparisons_of(name_of(problem), needed, curves),
         'curves': {
-            name: [[s.value, s.error, min(s.times), s.set_up] for s in curve if s.times]
+            name: [
+                {'setting': s.value, 'error': s.error, 'seconds': s.times, 'set_up': s.set_up}
+                for s in curve
+            ]
             for name, curve in curves.items()
         },
-        'seconds': {
-            name: {
-                str(target): times_at(pair, target)
-                for target, pair in zip(TARGETS, pairs, strict=True)
-            }
-            for name, pairs in needed.items()
-        },
     }
+
+
+def comparisons_of(
+    work: str, needed: dict[str, list[Settings]], curves: dict[str, list[Setting]]
+) -> list[Comparison]:
+    made = []
+    for name in needed.keys() - {OURS.name}:
+        for place, target in enumerate(TARGETS):
+            theirs, mine = (times_at(needed[n][place], target) for n in (name, OURS.name))
+            made.append(Comparison(name, f'{work}, error {target:g} rad', 's', theirs, mine))
+        set_up = [[max(s.set_up for s in curves[n])] for n in (name, OURS.name)]
+        made.append(Comparison(name, f'{work}, set-up', 's', *set_up))
+    return sorted(made, key=lambda each: [peer.name for peer in PEERS].index(each.peer))
 
 
 def curve_of(peer: Peer, problem: Problem, reference: Array) -> list[Setting]:
@@ -167,7 +190,7 @@ def prepared(peer: Peer, problem: Problem, value: float) -> Setting:
     return Setting(value, ready, time.perf_counter() - start, math.nan)
 
 
-def around(curve: list[Setting], target: float) -> tuple[Setting, ...]:
+def around(curve: list[Setting], target: float) -> Settings:
     """The setting just above and just below an error; one if the first is below, or none."""
     for coarse, fine in itertools.pairwise(curve):
         if coarse.error >= target >= fine.error:
@@ -175,7 +198,7 @@ def around(curve: list[Setting], target: float) -> tuple[Setting, ...]:
     return (curve[0],) if curve[0].error < target else ()
 
 
-def times_at(pair: tuple[Setting, ...], target: float) -> list[float]:
+def times_at(pair: Settings, target: float) -> list[float]:
     """Time at an error in each round [s]; empty where the error was not reached."""
     if len(pair) < 2:
         return [t for setting in pair for t in setting.times]
@@ -187,53 +210,73 @@ def times_at(pair: tuple[Setting, ...], target: float) -> list[float]:
     ]
 
 
-def table_of(results: dict) -> list[str]:
-    rows = [
-        '| peer | work | theirs | ours | ratio (spread) | set-up |',
-        '| --- | --- | --- | --- | --- | --- |',
+def figures_of(accounts: dict[str, dict[str, list[float]]]) -> list[Figure]:
+    return [
+        Figure(
+            f'{what}, a rotor and force, N = {size}',
+            'ns',
+            values,
+            'under 4 ns' if what == WHOLE else '',
+        )
+        for size, account_of in accounts.items()
+        for what, values in account_of.items()
     ]
-    for work in sorted(results.keys() - {'account'}, key=size_of):
-        result = results[work]
-        for name, by_target in result['seconds'].items():
-            if name == OURS.name:
-                continue
-            for target, theirs in by_target.items():
-                mine = result['seconds'][OURS.name][target]
-                rows.append(
-                    row(name, f'{work}, error {target}', theirs, mine, result['curves'][name])
-                )
-    rows += ['', '| rotors | ' + ' | '.join(COLUMNS) + ' |', '| --- ' * (len(COLUMNS) + 1) + '|']
-    for size, times in sorted(results['account'].items(), key=lambda item: int(item[0])):
-        rows.append(f'| {size} | ' + ' | '.join(f'{value:.2f}' for value in times) + ' |')
-    return rows
 
 
-def row(name: str, work: str, theirs: list[float], mine: list[float], curve: list) -> str:
-    if not theirs or not mine:
-        reached = f'{1e3 * statistics.median(mine):.3g} ms' if mine else 'not reached'
-        return f'| {name} | {work} | not reached | {reached} | | |'
-    ratios = sorted(t / m for t, m in zip(theirs, mine, strict=True))
-    return (
-        f'| {name} | {work} | {1e3 * statistics.median(theirs):.3g} ms '
-        f'| {1e3 * statistics.median(mine):.3g} ms '
-        f'| {statistics.median(ratios):.3g} ({ratios[0]:.3g} to {ratios[-1]:.3g}) '
-        f'| {max(point[3] for point in curve):.2g} s |'
+def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> list[Figure]:
+    """Time a rotor of the longest chain over that of the shortest, at an error of 1e-8."""
+    flippers = sorted((each for each in problems if each.name == 'flipper'), key=size_of)
+    short, long = flippers[0], flippers[-1]
+    times = [
+        next(
+            c.ours for c in measured[name_of(each)]['comparisons'] if f'{TARGETS[-1]:g}' in c.work
+        )
+        for each in (short, long)
+    ]
+    per_rotor = [
+        (t_long / long.rotors) / (t_short / short.rotors)
+        for t_short, t_long in zip(*times, strict=True)
+    ]
+    what = f'time a rotor, {long.rotors} over {short.rotors} rotors'
+    return [Figure(what, '', per_rotor, 'linear in N: 1')] if short != long else []
+
+
+def size_of(problem: Problem) -> int:
+    return problem.rotors
+
+
+def compilation() -> list[Figure]:
+    """Set-up and a first run of ours in new processes, whose cache is empty and then is not."""
+    command = (
+        'import time, integrate as i; start = time.perf_counter(); '
+        'i.OURS.prepare(i.flipper(20), 1e-8); print(time.perf_counter() - start)'
     )
+    seconds = []
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, 'NUMBA_CACHE_DIR': folder}
+        for _ in range(2):
+            done = subprocess.run(
+                [sys.executable, '-c', command],
+                cwd=Path(__file__).parent,
+                env=environment,
+                capture_output=True,
+                check=True,
+                text=True,
+            )
+            seconds.append(float(done.stdout.splitlines()[-1]))
+    return [
+        Figure('numba and compilation of ours, once on a machine', 's', seconds[:1]),
+        Figure('numba and loading of ours, in each process', 's', seconds[1:]),
+    ]
 
 
-def size_of(work: str) -> tuple[int, str]:
-    name, size = work.rsplit(maxsplit=1)
-    return int(size), name
-
-
-def draw(results: dict, path: Path) -> None:
-    works = sorted((work for work in results if work != 'account'), key=size_of)
+def draw(curves: dict[str, dict[str, list[dict[str, Any]]]], path: Path) -> None:
     colours = {peer.name: f'C{place}' for place, peer in enumerate((OURS, *PEERS))}
-    figure, axes = plt.subplots(1, len(works), figsize=(4 * len(works), 4), squeeze=False)
-    for axis, work in zip(axes[0], works, strict=True):
-        for name, curve in results[work]['curves'].items():
-            points = np.array(curve)
-            axis.loglog(points[:, 1], points[:, 2], 'o-', color=colours[name], label=name)
+    figure, axes = plt.subplots(1, len(curves), figsize=(4 * len(curves), 4), squeeze=False)
+    for axis, (work, by_method) in zip(axes[0], curves.items(), strict=True):
+        for name, curve in by_method.items():
+            points = np.array([[s['error'], min(s['seconds'])] for s in curve if s['seconds']])
+            axis.loglog(*points.T, 'o-', color=colours[name], label=name)
         axis.set(title=work, xlabel='largest error of an angle [rad]', ylabel='wall time [s]')
         axis.invert_xaxis()
     axes[0][0].legend()

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,40 +21,71 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for needed in ('heyoka', 'mujoco', 'numba'):
         pytest.importorskip(needed)
     path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    options = ['--quick', '--rotors', '20', '--no-spinner', '--rounds', '2', '--output', str(path)]
+    options = ['--quick', '--rotors', '20', '30', '--output', str(path)]
     command = [sys.executable, str(PROGRAM), *options]
     subprocess.run(command, check=True, capture_output=True, env=os.environ, timeout=300)
     return path
 
 
-def test_errors_fall_and_times_are_measured_for_every_method(output: Path) -> None:
-    curves = json.loads(output.read_text())['integrate']['flipper 20']['curves']
-    assert set(curves) == {
-        'ours', 'heyoka', 'MuJoCo RK4', 'MuJoCo implicitfast', 'scipy DOP853',
-    }  # fmt: skip
-    for curve in curves.values():
-        errors, times = np.array(curve)[:, 1], np.array(curve)[:, 2]
+@pytest.fixture(scope='module')
+def part(output: Path) -> dict[str, Any]:
+    return dict(json.loads(output.read_text())['integrate'])
+
+
+def test_errors_fall_and_times_are_measured_for_every_method(part: dict[str, Any]) -> None:
+    curves = part['details']['curves']
+    assert set(curves) == {'flipper of 20', 'flipper of 30'}
+    for curve in curves['flipper of 20'].values():
+        errors = [setting['error'] for setting in curve]
         assert errors[-1] <= errors[0] < 1
-        assert (times > 0).all()
+        assert all(seconds > 0 for setting in curve for seconds in setting['seconds'])
 
 
-def test_ratios_are_those_of_the_times(output: Path) -> None:
-    seconds = json.loads(output.read_text())['integrate']['flipper 20']['seconds']
-    rows = output.with_name('benchmark_integrate.md').read_text().splitlines()
-    for name, by_target in seconds.items():
-        for target, times in by_target.items():
-            mine = seconds['ours'][target]
-            assert len(mine) == 2
-            shown = [
-                row for row in rows if row.startswith(f'| {name} | flipper 20, error {target}')
-            ]
-            if name == 'ours':
-                assert not shown
-            elif not times:
-                assert 'not reached' in shown[0]
-            else:
-                ratio = np.median([t / m for t, m in zip(times, mine, strict=True)])
-                assert f'| {ratio:.3g} (' in shown[0]
+def test_times_compared_are_those_of_settings_around_the_error(part: dict[str, Any]) -> None:
+    compared = 0
+    for each in part['comparisons']:
+        work, _, at = each['work'].partition(', ')
+        if at == 'set-up':
+            continue
+        target = float(at.split()[1])
+        for name, times in ((each['peer'], each['theirs']), ('ours', each['ours'])):
+            curve = part['details']['curves'][work][name]
+            finer = [s for s in curve if s['error'] <= target]
+            coarser = [s for s in curve if s['error'] >= target]
+            assert bool(times) == bool(finer)
+            if not coarser or not finer:
+                continue
+            compared += 1
+            around = np.array([coarser[-1]['seconds'], finer[0]['seconds']])
+            assert len(times) == around.shape[1] == 2
+            assert (times >= around.min(axis=0) * (1 - 1e-9)).all()
+            assert (times <= around.max(axis=0) * (1 + 1e-9)).all()
+    assert compared > 6
+
+
+def test_the_table_has_the_ratios_of_the_times(part: dict[str, Any]) -> None:
+    for each in part['comparisons']:
+        row = next(
+            line
+            for line in part['table'].splitlines()
+            if line.startswith(f'| {each["peer"]} | {each["work"]} |')
+        )
+        if each['theirs'] and each['ours']:
+            ratios = np.divide(each['theirs'], each['ours'])
+            assert f'| {np.median(ratios):.3g} (' in row
+        else:
+            assert 'not reached' in row
+
+
+def test_the_account_holds_its_loops_and_compilation_is_slower_than_loading(
+    part: dict[str, Any],
+) -> None:
+    for loops in part['details']['account'].values():
+        assert min(loops['turn alone']) < max(loops['spring, kick and turn'])
+    figures = {figure['what']: figure['values'] for figure in part['figures']}
+    compiling, loading = (v for what, v in figures.items() if what.startswith('numba'))
+    assert compiling[0] > loading[0] > 0
+    assert len(figures['time a rotor, 30 over 20 rotors']) == 2
 
 
 def test_the_picture_is_drawn(output: Path) -> None:

@@ -40,7 +40,7 @@ def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone() -> None:
 
 
 def test_what_does_not_fit_the_chain_is_refused() -> None:
-    with pytest.raises(ValueError, match='one torque a rotor'):
+    with pytest.raises(ValueError, match='give one a rotor'):
         ChainMotion(Chain(6), np.zeros(5))
     with pytest.raises(ValueError, match='fixed rotor 6 must be one of 0 to 5'):
         ChainMotion(Chain(6), fixed=(6,))

@@ -103,18 +103,21 @@ def test_errors_are_measured_alike_and_at_the_same_steps() -> None:
     pytest.importorskip('numba')
     motion = MOTIONS['all at once']
     state = lively_state(motion)
-    for first in (1, 3):
-        checks = Checks(np.full(len(state), 1e-4), 1e-5, first, 4)
+    for taken in (0, 2, 14, 27):
+        checks = Checks(np.full(len(state), 1e-4), 1e-5, taken)
         fast, fast_error = steps_of(motion, True).advance(state, 0.9, 6, checks)
         plain, plain_error = NumpySteps(motion).advance(state, 0.9, 6, checks)
         assert len(fast) == len(plain) == 7
         assert 0 < fast_error == pytest.approx(plain_error, rel=1e-5)
+    unmeasured = Checks(np.full(len(state), 1e-4), 1e-5, 4)
+    for steps_taken in (steps_of(motion, True), NumpySteps(motion)):
+        assert steps_taken.advance(state, 0.9, 6, unmeasured)[1] == 0
 
 
 def test_a_measured_step_is_the_same_as_one_that_is_not(compiled: bool) -> None:
     motion = MOTIONS['all at once']
     state = lively_state(motion)
-    checks = Checks(np.ones(len(state)), 0.0, 1, 2)
+    checks = Checks(np.ones(len(state)), 0.0)
     measured, _ = steps(motion, compiled).advance(state, 0.5, 5, checks)
     plain, _ = steps(motion, compiled).advance(state, 0.5, 5)
     np.testing.assert_array_equal(measured, plain)
@@ -135,7 +138,7 @@ def test_the_error_is_that_against_two_halves(compiled: bool) -> None:
 def test_it_stops_before_a_step_that_is_too_wrong(compiled: bool) -> None:
     motion = MOTIONS['flipper']
     state = lively_state(motion)
-    checks = Checks(np.full(len(state), 1e-14), 0.0, 3, 4)
+    checks = Checks(np.full(len(state), 1e-14), 0.0, 13)
     states, error = steps(motion, compiled).advance(state, 1.0, 8, checks)
     assert len(states) == 3
     assert error > 1

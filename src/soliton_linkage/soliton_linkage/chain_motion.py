@@ -49,6 +49,13 @@ class ChainMotion:
         """Whether the state has the dissipated energy behind the rates."""
         return self.chain.damping > 0
 
+    @property
+    def in_field(self) -> bool:
+        """Whether torques or gravity act on the rotors."""
+        return self.gravity.acceleration != 0 or (
+            self.torques is not None and bool(np.any(self.torques))
+        )
+
     @cached_property
     def inverse_inertias(self) -> Array:
         """Of the rotors [1/(kg m^2)], 1 / (M r^2), and 0 of fixed ones, shape (N,)."""
@@ -63,11 +70,11 @@ class ChainMotion:
 
     @cached_property
     def fastest_rate(self) -> float:
-        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, c / (M r^2) [1/s]."""
+        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, 2 c / (M r^2) [1/s]."""
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
         of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
-        return max(math.sqrt(of_springs + of_gravity), float(self.decay_rates.max()))
+        return max(math.sqrt(of_springs + of_gravity), 2 * float(self.decay_rates.max()))
 
     def state(self, angles: Array, rates: Array) -> Array:
         """State with nothing dissipated so far, shape (2N,), or (2N + 1,) of a damped chain."""

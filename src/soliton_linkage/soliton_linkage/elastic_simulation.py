@@ -21,6 +21,7 @@ INTEGRATORS = ('DOP853', 'symplectic')
 # In units of the fastest rate; DOP853 is stable in steps of 6. A chain at rest asks for no
 # accuracy, and longer steps would make a motion of rounding errors.
 _LONGEST_STEP = 5
+_ROTORS_TOGETHER = 400
 
 
 class ElasticSimulation(Simulation):
@@ -33,6 +34,7 @@ class ElasticSimulation(Simulation):
         if integrator not in INTEGRATORS:
             raise ValueError(f'integrator = {integrator!r} must be one of {INTEGRATORS}')
         self.integrator = integrator
+        self._length: float | None = None
         super().__init__(*arguments, **others)
 
     @property
@@ -66,7 +68,16 @@ class ElasticSimulation(Simulation):
         if self.integrator != 'symplectic':
             return super()._new_solver(state, tolerances, longest_step)
         motion = ChainMotion(self.chain, self.torques, self.gravity, self.fixed)
-        return SymplecticNystrom(motion, 0.0, state, np.inf, rtol=0.0, atol=tolerances, together=1)
+        return SymplecticNystrom(
+            motion,
+            0.0,
+            state,
+            np.inf,
+            rtol=0.0,
+            atol=tolerances,
+            first_step=self._length,
+            together=1,
+        )
 
     def _tolerances(self) -> tuple[Array, float]:
         # The solver takes the root mean square over its variables, in which a wall in a long
@@ -87,7 +98,11 @@ class ElasticSimulation(Simulation):
         return max(math.sqrt(of_springs + of_gravity), decay)
 
     def _after_step(self) -> None:
-        """Leave the state of springs as it is."""
+        """Let the longer steps together the longer nothing happens; the state stays as it is."""
+        if isinstance(self._solver, SymplecticNystrom):
+            most = max(1, _ROTORS_TOGETHER // self.chain.number_of_rotors)
+            self._solver.together = min(2 * self._solver.together, most)
+            self._length = self._solver.length
 
     @property
     def _damped(self) -> bool:

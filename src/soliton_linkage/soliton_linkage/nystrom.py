@@ -30,13 +30,13 @@ from soliton_linkage.nystrom_steps import (
 )
 
 _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-_CHECK_EVERY = 16
-_CHECK_NEW_EVERY = 4
 _ROTORS_TOGETHER = 4000
 _FEWEST_TOGETHER = 8
 _SAFETY = 0.8
 _AIM = 0.3
 _WORTH_GROWING = 1.25
+_WORTH_SHRINKING = 0.95
+_TRIED = 4
 _TRIALS = 60
 _SHORTEST = 1e-6
 
@@ -46,12 +46,13 @@ class SymplecticNystrom(OdeSolver):
 
     The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
     abs(y), and then kept: a step of constant length has a bounded error of the energy, which is
-    lost with every change. The error is measured in every 16th step, every 4th after a change,
-    against two of half the length. Where it has become too large, the steps since it was last
-    measured are taken back and the step is shortened; where it is several times too small, the
-    step is made longer, but never so long that the fastest vibration could grow.
+    lost with every change. The error is measured in the first, fourth, sixteenth and every 32nd
+    step of a length, against two of half the length. Where it has become too large, the steps
+    since it was last measured are taken back and the step is shortened; where it is several times
+    too small, the step is made longer, but never so long that the fastest vibration could grow.
 
-    One step of this solver is as many of the method as make it worth a call, or `together`.
+    One step of this solver is as many of the method, of length `length` [s], as make it worth a
+    call, or `together`.
     Dense output interpolates in each of these with angles, rates and accelerations at its ends
     and its middle, degree 8 in the angles. `compiled` chooses between loops compiled by numba
     and numpy; None takes numpy, with a RuntimeWarning, where numba is absent.
@@ -94,91 +95,87 @@ class SymplecticNystrom(OdeSolver):
             _checked_positive('first_step', first_step)
         if together is not None and together < 1:
             raise ValueError(f'together = {together} must be a number of steps, 1 or more')
-        self._together = together or max(_FEWEST_TOGETHER, _ROTORS_TOGETHER // fun.rotors)
+        self.together = together or max(_FEWEST_TOGETHER, _ROTORS_TOGETHER // fun.rotors)
         self._steps = steps_of(fun, compiled)
-        self._step = min(first_step or self._longest(self.y) / 2, self._longest(self.y))
-        self._chosen = first_step is not None
+        self._longest = self._longest_from(self.y)
+        self.length = min(first_step or self._longest, self._longest)
+        self._trying = True
         self._since_change = 0
         self._even_from, self._even_steps = float(t0), 0
         self._states = self.y[np.newaxis]
 
     def _step_impl(self) -> tuple[bool, str | None]:
-        if not self._chosen:
-            self._choose_step()
         for _ in range(_TRIALS):
-            longest = self._longest(self.y)
-            self._change_to(min(self._step, longest))
-            if self._step < _SHORTEST * longest:
+            self._change_to(min(self.length, self._longest))
+            if self.length < _SHORTEST * self._longest:
                 break
             if self._advance():
                 return True, None
         return False, 'no step is short enough for the tolerances'
 
-    def _choose_step(self) -> None:
-        for _ in range(_TRIALS):
-            states, error = self._checked(self.direction * self._step, 1)
-            better = self._better(error)
-            if len(states) > 1 and better < _WORTH_GROWING * self._step:
-                break
-            self._change_to(better)
-        self._chosen = True
-
     def _advance(self) -> bool:
         """Take steps of the method together; return whether any was good."""
         remaining = abs(self.t_bound - self.t)
-        count, last = self._together, False
-        if self._since_change < _CHECK_EVERY:
-            count = min(count, _CHECK_EVERY - self._since_change)
-        if remaining <= count * self._step * (1 + 1e-9):
-            count, last = max(1, math.ceil(remaining / self._step * (1 - 1e-9))), True
+        count, last = self.together, False
+        if self._trying:
+            count = min(count, _TRIED)
+        if remaining <= count * self.length * (1 + 1e-9):
+            count, last = max(1, math.ceil(remaining / self.length * (1 - 1e-9))), True
             self._start_evenly()
-        step = self.direction * (remaining / count if last else self._step)
+        step = self.direction * (remaining / count if last else self.length)
         states, error = self._checked(step, count)
         done = len(states) - 1
         if done:
             self._states, self.y = states, states[-1].copy()
+            self._longest = self._longest_from(self.y)
             self._even_steps += done
             self._since_change += done
             evenly = self._even_from + self._even_steps * step
             self.t = self.t_bound if last and done == count else evenly
-        better = self._better(error)
-        if not error <= 1 or (error > 0 and better > _WORTH_GROWING * self._step):
-            self._change_to(better)
+        if error != 0:
+            self._adapt(error)
+        self._trying = self._trying and self._since_change < _TRIED
         return done > 0
 
     def _dense_output_impl(self) -> DenseOutput:
-        return _NystromOutput(self.t_old, self.t, self._states, self._motion, self._steps)
+        return _NystromOutput(self.t_old, self.t, self._states, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
         """States and largest error of steps, up to the last good one that was measured."""
-        interval = _CHECK_NEW_EVERY if self._since_change < _CHECK_EVERY else _CHECK_EVERY
-        first = 1 + -self._since_change % interval
-        checks = Checks(self._absolute, self._relative, first, interval)
+        checks = Checks(self._absolute, self._relative, self._since_change)
         states, error = self._steps.advance(self.y, step, count, checks)
         good = error <= 1
-        taken = min(count, len(states) - good)
-        self.nfev += len(KICKS) * (taken + 2 * len(range(first, taken + 1, interval)))
-        return states if good else states[: max(1, len(states) - interval + 1)], error
+        taken = range(1, 1 + min(count, len(states) - good))
+        measured = [step for step in taken if checks.measured(step)]
+        self.nfev += len(KICKS) * (len(taken) + 2 * len(measured))
+        return states if good else states[: 1 + sum(measured[-2:-1])], error
+
+    def _adapt(self, error: float) -> None:
+        """Change the length of steps where an error that was measured asks for it."""
+        better = self._better(error)
+        worth = better < _WORTH_SHRINKING * self.length and self._trying
+        if not error <= 1 or worth or better > _WORTH_GROWING * self.length:
+            self._change_to(better)
 
     def _better(self, error: float) -> float:
         """Length of step that an error asks for [s]."""
         if not math.isfinite(error):
-            return self._step / 4
+            return self.length / 4
         factor = min(4.0, (_AIM / error) ** (1 / (ORDER + 1))) if error else 4.0
         if error > 1:
             factor = max(0.2, min(factor, 0.9))
-        return min(self._step * factor, self._longest(self.y))
+        return min(self.length * factor, self._longest)
 
     def _change_to(self, step: float) -> None:
-        if step != self._step:
-            self._step = step
+        if step != self.length:
+            self.length = step
             self._since_change = 0
             self._start_evenly()
 
     def _start_evenly(self) -> None:
         self._even_from, self._even_steps = float(self.t), 0
 
-    def _longest(self, state: Array) -> float:
+    def _longest_from(self, state: Array) -> float:
         """Longest step that is stable and turns no rotor too far in a drift [s]."""
         number = self._motion.rotors
         fastest = float(np.abs(state[number : 2 * number]).max())
@@ -196,67 +193,16 @@ class SymplecticNystrom(OdeSolver):
 
 
 class _NystromOutput(DenseOutput):
-    """Polynomials of degree 8 through ends and middle of each step of the method."""
-
-    def __init__(
-        self, t_old: float, t: float, states: Array, motion: ChainMotion, steps: Steps
-    ) -> None:
+    def __init__(self, t_old: float, t: float, states: Array, steps: Steps) -> None:
         super().__init__(t_old, t)
-        self._states, self._motion, self._steps = states, motion, steps
-        self._step = (t - t_old) / (len(states) - 1)
+        self._states, self._steps = states, steps
+        self.length = (t - t_old) / (len(states) - 1)
 
     def _call_impl(self, t: Any) -> Array:
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
-        places = (times - self.t_old) / self._step
-        found = np.clip(np.floor(places), 0, len(self._states) - 2).astype(int)
-        values = np.empty((self._states.shape[1], len(times)))
-        for step in np.unique(found):
-            here = found == step
-            values[:, here] = self._within(int(step), 2 * (places[here] - step) - 1)
+        places = (times - self.t_old) / self.length
+        values = self._steps.interpolated(self._states, self.length, places).T
         return values if np.ndim(t) else values[:, 0]
-
-    def _within(self, step: int, places: Array) -> Array:
-        """States at places from -1 to 1 in a step, shape (len(state), len(places))."""
-        number, half = self._motion.rotors, self._step / 2
-        middle = self._steps.advance(self._states[step], half, 1)[0][-1]
-        knots = self._states[step], middle, self._states[step + 1]
-        data = np.array([self._with_derivatives(knot, half) for knot in knots]).reshape(9, -1)
-        data[6] -= data[0]
-        data[3] -= data[0]
-        origin = data[0].copy()
-        data[0] = 0.0
-        coefficients = _POLYNOMIALS @ data
-        powers = places ** np.arange(9)[:, np.newaxis]
-        values = origin[:, np.newaxis] + coefficients.T @ powers
-        slopes = np.arange(1, 9)[:, np.newaxis] * coefficients[1:, :number]
-        rates = slopes.T @ powers[:-1] / half
-        return np.concatenate([values[:number], rates, values[number:]])
-
-    def _with_derivatives(self, state: Array, unit: float) -> Array:
-        """Angles, and dissipated energy, and their derivatives in a unit of time, (3, ...)."""
-        number, motion = self._motion.rotors, self._motion
-        slope = motion(0.0, state)
-        rates, accelerations = slope[:number], slope[number : 2 * number]
-        heating = 2 * motion.chain.dampings * rates @ accelerations
-        values = np.concatenate([state[:number], state[2 * number :]])
-        first = np.concatenate([rates, slope[2 * number :]])
-        second = np.concatenate([accelerations, [heating] * motion.damped])
-        return np.array([values, unit * first, unit**2 * second])
-
-
-def _polynomials() -> Array:
-    """Coefficients of 1 to x^8 from value, slope and curvature at -1, 0 and 1, shape (9, 9)."""
-    rows = []
-    for place in (-1.0, 0.0, 1.0):
-        for derivative in range(3):
-            factors = [math.perm(power, derivative) for power in range(9)]
-            powers = [place ** max(0, power - derivative) for power in range(9)]
-            rows.append(np.multiply(factors, powers))
-    # The exact ones are multiples of 1/16.
-    return np.asarray(np.round(16 * np.linalg.inv(np.array(rows))) / 16)
-
-
-_POLYNOMIALS = _polynomials()
 
 
 def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float, Array]:

@@ -5,9 +5,10 @@ Every rotor is carried as its angle, cosine and sine, and turned by the small an
 with polynomials, so that no loop calls a function and all are vectorised. Arrays are padded from
 N to P places, whole vectors, with rotors that do not move.
 
-The loops are short, and kept apart, because the compiler vectorises those alone in which few
-rows could overlap. They index one array, `work`, rather than take rows of it, because every array
-made in a stage counts its references, which takes longer than twenty rotors do.
+Chains whose springs are all alike and on which nothing else acts go through one loop, which does
+all that a rotor needs; for others there is a loop for each thing that acts. They index one array,
+`work`, rather than take rows of it, because every array made in a stage counts its references,
+which takes longer than twenty rotors do.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core import types
+from numba.extending import intrinsic
 
 from soliton_linkage.chain import Array
-from soliton_linkage.nystrom_steps import LARGEST_TURN
+from soliton_linkage.nystrom_steps import LARGEST_TURN, is_measured
 
 ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS = range(7)
 """Rows of work, shape (11, P + 1); the last four are to come back to.
@@ -38,55 +41,146 @@ def compiled(function: Kernel) -> Kernel:
 
     Products and sums may contract, but no sum is reordered.
     """
+    return _cached(function, {'contract', 'nsz'}, inlined=False)
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile as `compiled` does, into the functions that call it."""
+    return _cached(function, {'contract', 'nsz'}, inlined=True)
+
+
+def estimating(function: Kernel) -> Kernel:
+    """Compile as `inlined` does, but roots and inverses may be estimated."""
+    return _cached(function, {'contract', 'nsz', 'arcp', 'afn'}, inlined=True)
+
+
+def _cached(function: Kernel, freedoms: set[str], inlined: bool) -> Kernel:
     try:
-        return _compiled(function, cache=True)
+        return _compiled(function, freedoms, inlined, cache=True)
     except RuntimeError:  # no folder to cache in can be written
-        return _compiled(function, cache=False)
+        return _compiled(function, freedoms, inlined, cache=False)
 
 
-def _compiled(function: Kernel, cache: bool) -> Kernel:
+def _compiled(function: Kernel, freedoms: set[str], inlined: bool, cache: bool) -> Kernel:
     compiler = numba.njit(
         cache=cache,
-        fastmath={'contract', 'nsz'},
+        fastmath=freedoms,
         error_model='numpy',
+        forceinline=inlined,
         nogil=True,
     )
     return cast(Kernel, compiler(function))
 
 
-@compiled
-def largest(work: Array, row: int, number: int) -> float:
-    """Largest absolute value of a row; NaN where one is NaN."""
-    found = 0.0
+measured = inlined(is_measured)
+
+
+@inlined
+def faster(work: Array, number: int, limit: float) -> int:
+    """Number of rotors whose rate is not below a limit, or no number at all."""
+    found = 0
     for n in range(number):
-        value = abs(work[row, n])
-        if not value <= found:
-            found = value
+        found += not abs(work[RATES, n]) <= limit
     return found
 
 
-@compiled
-def turn(work: Array, rates: int, places: int, time: float) -> None:
-    """Turn rotors by x = rate time: (c, s) <- (c cos x - s sin x, s cos x + c sin x).
+def _wide(_typing: Any) -> Any:
+    """Vectorise the calling function as wide as the processor can; LLVM stays at half of it."""
+
+    def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        # The method `add` of these attributes refuses names that it does not know.
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+take_widest_vectors = cast(Callable[[], None], intrinsic(_wide))
+
+
+@inlined
+def turned(c: float, s: float, x: float) -> tuple[float, float]:
+    """(c cos x - s sin x, s cos x + c sin x).
 
     The series of sin x and cos x - 1 go on until LARGEST_TURN allows nothing more.
     """
+    z = x * x
+    y = z * z
+    odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
+    odd = (-1 / 6 + z * (1 / 120)) + y * odd
+    even = (-1 / 720 + z * (1 / 40320)) + y * (-1 / 3628800 + z * (1 / 479001600))
+    even = z * ((-1 / 2 + z * (1 / 24)) + y * even)
+    sine = x + x * z * odd
+    return c + (c * even - s * sine), s + (s * even + c * sine)
+
+
+@inlined
+def turn(work: Array, rates: int, places: int, time: float) -> None:
+    """Turn rotors at their rates for a time."""
+    take_widest_vectors()
     for n in range(places):
         x = time * work[rates, n]
         work[ANGLES, n] += x
-        z = x * x
-        y = z * z
-        odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
-        odd = (-1 / 6 + z * (1 / 120)) + y * odd
-        even = (-1 / 720 + z * (1 / 40320)) + y * (-1 / 3628800 + z * (1 / 479001600))
-        even = z * ((-1 / 2 + z * (1 / 24)) + y * even)
-        sine = x + x * z * odd
-        c, s = work[COSINES, n], work[SINES, n]
-        work[COSINES, n] = c + (c * even - s * sine)
-        work[SINES, n] = s + (s * even + c * sine)
+        work[COSINES, n], work[SINES, n] = turned(work[COSINES, n], work[SINES, n], x)
 
 
-@compiled
+@estimating
+def inverse_root_estimate(w: float) -> float:
+    """1 / sqrt(w) to single precision: an instruction of the processor and a step of Newton's."""
+    return float(np.float32(1) / np.sqrt(np.float32(w)))
+
+
+@inlined
+def tension(w: float) -> float:
+    """1 - 1 / sqrt(w), of a spring of length lbar sqrt(w) the force over k l.
+
+    With an estimate y of the root's inverse and d = 1 - w y^2, 1 / sqrt(w) is
+    y (1 + d / 2 + 3 d^2 / 8 + ...), of which nothing more is left in double precision. There is
+    neither a division nor a root, which take the processor as long as all else in a stage does.
+    """
+    y = inverse_root_estimate(w)
+    d = 1 - w * y * y
+    return (1 - y) - y * d * (0.5 + 0.375 * d)
+
+
+@inlined
+def kick_and_turn(
+    angles: Array,
+    rates: Array,
+    cosines: Array,
+    sines: Array,
+    number: int,
+    coefficients: Coefficients,
+    times: tuple[float, float],
+) -> None:
+    """Kick and then turn rotors (c, s) between springs, all the same, to the next (c', s').
+
+    x = l^2 / lbar^2 = offset + slope (s' - s) - product (s s' + c c'),
+    f = lever (1 - 1 / sqrt(x)),
+    q = cross (1 - 1 / sqrt(x)) (s c' - c s'),
+    acceleration = (f - f of the spring before) c - (q - q of the spring before),
+
+    slope = 2 a r / lbar^2, product = 2 r^2 / lbar^2, lever = k a r / I, cross = k r^2 / I.
+    """
+    take_widest_vectors()
+    offset, slope, product, lever, cross = coefficients
+    kick_time, turn_time = times
+    f_before = q_before = 0.0
+    for n in range(angles.size - 1):
+        c, c_next = cosines[n], cosines[n + 1]
+        s, s_next = sines[n], sines[n + 1]
+        pull = tension(offset + slope * (s_next - s) - product * (s * s_next + c * c_next))
+        pull = pull if n < number - 1 else 0.0
+        f = lever * pull
+        q = cross * pull * (s * c_next - c * s_next)
+        rate = rates[n] + kick_time * ((f - f_before) * c - (q - q_before))
+        f_before, q_before = f, q
+        rates[n] = rate
+        angles[n] += turn_time * rate
+        cosines[n], sines[n] = turned(c, s, turn_time * rate)
+
+
+@inlined
 def decay(
     work: Array, places: int, decays: Array, length: int, stage: int, half_inertias: Array
 ) -> float:
@@ -104,51 +198,29 @@ def decay(
     return dissipated
 
 
-@compiled
-def pull_uniform(work: Array, places: int, coefficients: Coefficients) -> None:
-    """Pull of springs between rotors (c, s) and (c', s') whose parameters are all the same.
-
-    With x = l^2 / lbar^2 - 1 the tension over the length is k (1 - lbar/l) = k e,
-    e = x / (1 + x + sqrt(1 + x)), and
-
-    x = offset + slope (s' - s) - product (s s' + c c'),
-    pull on the left  = e [lever c - cross (s c' - c s')],
-    pull on the right = e [cross (s c' - c s') - lever c'],
-
-    slope = 2 a r / lbar^2, product = 2 r^2 / lbar^2, lever = k a r / I, cross = k r^2 / I.
-    """
-    offset, slope, product, lever, cross = coefficients
-    for n in range(places):
-        c, c_next = work[COSINES, n], work[COSINES, n + 1]
-        s, s_next = work[SINES, n], work[SINES, n + 1]
-        x = offset + slope * (s_next - s) - product * (s * s_next + c * c_next)
-        e = x / (1 + x + np.sqrt(1 + x))
-        torque = cross * (s * c_next - c * s_next)
-        work[ON_LEFT, n] = e * (lever * c - torque)
-        work[ON_RIGHT, n + 1] = e * (torque - lever * c_next)
-
-
-@compiled
-def pull_deviating(work: Array, places: int, rows: Array) -> None:
+@inlined
+def pull(work: Array, places: int, rows: Array) -> None:
     """Pull of springs that each have their own parameters, the rows, shape (8, P).
 
-    These are offset, slope', slope, product, lever, cross, cross', lever' of `pull_uniform`, in
+    These are offset, slope', slope, product, lever, cross, cross', lever' of `kick_and_turn`, in
     which each place of a length or inertia takes that of its own rotor:
 
-    x = offset + slope' s' - slope s - product (s s' + c c').
+    x = offset + slope' s' - slope s - product (s s' + c c'),
+    pull on the left  = (1 - 1 / sqrt(x)) [lever c - cross (s c' - c s')],
+    pull on the right = (1 - 1 / sqrt(x)) [cross' (s c' - c s') - lever' c'].
     """
+    take_widest_vectors()
     for n in range(places):
         c, c_next = work[COSINES, n], work[COSINES, n + 1]
         s, s_next = work[SINES, n], work[SINES, n + 1]
         x = rows[0, n] + (rows[1, n] * s_next - rows[2, n] * s)
-        x -= rows[3, n] * (s * s_next + c * c_next)
-        e = x / (1 + x + np.sqrt(1 + x))
+        e = tension(x - rows[3, n] * (s * s_next + c * c_next))
         torque = s * c_next - c * s_next
         work[ON_LEFT, n] = e * (rows[4, n] * c - rows[5, n] * torque)
         work[ON_RIGHT, n + 1] = e * (rows[6, n] * torque - rows[7, n] * c_next)
 
 
-@compiled
+@inlined
 def add_field(work: Array, field: Array) -> None:
     """Add accelerations load + by_sine sin(phi) + by_cosine cos(phi), the rows of the field."""
     for n in range(field.shape[1]):
@@ -156,7 +228,7 @@ def add_field(work: Array, field: Array) -> None:
         work[ON_LEFT, n] += field[0, n] + varying
 
 
-@compiled
+@inlined
 def kick(work: Array, number: int, time: float) -> None:
     """Change the rates by the pulls for a time."""
     for n in range(number):
@@ -178,6 +250,13 @@ def take_step(
     decays, half_inertias = damping
     drifts, kicks = stages
     places, share, dissipated = work.shape[1] - 1, (1 + length) / 2, 0.0
+    if not rows.size:
+        turn(work, RATES, places, share * drifts[0])
+        angles, rates, cosines, sines = work[ANGLES], work[RATES], work[COSINES], work[SINES]
+        for stage in range(kicks.size):
+            times = share * kicks[stage], share * drifts[stage + 1]
+            kick_and_turn(angles, rates, cosines, sines, number, coefficients, times)
+        return dissipated
     for stage in range(drifts.size):
         if half_inertias.size:
             dissipated += decay(work, places, decays, length, stage, half_inertias)
@@ -188,10 +267,7 @@ def take_step(
             break
         if periodic:
             work[COSINES, number], work[SINES, number] = work[COSINES, 0], work[SINES, 0]
-        if rows.size:
-            pull_deviating(work, places, rows)
-        else:
-            pull_uniform(work, places, coefficients)
+        pull(work, places, rows)
         if periodic:
             work[ON_RIGHT, 0] = work[ON_RIGHT, number]
         else:
@@ -201,7 +277,7 @@ def take_step(
     return dissipated
 
 
-@compiled
+@inlined
 def record(states: Array, step: int, work: Array, number: int, dissipated: float) -> None:
     """Write down the state after a step."""
     for n in range(number):
@@ -211,7 +287,7 @@ def record(states: Array, step: int, work: Array, number: int, dissipated: float
         states[step, -1] = states[step - 1, -1] + dissipated
 
 
-@compiled
+@inlined
 def copy(work: Array, start: int, end: int) -> None:
     """Copy angles, rates, cosines and sines from four rows to four others."""
     for row in range(4):
@@ -219,7 +295,7 @@ def copy(work: Array, start: int, end: int) -> None:
             work[end + row, n] = work[start + row, n]
 
 
-@compiled
+@inlined
 def error(before: Array, whole: Array, halves: Array, absolute: Array, relative: float) -> float:
     """Root mean square of the difference of two states in units of what is tolerated."""
     squares = 0.0
@@ -237,25 +313,25 @@ def advance(
     damping: tuple[Array, Array],
     stages: tuple[Array, Array],
     tolerances: tuple[Array, float],
-    checks: tuple[int, int],
+    taken: int,
     states: Array,
 ) -> tuple[int, float]:
     """Fill states[1:] with the state after each step; return how many, and the largest error.
 
-    Springs are the coefficients of `pull_uniform`, the rows of `pull_deviating`, of shape (8, 0)
-    where all are the same, and whether the ends are periodic. Field and damping, arguments of
+    Springs are the coefficients of `kick_and_turn`, the rows of `pull`, of shape (8, 0) where the
+    former do, and whether the ends are periodic. Field and damping, arguments of
     `add_field` and `decay`, have 0 places where there is none. Stages are the times of drifts and
-    kicks [s]. Checks are the first step whose error is measured, by two of half the length, and
-    how many follow till the next. It stops before a step that turns a rotor too far or whose
-    error exceeds 1.
+    kicks [s]. Tolerances are those of `error`, absolute of 0 places where no error is measured,
+    and taken counts the steps of this length before. It stops before a step that turns a rotor
+    too far or whose error exceeds 1.
     """
     number = states.shape[1] // 2
     halves = np.empty((3, states.shape[1]))
-    longest_drift, largest_error = np.max(np.abs(stages[0])), 0.0
+    fastest, largest_error = LARGEST_TURN / np.max(np.abs(stages[0])), 0.0
     for step in range(1, len(states)):
-        if not longest_drift * largest(work, RATES, number) <= LARGEST_TURN:
+        if faster(work, number, fastest):
             return step - 1, largest_error
-        checked = step >= checks[0] and (step - checks[0]) % checks[1] == 0
+        checked = tolerances[0].size > 0 and measured(taken + step)
         if checked:
             copy(work, 0, 7)
             halves[0] = states[step - 1]
@@ -271,3 +347,126 @@ def advance(
             if not found <= 1:
                 return step - 1, found
     return len(states) - 1, largest_error
+
+
+@compiled
+def interpolate(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    damping: tuple[Array, Array, Array],
+    stages: tuple[Array, Array],
+    states: Array,
+    circular: Array,
+    places: Array,
+    output: Array,
+) -> None:
+    """Fill output with the states at places, counted in steps, between states.
+
+    The polynomials, degree 8 in the angles, go through angle, rate and acceleration at the ends
+    and the middle of a step. Circular holds cosines and sines of the states, shape (2, steps, N).
+    Damping are decays and half inertias, as `decay` has them, and decay rates, shape (N,).
+    """
+    number = states.shape[1] // 2
+    half = np.sum(stages[0]) / 2
+    knots = np.empty((9, states.shape[1] - number))
+    middle = np.empty((2, states.shape[1]))
+    fitted = -1
+    for frame in range(places.size):
+        step = min(int(places[frame]), len(states) - 2)
+        if step != fitted:
+            load(work, states[step], circular[:, step])
+            middle[0] = states[step]
+            dissipated = take_step(work, number, springs, field, damping[:2], stages, 0)
+            record(middle, 1, work, number, dissipated)
+            put_knot(work, springs, field, damping, middle[1], half, knots, 1)
+            for end in range(2):
+                load(work, states[step + end], circular[:, step + end])
+                put_knot(work, springs, field, damping, states[step + end], half, knots, 2 * end)
+            fit(knots)
+            fitted = step
+        evaluate(knots, number, 2 * (places[frame] - step) - 1, half, output[frame])
+
+
+@inlined
+def load(work: Array, state: Array, circular: Array) -> None:
+    """Put angles, rates, cosines and sines of a state into work."""
+    number = circular.shape[1]
+    for n in range(number):
+        work[ANGLES, n] = state[n]
+        work[RATES, n] = state[number + n]
+    for n in range(number):
+        work[COSINES, n] = circular[0, n]
+        work[SINES, n] = circular[1, n]
+
+
+@compiled
+def put_knot(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    damping: tuple[Array, Array, Array],
+    state: Array,
+    unit: float,
+    knots: Array,
+    knot: int,
+) -> None:
+    """Put angles, and dissipated energy, and their two derivatives in a unit of time into knots.
+
+    The accelerations are what rates of 0 become in a kick of one second.
+    """
+    number = state.size // 2
+    decays, half_inertias, decay_rates = damping
+    for n in range(work.shape[1]):
+        work[RATES, n] = 0.0
+    stages = np.zeros(2), np.ones(1)
+    take_step(work, number, springs, field, (decays, half_inertias[:0]), stages, 1)
+    for n in range(number):
+        knots[3 * knot, n] = state[n]
+        knots[3 * knot + 1, n] = unit * state[number + n]
+        knots[3 * knot + 2, n] = unit**2 * work[RATES, n]
+    if half_inertias.size:
+        power = heating = 0.0
+        for n in range(number):
+            rate, drag = state[number + n], decay_rates[n] * state[number + n]
+            knots[3 * knot + 2, n] -= unit**2 * drag
+            power += 2 * half_inertias[n] * drag * rate
+            heating += 4 * half_inertias[n] * drag * (work[RATES, n] - drag)
+        knots[3 * knot, number] = state[2 * number]
+        knots[3 * knot + 1, number] = unit * power
+        knots[3 * knot + 2, number] = unit**2 * heating
+
+
+@inlined
+def fit(knots: Array) -> None:
+    """Turn value, slope and curvature at -1, 0 and 1 into the coefficients of 1 to x^8."""
+    for n in range(knots.shape[1]):
+        value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
+        before, after = knots[0, n] - value, knots[6, n] - value
+        even = (after + before) / 2 - curvature / 2
+        even_slope = (knots[7, n] - knots[1, n]) / 2 - curvature
+        even_curvature = (knots[8, n] + knots[2, n]) / 2 - curvature
+        odd = (after - before) / 2 - slope
+        odd_slope = (knots[7, n] + knots[1, n]) / 2 - slope
+        odd_curvature = (knots[8, n] - knots[2, n]) / 2
+        eighth = (even_curvature - 9 * even_slope + 24 * even) / 8
+        sixth = (even_slope - 4 * even) / 2 - 2 * eighth
+        seventh = (odd_curvature - 7 * odd_slope + 15 * odd) / 8
+        fifth = (odd_slope - 3 * odd) / 2 - 2 * seventh
+        knots[0, n], knots[1, n], knots[2, n] = value, slope, curvature / 2
+        knots[3, n], knots[4, n] = odd - fifth - seventh, even - sixth - eighth
+        knots[5, n], knots[6, n], knots[7, n], knots[8, n] = fifth, sixth, seventh, eighth
+
+
+@inlined
+def evaluate(knots: Array, number: int, x: float, unit: float, output: Array) -> None:
+    """State of polynomials in x, which is time in a unit."""
+    take_widest_vectors()
+    for n in range(knots.shape[1]):
+        value = slope = 0.0
+        for power in range(8, -1, -1):
+            slope = slope * x + value
+            value = value * x + knots[power, n]
+        output[n if n < number else 2 * number] = value
+        if n < number:
+            output[number + n] = slope / unit

@@ -65,7 +65,7 @@ KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]
 LARGEST_TURN = 0.5
 """Of a rotor in one drift [rad], up to which the compiled loops are exact to rounding."""
 
-_VECTOR = 4
+_VECTOR = 8
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,21 @@ class Checks:
     absolute: Array
     """Shape (len(state),)."""
     relative: float
-    first: int = 1
-    """Number of the first step measured; the first step of all is 1."""
-    interval: int = 32
+    taken: int = 0
+    """Steps of the same length that were taken before."""
+
+    def measured(self, step: int) -> bool:
+        """Whether the error of a step, the first being 1, is measured."""
+        return is_measured(self.taken + step)
+
+
+def is_measured(number: int) -> bool:
+    """Whether the error is measured of a step, numbered from 1 among those of its length.
+
+    Of the first, when a motion has just begun it tells little, of some soon after it, and then of
+    every 32nd.
+    """
+    return number in (1, 4, 16) or number % 32 == 0
 
 
 class Steps(Protocol):
@@ -94,6 +106,13 @@ class Steps(Protocol):
 
         It stops before a step in which a rotor would turn by more than half a radian in a drift,
         or whose error exceeds 1, so that the states have the shape (done + 1, len(state)).
+        """
+
+    def interpolated(self, states: Array, step: float, places: Array) -> Array:
+        """States at places, counted in steps from the first state, shape (places, len(state)).
+
+        Polynomials in each step, degree 8 in the angles, have angles, rates and accelerations at
+        its ends and its middle.
         """
 
 
@@ -137,7 +156,7 @@ class NumpySteps:
             if not longest_drift * np.abs(before[number : 2 * number]).max() <= LARGEST_TURN:
                 break
             after = self._after(before, step)
-            if checks and index >= checks.first and (index - checks.first) % checks.interval == 0:
+            if checks and checks.measured(index):
                 halves = self._after(self._after(before, step / 2), step / 2)
                 sizes = np.maximum(np.abs(before), np.abs(halves))
                 differences = (after - halves) / (checks.absolute + checks.relative * sizes)
@@ -163,6 +182,41 @@ class NumpySteps:
                 rates *= factors
         return after
 
+    def interpolated(self, states: Array, step: float, places: Array) -> Array:
+        """States at places, counted in steps from the first state, shape (places, len(state))."""
+        found = np.clip(np.floor(places), 0, len(states) - 2).astype(int)
+        values = np.empty((len(places), states.shape[1]))
+        for number in np.unique(found):
+            here = found == number
+            ends = states[number], states[number + 1]
+            values[here] = self._within(*ends, step / 2, 2 * (places[here] - number) - 1)
+        return values
+
+    def _within(self, start: Array, end: Array, half: float, places: Array) -> Array:
+        """States at places from -1 to 1 in a step."""
+        number = self._motion.rotors
+        knots = start, self._after(start, half), end
+        data = np.array([self._with_derivatives(knot, half) for knot in knots]).reshape(9, -1)
+        origin = data[3].copy()
+        data[[0, 3, 6]] -= origin
+        coefficients = _POLYNOMIALS @ data
+        powers = places[:, np.newaxis] ** np.arange(9)
+        values = origin + powers @ coefficients
+        slopes = np.arange(1, 9)[:, np.newaxis] * coefficients[1:, :number]
+        rates = powers[:, :-1] @ slopes / half
+        return np.concatenate([values[:, :number], rates, values[:, number:]], axis=1)
+
+    def _with_derivatives(self, state: Array, unit: float) -> Array:
+        """Angles, and dissipated energy, and their derivatives in a unit of time, (3, ...)."""
+        number, motion = self._motion.rotors, self._motion
+        slope = motion(0.0, state)
+        rates, accelerations = slope[:number], slope[number : 2 * number]
+        heating = 2 * motion.chain.dampings * rates @ accelerations
+        values = np.concatenate([state[:number], state[2 * number :]])
+        first = np.concatenate([rates, slope[2 * number :]])
+        second = np.concatenate([accelerations, [heating] * motion.damped])
+        return np.array([values, unit * first, unit**2 * second])
+
 
 class CompiledSteps:
     """Steps in the loops of `nystrom_kernels`; raises ImportError where numba is absent."""
@@ -177,8 +231,7 @@ class CompiledSteps:
         self._places = -(-motion.rotors // _VECTOR) * _VECTOR
         self._springs = self._coefficients()
         self._field = self._accelerations_of_field()
-        self._decays_step = 0.0
-        self._decays = self._decays_of(0.0)
+        self._prepared = math.nan
         half_inertias = motion.chain.moments_of_inertia / 2
         self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
         self._work = np.zeros((11, self._places + 1))
@@ -195,20 +248,43 @@ class CompiledSteps:
         rates[:] = state[number : 2 * number]
         np.cos(angles, out=cosines)
         np.sin(angles, out=sines)
-        if step != self._decays_step:
-            self._decays_step, self._decays = step, self._decays_of(step)
-        checks = checks or Checks(state, 0.0, first=count + 1)
+        self._prepare(step)
         done, error = self._kernels.advance(
             self._work,
             self._springs,
             self._field,
             (self._decays, self._half_inertias),
-            (step * DRIFTS, step * KICKS),
-            (checks.absolute, checks.relative),
-            (checks.first, checks.interval),
+            self._stages,
+            (checks.absolute, checks.relative) if checks else (np.empty(0), 0.0),
+            checks.taken if checks else 0,
             states,
         )
         return states[: done + 1], error
+
+    def interpolated(self, states: Array, step: float, places: Array) -> Array:
+        """States at places, counted in steps from the first state, shape (places, len(state))."""
+        angles = states[:, : self._motion.rotors]
+        output = np.empty((len(places), states.shape[1]))
+        self._prepare(step)
+        self._kernels.interpolate(
+            self._work,
+            self._springs,
+            self._field,
+            (self._decays, self._half_inertias, self._motion.decay_rates),
+            self._stages,
+            states,
+            np.array([np.cos(angles), np.sin(angles)]),
+            places,
+            output,
+        )
+        return output
+
+    def _prepare(self, step: float) -> None:
+        """What steps of a length need, unless the last ones had it."""
+        if step != self._prepared:
+            self._prepared = step
+            self._decays = self._decays_of(step)
+            self._stages = step * DRIFTS, step * KICKS
 
     def _coefficients(self) -> tuple[tuple[float, float, float, float, float], Array, bool]:
         chain, inverse = self._motion.chain, self._motion.inverse_inertias
@@ -220,7 +296,7 @@ class CompiledSteps:
         crosses = chain.stiffnesses * lengths[left] * lengths[right]
         rows = np.array(
             [
-                chain.offsets / squares,
+                1 + chain.offsets / squares,
                 2 * chain.spacings * lengths[right] / squares,
                 2 * chain.spacings * lengths[left] / squares,
                 2 * lengths[left] * lengths[right] / squares,
@@ -231,13 +307,18 @@ class CompiledSteps:
             ]
         )
         offset, _, slope, product, lever, cross, *_ = (float(row[0]) for row in rows)
-        uniform = chain.deviations == NO_DEVIATIONS and not self._motion.fixed
-        deviating = np.empty((8, 0)) if uniform else self._padded(rows)
-        return (offset, slope, product, lever, cross), deviating, chain.periodic
+        rows = np.empty((8, 0)) if self._plain() else self._padded(rows)
+        return (offset, slope, product, lever, cross), rows, chain.periodic
+
+    def _plain(self) -> bool:
+        """Whether springs that are all alike are all that acts."""
+        motion = self._motion
+        even = motion.chain.deviations == NO_DEVIATIONS and not motion.fixed
+        return even and not (motion.chain.periodic or motion.damped or motion.in_field)
 
     def _accelerations_of_field(self) -> Array:
         motion, gravity = self._motion, self._motion.gravity
-        if motion.torques is None and gravity.acceleration == 0:
+        if not motion.in_field:
             return np.empty((3, 0))
         torques = np.zeros(motion.rotors) if motion.torques is None else motion.torques
         weights = gravity.acceleration * motion.chain.masses * motion.chain.rotor_lengths
@@ -255,8 +336,24 @@ class CompiledSteps:
         return self._padded(np.array(decays).swapaxes(1, 2))
 
     def _padded(self, values: Array) -> Array:
-        padding = [(0, 0)] * (values.ndim - 1) + [(0, self._places - values.shape[-1])]
-        return np.pad(values, padding)
+        padded = np.zeros((*values.shape[:-1], self._places))
+        padded[..., : values.shape[-1]] = values
+        return padded
+
+
+def _polynomials() -> Array:
+    """Coefficients of 1 to x^8 from value, slope and curvature at -1, 0 and 1, shape (9, 9)."""
+    rows = []
+    for place in (-1.0, 0.0, 1.0):
+        for derivative in range(3):
+            factors = [math.perm(power, derivative) for power in range(9)]
+            powers = [place ** max(0, power - derivative) for power in range(9)]
+            rows.append(np.multiply(factors, powers))
+    # The exact ones are multiples of 1/16.
+    return np.asarray(np.round(16 * np.linalg.inv(np.array(rows))) / 16)
+
+
+_POLYNOMIALS = _polynomials()
 
 
 def _decay(motion: ChainMotion, time: float) -> tuple[Array, Array]:

@@ -160,8 +160,7 @@ class Simulation(ABC):
             self._stale = False
         complaint = self._solver.step()
         self._steps += 1
-        time_unit = min(self.chain.time_unit, self._tolerances()[1])
-        if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / time_unit):
+        if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / self._time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
             raise self._stuck(complaint)
@@ -269,6 +268,7 @@ class Simulation(ABC):
     def _fresh_solver(self) -> OdeSolver:
         """Solver from the current frame on; it is made once however much happens at a frame."""
         tolerances, longest_step = self._tolerances()
+        self._time_unit = min(self.chain.time_unit, longest_step)
         return self._new_solver(self._packed(), tolerances, longest_step)
 
     def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
