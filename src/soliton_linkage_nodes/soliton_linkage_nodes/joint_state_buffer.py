@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
 from soliton_linkage_nodes.conversions import Array, Frame, NamedChain, frame_to_msg
@@ -36,16 +37,30 @@ class JointStateBuffer:
         self._position, self._velocity, self._effort = (
             body[start : start + array_bytes].view('<f8') for start in starts
         )
-        self._stamp = body[:8].view('<u4')
+        self._stamp = memoryview(self._bytes)[_ENCAPSULATION_BYTES:][:8].cast('I')
 
     def __len__(self) -> int:
         """Size of the message in bytes."""
         return len(self._bytes)
 
-    def write(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytes:
-        """Return the message for a frame: stamp [ns], angles [rad], rates [rad/s], [N m]."""
+    def fill(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytearray:
+        """Return the message for a frame: stamp [ns], angles [rad], rates [rad/s], [N m].
+
+        It is the same object each time: the next frame overwrites this one.
+        """
         self._stamp[0], self._stamp[1] = divmod(stamp, _NANOSECONDS)
-        self._position[:] = angles
-        self._velocity[:] = rates
-        self._effort[:] = torques
-        return bytes(self._bytes)
+        self._position[...] = angles
+        self._velocity[...] = rates
+        self._effort[...] = torques
+        return self._bytes
+
+    def write(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytes:
+        """Return the same as `fill`, as a message of its own."""
+        return bytes(self.fill(stamp, angles, rates, torques))
+
+
+def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
+    """Publish a serialized message; `Publisher.publish` takes bytes only, which are a copy."""
+    handle = publisher.handle
+    with handle:
+        handle.publish_raw(serialized)
