@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -106,6 +106,13 @@ def time_to_msg(nanoseconds: int) -> Time:
 def time_from_msg(stamp: Time) -> int:
     """Time since the epoch [ns]."""
     return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def stamp_of_serialized(serialized: bytes) -> int:
+    """Time since the epoch [ns] in the header of a serialized message, which CDR begins with."""
+    order: Literal['little', 'big'] = 'little' if serialized[1] & 1 else 'big'
+    seconds = int.from_bytes(serialized[4:8], order, signed=True)
+    return seconds * _NANOSECONDS + int.from_bytes(serialized[8:12], order)
 
 
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:

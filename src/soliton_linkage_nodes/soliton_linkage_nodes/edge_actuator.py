@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.actuation import Edge, resolved_edge_mode
 from soliton_linkage.edge_drive import EdgeLimits, EdgeOrder, Kind
 from soliton_linkage.pneumatics import PneumaticActuator
 from soliton_linkage.quantities import quantity
@@ -41,6 +41,7 @@ from soliton_linkage_nodes.conversions import (
     NamedChain,
     frame_from_msg,
     impulses_to_msg,
+    stamp_of_serialized,
     time_from_msg,
     torques_to_msg,
 )
@@ -250,9 +251,8 @@ class EdgeActuator(Node):
         driver = self._ready(self._impulses if order.instantaneous else self._torques)
         frame, before, stamp = self._state(driver.named)
         chain, angles = driver.named.chain, frame.angles
-        side = order.edge.resolved(chain, angles)
         venting = order.kind is Kind.PRESSURE and order.value == 0
-        mode = edge_mode(chain, angles, side, anywhere=venting)
+        side, mode = resolved_edge_mode(chain, angles, order.edge, anywhere=venting)
         meant = replace(order, edge=side)
         if not order.instantaneous:
             driver.order(name, meant, side)
@@ -361,8 +361,7 @@ class EdgeActuator(Node):
         stamp = time_from_msg(message.header.stamp)
         if self._previous is None:
             return frame, stamp, stamp
-        before = deserialize_message(self._previous, JointState)
-        return frame, time_from_msg(before.header.stamp), stamp
+        return frame, stamp_of_serialized(self._previous), stamp
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at
