@@ -81,12 +81,19 @@ def main() -> None:
     nudges = arguments.nudges or (20 if arguments.quick else 200)
     with own_domain(), ExitStack() as processes:
         settings = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
-        for name, given in (('simulator', settings), ('edge_actuator', {}), ('soliton_analyser', {})):
+        for name, given in (
+            ('simulator', settings),
+            ('edge_actuator', {}),
+            ('soliton_analyser', {}),
+        ):
             processes.enter_context(running(node_command(name, given)))
         node = rclpy.create_node('benchmark')
         reactions = [Reactions(node).measure(nudges, turn, rounds) for turn in range(rounds)]
         node.destroy_node()
-    write(Part('react', figures=figures_of(reactions), details={'seconds': reactions}), arguments.output)
+    write(
+        Part('react', figures=figures_of(reactions), details={'seconds': reactions}),
+        arguments.output,
+    )
 
 
 class Reactions:
@@ -94,9 +101,7 @@ class Reactions:
 
     def __init__(self, node: Node) -> None:
         """Wait for the nodes."""
-        self._nudge = node.create_publisher(
-            Float64, interfaces.NUDGE.name, interfaces.NUDGE.qos
-        )
+        self._nudge = node.create_publisher(Float64, interfaces.NUDGE.name, interfaces.NUDGE.qos)
         self._impulses = Inbox(node, interfaces.ROTOR_IMPULSES)
         self._joints = Inbox(node, interfaces.JOINT_STATES)
         self._states = Inbox(node, interfaces.SOLITON_STATE)
@@ -124,9 +129,7 @@ class Reactions:
         """Time from a nudge to what follows [ns]."""
         published = time.time_ns()
         self._nudge.publish(Float64(data=direction * SPEED))
-        shown = first(
-            self._joints, lambda come: abs(norm_of_rates(come) - before) > SPEED / 2
-        )
+        shown = first(self._joints, lambda come: abs(norm_of_rates(come) - before) > SPEED / 2)
         stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
         state = first(self._states, lambda come: stamp_of_state(come) >= stamp)
         (impulses,) = self._impulses.take()

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.analysis import AnalysedSoliton
@@ -45,13 +44,6 @@ SOLITON = AnalysedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
 def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
     assert conversions.time_from_msg(conversions.time_to_msg(nanoseconds)) == nanoseconds
-
-
-@given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
-def test_the_stamp_is_read_off_a_serialized_message(nanoseconds: int) -> None:
-    header = Header(stamp=conversions.time_to_msg(nanoseconds), frame_id='linkage')
-    for message in (JointState(header=header, name=['a']), SolitonState(header=header)):
-        assert conversions.stamp_of_serialized(serialize_message(message)) == nanoseconds
 
 
 @pytest.mark.parametrize('periodic', [True, False])

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -82,13 +82,6 @@ def time_from_msg(stamp: Time) -> int:
     return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
 
 
-def stamp_of_serialized(serialized: bytes) -> int:
-    """Time since the epoch [ns] in the header of a serialized message, which CDR begins with."""
-    order: Literal['little', 'big'] = 'little' if serialized[1] & 1 else 'big'
-    seconds = int.from_bytes(serialized[4:8], order, signed=True)
-    return seconds * _NANOSECONDS + int.from_bytes(serialized[8:12], order)
-
-
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
     """Chain and joint names as a message."""
     chain = named.chain
@@ -124,7 +117,7 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
     )
 
 
-def frame_from_msg(named: NamedChain, message: JointState) -> Frame:
+def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
     """Angles and rates in the order of the rotors, whatever the order of the joints.
 
     Joints that are no rotors are passed over. Raises ValueError where a rotor is missing or
@@ -262,6 +255,8 @@ def check_names(source: str, names: Sequence[str]) -> None:
 
 
 def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    if tuple(names) == joint_names:
+        return np.arange(len(names))
     place = {name: index for index, name in enumerate(names)}
     if len(place) != len(names):
         check_names('joint_states.name', names)

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -41,11 +40,11 @@ from soliton_linkage_nodes.conversions import (
     NamedChain,
     frame_from_msg,
     impulses_to_msg,
-    stamp_of_serialized,
     time_from_msg,
     torques_to_msg,
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.kick_record import Kick
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
@@ -112,6 +111,7 @@ class EdgeActuator(Node):
         self._limits = EdgeLimits(self.settings.speed_limit, self.settings.torque_limit)
         self._joint_limits = self._declare_joint_limits()
         self._pneumatics = declare(self, PneumaticActuator)
+        self._decoder = JointStateDecoder()
         self._previous: bytes | None = None
         self._latest: bytes | None = None
         self._latest_at = -math.inf
@@ -170,6 +170,8 @@ class EdgeActuator(Node):
             except ValueError as error:
                 self._diagnostics.refuse(name, error)
                 return
+            if self._driver is not None:
+                self._driver.record.booked = self._booked
             self._carried_out += 1
 
         return on_command
@@ -323,7 +325,6 @@ class EdgeActuator(Node):
             raise ValueError(
                 'the chain is not known yet; publish chain or set chain_from to parameters'
             )
-        self._driver.record.booked = self._booked
         return self._driver
 
     @property
@@ -356,12 +357,11 @@ class EdgeActuator(Node):
 
     def _state(self, named: NamedChain) -> tuple[Frame, int, int]:
         """Return a fresh frame, the stamp of the one before and its own [ns], or ValueError."""
-        message = deserialize_message(self._check_fresh(), JointState)
-        frame = frame_from_msg(named, message)
-        stamp = time_from_msg(message.header.stamp)
+        joints = self._decoder.decode(self._check_fresh())
+        frame = frame_from_msg(named, joints)
         if self._previous is None:
-            return frame, stamp, stamp
-        return frame, stamp_of_serialized(self._previous), stamp
+            return frame, joints.stamp, joints.stamp
+        return frame, self._decoder.decode(self._previous).stamp, joints.stamp
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at
