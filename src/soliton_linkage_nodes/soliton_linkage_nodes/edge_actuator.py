@@ -39,11 +39,11 @@ from soliton_linkage_nodes.conversions import (
     Frame,
     NamedChain,
     frame_from_msg,
-    impulses_to_msg,
     time_from_msg,
     torques_to_msg,
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.joint_state_buffer import ImpulseBuffer, publish_buffer
 from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.kick_record import Kick
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
@@ -190,6 +190,7 @@ class EdgeActuator(Node):
             self._driver = None
             self._diagnostics.refuse('chain', error)
             return
+        self._impulse_buffer = ImpulseBuffer(named)
         self._driver = ChainDriver(
             named,
             actuators,
@@ -284,8 +285,8 @@ class EdgeActuator(Node):
                 f'{driver.record.waiting} kicks wait for the simulator, the limit is '
                 f'{_MOST_KICKS_WAITING}; kick less often'
             )
-        now = self.get_clock().now().to_msg()
-        self._impulses.publish(impulses_to_msg(driver.named, impulses, now))
+        now = self.get_clock().now().nanoseconds
+        publish_buffer(self._impulses, self._impulse_buffer.fill(now, impulses))
         rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
         work = work_of_impulse(driver.named.chain, rates, impulses)
         driver.record.booked = self._booked
