@@ -37,7 +37,7 @@ RATE = 1000.0
 SPEED = 2.0
 DIRECTIONS = (1, -1, -1, 1)
 PAUSES = (0.04, 0.06)
-LISTENING = 0.02
+LISTENING = 0.1
 POLL = 0.002
 SETTLING = 2.0
 LONGEST_WAIT = 30.0
@@ -107,7 +107,13 @@ class Reactions:
         self._states = Inbox(node, interfaces.SOLITON_STATE)
         until(self._nudge.get_subscription_count, 'edge_actuator')
         until(self._states.take, 'soliton_state')
+        until(self._obeyed, 'a nudge that the edge actuator obeys')
         time.sleep(SETTLING)
+
+    def _obeyed(self) -> bool:
+        self._nudge.publish(Float64(data=SPEED))
+        time.sleep(LISTENING)
+        return bool(self._impulses.take())
 
     def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
         """Time from each of so many nudges to what follows [s]."""

@@ -55,7 +55,7 @@ class SimulatorParameters(WorldParameters):
     """Parameters of the simulator besides those of chain, gravity and sensors."""
 
     publish_rate: float = quantity(
-        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 2000.0
+        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
     )
     real_time_factor: float = quantity(
         1.0,
