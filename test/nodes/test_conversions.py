@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import astuple, replace
+from dataclasses import asdict, astuple, replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
-from soliton_linkage.analysis import AnalysedSoliton, Analyser, Analysis, cycle_phase
+from soliton_linkage.analysis import AnalysedSoliton
 from soliton_linkage.chain import Chain
-from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import Deviations
 from soliton_linkage.initial_states import State
-from soliton_linkage_msgs.msg import RotorImpulses, SolitonState
+from soliton_linkage_msgs.msg import RotorImpulses, Soliton, SolitonState
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes import conversions
 from soliton_linkage_nodes.conversions import (
@@ -31,6 +29,7 @@ from soliton_linkage_nodes.conversions import (
     default_joint_names,
     state_from_reset,
 )
+from soliton_linkage_nodes.joint_states import joint_states_from_msg
 
 NAMED = NamedChain(Chain(number_of_rotors=5), default_joint_names(5))
 ROTORS = {name: rotor for rotor, name in enumerate(NAMED.joint_names)}
@@ -105,93 +104,46 @@ def test_rotors_that_are_not_named_get_nothing() -> None:
     np.testing.assert_array_equal(nothing, np.zeros(5))
 
 
-@pytest.fixture(scope='module')
-def analysis() -> Analysis:
-    """A wobbling wall in the middle of its chain, and everything that there is to tell of it."""
-    chain = Chain(number_of_rotors=16, rotor_length=0.12, rest_angle=0.77)
-    cycle, analyser = Cycle(chain), Analyser(chain)
-    generator = np.random.default_rng(6)
-    for number in range(30):
-        arc = cycle.arc_at(8.0 + 0.01 * number, 1) + cycle.length
-        angles = cycle.configuration(arc) + 1e-3 * generator.standard_normal(16)
-        angles[4] = math.nan
-        found = analyser.analyse(number * 10**7, angles, np.zeros(16))
-    assert found is not None
-    return found
-
-
 @pytest.mark.parametrize('count', [0, 1, 2])
-def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back(
-    analysis: Analysis, count: int
-) -> None:
-    header = Header(stamp=STAMP, frame_id='somewhere')
+def test_the_solitons_of_a_message_come_back(count: int) -> None:
     solitons = (SOLITON, NAN_SOLITON)[:count]
-    message = conversions.analysis_to_msg(replace(analysis, solitons=solitons), header)
-    assert message.header == header
+    message = SolitonState(solitons=[Soliton(**asdict(soliton)) for soliton in solitons])
     back = conversions.solitons_from_msg(message)
     assert len(back) == count
     for one, other in zip(back, solitons, strict=True):
         np.testing.assert_array_equal(astuple(one), astuple(other))
 
 
-def test_a_message_tells_what_the_analysis_does(analysis: Analysis) -> None:
-    message = conversions.analysis_to_msg(analysis, Header())
-    estimate, topology, energies = analysis.estimate, analysis.topology, analysis.energies
-    assert (message.motion, message.motion_name) == (
-        SolitonState.WOBBLING_FLIPPER,
-        'wobbling flipper',
-    )
-    assert message.status == SolitonState.TRACKING
-    for name in ('phase', 'rate', 'phase_deviation', 'rate_deviation', 'completed', 'leg'):
-        assert getattr(message.cycle, name) == getattr(analysis.cycle, name)
-    assert (message.cycle.leg, message.cycle.rotor) == (1, estimate.place)
-    assert topology is not None
-    assert (message.topology.winding_before, message.topology.winding_beyond) == (0, 1)
-    assert message.topology.charge == 1
-    assert message.topology.zero_mode_rotor == topology.mode_centre
-    assert message.topology.last_toggled
-    assert not message.topology.first_toggled
-    assert math.isnan(message.topology.first_turns)
-    assert energies is not None
-    assert message.energies.wall == energies.wall
-    assert message.energies.wake == energies.wake
-    assert analysis.wobble is not None
-    assert message.wobble.amplitude == analysis.wobble.amplitude
-    assert message.wobble.theory_wavelength == pytest.approx(0.2)
-    assert (message.noise, message.misfit) == (estimate.noise, estimate.misfit)
-    assert message.unseen == 1
-
-
-def test_what_is_unknown_is_nan_and_no_leg(analysis: Analysis) -> None:
-    unknown = replace(analysis, topology=None, energies=None, wobble=None, edge_rotors=None)
-    lost = cycle_phase(analysis.estimate, None)
-    unknown = replace(unknown, cycle=lost, motion=None)
-    message = conversions.analysis_to_msg(unknown, Header())
-    assert (message.motion, message.motion_name) == (SolitonState.UNKNOWN, 'unknown')
-    assert math.isnan(message.cycle.phase)
-    assert message.cycle.leg == -1
-    for nested in (message.energies, message.wobble):
-        for name in nested.get_fields_and_field_types():
-            assert math.isnan(getattr(nested, name))
-    assert math.isnan(message.topology.zero_mode_rotor)
-
-
 def test_frames_are_read_as_far_as_they_go() -> None:
     reader = FrameReader(NAMED.joint_names)
+
+    def read(message: JointState) -> Frame:
+        return reader.read(joint_states_from_msg(message))
+
     message = JointState(
         name=['gripper', 'rotor_4', 'rotor_0', 'rotor_2'],
         position=[9.0, 4.5, math.inf, math.nan],
         velocity=[8.0, 1.0, 2.0, 3.0],
     )
     for _ in range(2):
-        frame = reader.read(message)
+        frame = read(message)
         np.testing.assert_array_equal(frame.angles, [math.inf, math.nan, math.nan, math.nan, 4.5])
         assert frame.rates is not None
         np.testing.assert_array_equal(frame.rates, [2.0, math.nan, 3.0, math.nan, 1.0])
     message.velocity = []
-    assert reader.read(message).rates is None
+    assert read(message).rates is None
     message.name, message.position = ['rotor_1'], [7.0]
-    np.testing.assert_array_equal(reader.read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
+    np.testing.assert_array_equal(read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
+
+
+def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> None:
+    reader = FrameReader(NAMED.joint_names)
+    joints = joint_states_from_msg(joint_state())
+    frame = reader.read(joints)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+    frame.angles[:] = 0.0
+    np.testing.assert_array_equal(joints.position, ANGLES)
 
 
 def joint_state(**changes: Any) -> JointState:
@@ -212,7 +164,7 @@ def take_frame(message: JointState) -> None:
 
 
 def read_frame(message: JointState) -> None:
-    FrameReader(NAMED.joint_names).read(message)
+    FrameReader(NAMED.joint_names).read(joint_states_from_msg(message))
 
 
 def take_impulses(message: RotorImpulses) -> None:

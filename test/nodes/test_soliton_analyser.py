@@ -12,6 +12,7 @@ import pytest
 from graphs import Graph, values
 from programs import Program
 from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -28,7 +29,9 @@ from soliton_linkage_nodes.conversions import (
     time_to_msg,
 )
 from soliton_linkage_nodes.joint_state_analysis import JointStateAnalysis
+from soliton_linkage_nodes.joint_states import joint_states_from_msg
 from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
+from soliton_linkage_nodes.state_conversions import state_to_msg
 
 pytestmark = pytest.mark.usefixtures('often')
 
@@ -63,7 +66,12 @@ def expected_of(named: NamedChain, frames: Sequence[JointState]) -> list[Any]:
     """States of frames by the same analysis without a node."""
     analysis = JointStateAnalysis()
     analysis.learn(named)
-    return [analysis.analyse(frame) for frame in frames]
+    states = []
+    for joints in map(joint_states_from_msg, frames):
+        found = analysis.analyse(joints)
+        assert found is not None
+        states.append(state_to_msg(found, joints))
+    return states
 
 
 def same(one: Any, other: Any) -> bool:
@@ -227,6 +235,22 @@ def test_wrong_joint_states_are_refused_and_right_ones_analysed_as_before(
     graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
     assert complaint in values(reports[-1])['last refusal']
     assert len(states) == 1
+    assert same(states[0], expected_of(named, [right])[0])
+
+
+def test_bytes_that_are_no_joint_states_are_refused(graph: Graph, named: NamedChain) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    right = frames_of(named, 10.0)[60]
+    joints.publish(serialize_message(right)[:200])
+    joints.publish(right)
+    graph.until(lambda: states, 'a state')
+    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
+    said = 'joint_states of 200 bytes are no sensor_msgs/JointState'
+    assert said in values(reports[-1])['last refusal']
     assert same(states[0], expected_of(named, [right])[0])
 
 

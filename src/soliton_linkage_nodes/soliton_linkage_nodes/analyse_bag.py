@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from soliton_linkage.analysis import Analysis
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.pictures import draw_kymograph, draw_track
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.quantities import described_fields
 from soliton_linkage.recording import Recording
 from soliton_linkage.track import Track, find_crossings
-from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.bag_analysis import analysed, columns, row
+from soliton_linkage_nodes.bag_analysis import analysed
 from soliton_linkage_nodes.bags import (
     find_topic,
     open_bag,
@@ -31,8 +31,9 @@ from soliton_linkage_nodes.conversions import (
     NamedChain,
     check_names,
     default_joint_names,
-    time_from_msg,
 )
+from soliton_linkage_nodes.joint_states import JointStates
+from soliton_linkage_nodes.state_conversions import columns, row
 
 _MOST_DRAWN = 4000
 _STOPPED = 130
@@ -69,17 +70,18 @@ def chain_of_file(path: Path) -> NamedChain:
 class Drawn:
     """Frames for the pictures, evenly thinned out so that any bag fits into memory."""
 
-    def __init__(self) -> None:
-        """Begin without any."""
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        """Begin without any; the names are those of the joints, rotor 0 first."""
+        self._reader = FrameReader(joint_names)
         self._every, self._count = 1, 0
         self._kept: list[tuple[int, Array, float, float]] = []
 
-    def add(self, angles: Array, state: SolitonState) -> None:
+    def add(self, joints: JointStates, analysis: Analysis) -> None:
         """Keep a frame if it is one of those to be drawn."""
         if self._count % self._every == 0:
-            first = state.solitons[0] if state.solitons else None
+            first = analysis.solitons[0] if analysis.solitons else None
             place = (first.rotor, first.velocity) if first else (math.nan, math.nan)
-            self._kept.append((time_from_msg(state.header.stamp), angles, *place))
+            self._kept.append((joints.stamp, self._reader.read(joints).angles, *place))
             if len(self._kept) > _MOST_DRAWN:
                 self._kept = self._kept[::2]
                 self._every *= 2
@@ -98,20 +100,20 @@ class Drawn:
 def analyse(bag: Path, folder: Path, given: NamedChain | None, noise: float | None) -> int:
     """Write soliton_state.csv, kymograph.png and track.png; return the number of frames."""
     folder.mkdir(parents=True, exist_ok=True)
-    drawn, frames, late = Drawn(), 0, 0
+    frames = late = 0
     with open_bag(bag) as reader, (folder / 'soliton_state.csv').open('w', newline='') as file:
         total = find_topic(reader, 'joint_states').msgcount
         named = given or read_chain(reader)
-        frame_reader = FrameReader(named.joint_names)
+        drawn = Drawn(named.joint_names)
         progress = ProgressLine('analysing', total)
-        table = csv.DictWriter(file, columns())
-        table.writeheader()
-        for message, state in analysed(reader, given, noise):
-            if state is None:
+        table = csv.writer(file)
+        table.writerow(columns())
+        for joints, analysis in analysed(reader, given, noise):
+            if analysis is None:
                 late += 1
                 continue
-            table.writerow(row(state))
-            drawn.add(frame_reader.read(message).angles, state)
+            table.writerow(row(analysis, joints))
+            drawn.add(joints, analysis)
             frames += 1
             progress.show(frames, f'{frames} frames')
     if not frames:

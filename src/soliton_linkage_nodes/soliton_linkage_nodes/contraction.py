@@ -32,7 +32,6 @@ from soliton_linkage.studies.settings import load_settings
 from soliton_linkage_nodes.bag_analysis import analysed
 from soliton_linkage_nodes.bags import open_bag, read_chain
 from soliton_linkage_nodes.child_processes import ChildProcesses, isolate
-from soliton_linkage_nodes.conversions import solitons_from_msg
 from soliton_linkage_nodes.process import stop_on_signals
 
 _RATE = 250.0
@@ -92,10 +91,10 @@ def record(
 def measure(bag: Path) -> Passage:
     """Speed and width of the wall of a bag; raises ValueError where it does not show one."""
     with open_bag(bag) as reader:
-        states = [state for _, state in analysed(reader) if state is not None]
+        found = [analysis for _, analysis in analysed(reader) if analysis is not None]
         chain = read_chain(reader).chain
     try:
-        return passage_of(chain, [solitons_from_msg(state) for state in states])
+        return passage_of(chain, [analysis.solitons for analysis in found])
     except ValueError as error:
         raise ValueError(f'bag {str(bag)!r}: {error}') from error
 

@@ -14,16 +14,14 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from soliton_linkage.analysis import AnalysedSoliton, Analysis, CyclePhase
-from soliton_linkage.chain import Chain, Motion
-from soliton_linkage.cycle_filter import Status
+from soliton_linkage.analysis import AnalysedSoliton
+from soliton_linkage.chain import Chain
 from soliton_linkage.deviations import Deviations
 from soliton_linkage.initial_states import State
-from soliton_linkage.state_report import EdgeRotors, Energies, Topology
 from soliton_linkage.steering import Ended, Outcome, WallState
-from soliton_linkage.wobble import Wobble
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.joint_states import JointStates
 
 Array = NDArray[np.float64]
 
@@ -33,30 +31,6 @@ _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
 )
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
-_MOTIONS = {
-    None: msg.SolitonState.UNKNOWN,
-    Motion.FLIPPER: msg.SolitonState.FLIPPER,
-    Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,
-    Motion.SPINNER: msg.SolitonState.SPINNER,
-}
-_STATUSES = {
-    Status.LOST: msg.SolitonState.LOST,
-    Status.ACQUIRED: msg.SolitonState.ACQUIRED,
-    Status.TRACKING: msg.SolitonState.TRACKING,
-    Status.COASTING: msg.SolitonState.COASTING,
-}
-_WOBBLE = {
-    'amplitude': 'amplitude',
-    'amplitude_at_rest': 'rest_amplitude',
-    'decay_length': 'decay_length',
-    'theory_decay_length': 'exact_decay_length',
-    'wavelength': 'wavelength',
-    'theory_wavelength': 'exact_wavelength',
-    'amplitude_deviation': 'amplitude_deviation',
-    'decay_length_deviation': 'decay_length_deviation',
-    'wavelength_deviation': 'wavelength_deviation',
-}
-_CYCLE_FIELDS = tuple(f.name for f in fields(CyclePhase))
 _SOLITON_FIELDS = tuple(f.name for f in fields(AnalysedSoliton))
 _OUTCOMES = {
     Outcome.REACHED: MoveSoliton.Result.REACHED,
@@ -166,25 +140,26 @@ class FrameReader:
         """Read these joints, rotor 0 first."""
         self.joint_names = tuple(joint_names)
         self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
-        self._names: list[str] | None = None
+        self._names: tuple[str, ...] | None = None
         self._joints = self._places = np.zeros(0, dtype=np.intp)
+        self._as_they_are = False
 
-    def read(self, message: JointState) -> Frame:
-        """Angles and rates of all rotors, NaN where the message does not tell them.
+    def read(self, joints: JointStates) -> Frame:
+        """Angles and rates of all rotors, NaN where the joint states do not tell them.
 
         Joints that are no rotors are passed over. Raises ValueError where no rotor is named, or
         a joint is twice, and for arrays that are not as long as that of the names.
         """
-        _check_length('joint_states.position', message.name, message.position)
-        if message.name != self._names:
-            self._learn(message.name)
-        angles = self._ordered(message.position)
-        if not message.velocity:
+        _check_length('joint_states.position', joints.name, joints.position)
+        if joints.name != self._names:
+            self._learn(joints.name)
+        angles = self._ordered(joints.position)
+        if not len(joints.velocity):
             return Frame(angles, None)
-        _check_length('joint_states.velocity', message.name, message.velocity)
-        return Frame(angles, self._ordered(message.velocity))
+        _check_length('joint_states.velocity', joints.name, joints.velocity)
+        return Frame(angles, self._ordered(joints.velocity))
 
-    def _learn(self, names: Sequence[str]) -> None:
+    def _learn(self, names: tuple[str, ...]) -> None:
         check_names('joint_states.name', names)
         known = [(joint, self._rotors[n]) for joint, n in enumerate(names) if n in self._rotors]
         if not known:
@@ -194,11 +169,14 @@ class FrameReader:
                 f'{first!r}; tell the names of the joints by the parameter joint_names'
             )
         self._joints, self._places = np.array(known, dtype=np.intp).T
-        self._names = list(names)
+        self._as_they_are = names == self.joint_names
+        self._names = names
 
-    def _ordered(self, values: Sequence[float]) -> Array:
+    def _ordered(self, values: Array) -> Array:
+        if self._as_they_are:
+            return values.copy()
         ordered = np.full(len(self._rotors), np.nan)
-        ordered[self._places] = np.asarray(values, dtype=np.float64)[self._joints]
+        ordered[self._places] = values[self._joints]
         return ordered
 
 
@@ -247,30 +225,6 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
     """Torque of each rotor [N m]; raises ValueError unless all are acceptable."""
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
-
-
-def analysis_to_msg(analysis: Analysis, header: Header) -> msg.SolitonState:
-    """What was found in the frame with the given header, as a message."""
-    motion, measured = analysis.motion, analysis.measured_motion
-    return msg.SolitonState(
-        header=header,
-        motion=_MOTIONS[motion],
-        motion_name=motion.value if motion else 'unknown',
-        measured_motion=_MOTIONS[measured.motion],
-        measured_motion_confidence=measured.confidence,
-        status=_STATUSES[analysis.estimate.status],
-        solitons=[
-            msg.Soliton(**{name: getattr(soliton, name) for name in _SOLITON_FIELDS})
-            for soliton in analysis.solitons
-        ],
-        cycle=_cycle_to_msg(analysis.cycle, analysis.estimate.place),
-        topology=_topology_to_msg(analysis.topology, analysis.edge_rotors),
-        energies=_energies_to_msg(analysis.energies),
-        wobble=_wobble_to_msg(analysis.wobble),
-        noise=analysis.estimate.noise,
-        misfit=analysis.estimate.misfit,
-        unseen=analysis.unseen,
-    )
 
 
 def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
@@ -351,37 +305,3 @@ def _check_array(source: str, names: Sequence[str], values: Array) -> None:
     if not finite.all():
         worst = int(np.argmin(finite))
         raise ValueError(f'{source} of {names[worst]} = {values[worst]} must be a finite number')
-
-
-def _cycle_to_msg(cycle: CyclePhase, rotor: float) -> msg.Cycle:
-    return msg.Cycle(rotor=rotor, **{name: getattr(cycle, name) for name in _CYCLE_FIELDS})
-
-
-def _topology_to_msg(topology: Topology | None, edges: EdgeRotors | None) -> msg.Topology:
-    message = msg.Topology(
-        polarisation_before=math.nan,
-        polarisation_beyond=math.nan,
-        zero_mode_rotor=math.nan,
-        first_turns=math.nan,
-        last_turns=math.nan,
-    )
-    if topology is not None:
-        message.winding_before, message.winding_beyond = topology.winding_numbers
-        message.polarisation_before, message.polarisation_beyond = topology.polarisations
-        message.charge = topology.charge
-        message.zero_mode_rotor = topology.mode_centre
-    if edges is not None:
-        message.first_turns, message.last_turns = edges.turns
-        message.first_toggled, message.last_toggled = edges.toggled or (False, False)
-    return message
-
-
-def _energies_to_msg(energies: Energies | None) -> msg.Energies:
-    names = ('kinetic', 'elastic', 'wall', 'wake', 'kinetic_deviation', 'elastic_deviation')
-    return msg.Energies(**{name: getattr(energies, name, math.nan) for name in names})
-
-
-def _wobble_to_msg(wobble: Wobble | None) -> msg.Wobble:
-    if wobble is None:
-        return msg.Wobble(**dict.fromkeys(_WOBBLE, math.nan))
-    return msg.Wobble(**{name: getattr(wobble, of) for name, of in _WOBBLE.items()})

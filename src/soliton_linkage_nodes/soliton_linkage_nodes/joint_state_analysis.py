@@ -1,20 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From joint states to soliton states: the one way of the live node, replays and offline work."""
+"""From joint states to what they show: the one way of the live node, replays and offline work."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sensor_msgs.msg import JointState
-
 from soliton_linkage.analysis import Analyser, Analysis, UnknownChainAnalyser
-from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.conversions import (
-    FrameReader,
-    NamedChain,
-    analysis_to_msg,
-    time_from_msg,
-)
+from soliton_linkage_nodes.conversions import FrameReader, NamedChain
+from soliton_linkage_nodes.joint_states import JointStates
 
 
 class JointStateAnalysis:
@@ -46,17 +39,15 @@ class JointStateAnalysis:
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
 
-    def analyse(self, message: JointState) -> SolitonState | None:
-        """State of a frame, None for one that is not later than the one before.
+    def analyse(self, joints: JointStates) -> Analysis | None:
+        """What a frame shows, None for one that is not later than the one before.
 
-        Raises ValueError for a message that is refused, and before any chain is known.
+        Raises ValueError for joint states that are refused, and before any chain is known.
         """
         if self.analyser is None or self._reader is None:
             raise ValueError('joint_states came before the chain was known; tell it first')
-        frame = self._reader.read(message)
-        stamp = time_from_msg(message.header.stamp)
-        analysis = self.analyser.analyse(stamp, frame.angles, frame.rates)
-        if analysis is None:
-            return None
-        self.latest = analysis
-        return analysis_to_msg(analysis, message.header)
+        frame = self._reader.read(joints)
+        analysis = self.analyser.analyse(joints.stamp, frame.angles, frame.rates)
+        if analysis is not None:
+            self.latest = analysis
+        return analysis

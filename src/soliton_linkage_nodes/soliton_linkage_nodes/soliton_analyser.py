@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
 
 from soliton_linkage.analysis import Analysis
 from soliton_linkage.quantities import quantity
@@ -20,8 +18,10 @@ from soliton_linkage_nodes.chain_source import ChainSource, OptionalChainSourceP
 from soliton_linkage_nodes.conversions import NamedChain
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.joint_state_analysis import JointStateAnalysis
+from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.state_conversions import serialized_state
 
 _SURE_TO_DISAGREE = 0.999
 
@@ -47,6 +47,7 @@ class SolitonAnalyser(Node):
         """Listen to the chain and its joints."""
         super().__init__('soliton_analyser', **kwargs)
         self._waiting: deque[bytes] = deque()
+        self._decoder = JointStateDecoder()
         self._frames = 0
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
@@ -59,36 +60,36 @@ class SolitonAnalyser(Node):
         )
         refuse_unknown(self)
         topic = interfaces.JOINT_STATES
-        self.create_subscription(
-            topic.type, topic.name, self._on_joint_states, topic.qos, raw=True
-        )
+        self.create_subscription(topic.type, topic.name, self.take, topic.qos, raw=True)
 
     def _on_chain(self, named: NamedChain) -> None:
         """Analyse the frames that came before the chain was known."""
         self._analysis.learn(named)
         while self._waiting:
-            self._analyse(deserialize_message(self._waiting.popleft(), JointState))
+            self._analyse(self._waiting.popleft())
 
-    def _on_joint_states(self, serialized: bytes) -> None:
+    def take(self, serialized: bytes) -> None:
+        """Analyse joint states and publish what they show, once the chain is known."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self._waiting.append(serialized)
             if len(self._waiting) > interfaces.stream_qos(len(serialized)).depth:
                 self._waiting.popleft()
         else:
-            self._analyse(deserialize_message(serialized, JointState))
+            self._analyse(serialized)
 
-    def _analyse(self, message: JointState) -> None:
+    def _analyse(self, serialized: bytes) -> None:
         begin = time.perf_counter()
         try:
+            joints = self._decoder.decode(serialized)
             if self._analysis.analyser is None:
-                self._analysis.learn_joints(self._source.parameters.joint_names or message.name)
-            state = self._analysis.analyse(message)
+                self._analysis.learn_joints(self._source.parameters.joint_names or joints.name)
+            analysis = self._analysis.analyse(joints)
         except ValueError as error:
             self._diagnostics.refuse('joint_states', error)
             return
-        if state is not None:
-            self._publisher.publish(state)
+        if analysis is not None:
+            self._publisher.publish(serialized_state(analysis, joints))
             self._frames += 1
         self._busy += time.perf_counter() - begin
 

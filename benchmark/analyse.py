@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What analysing frames costs: the analyser node against a tanh fitted by curve_fit.
+
+Both take the bytes of joint states, in which a wall goes through the middle of a flipper chain,
+with velocities and 0.01 rad of noise, and publish a SolitonState for each. In rounds, each in
+turn takes the same frames in one process; what was published is counted, and its places are
+compared with the truth. Then the analyser, a process of its own as in use, is sent frames at
+1000 Hz: how many it analyses, and the share of a core that it needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import domain_coordinator
+import numpy as np
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from comparison import Comparison, Figure, Part, parser, write
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from scipy.optimize import curve_fit
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.cycle import Cycle
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
+
+PEER = 'curve_fit of a tanh'
+PEER_TOPIC = 'tanh_fit'
+RATE = 1000.0
+SPEED = 5.0
+NOISE = 0.01
+START = 10**18
+IN_USE = 1000
+PATIENCE = 5.0
+POLL = 0.005
+ROTORS_A_ROUND = 200_000
+MOST_A_ROUND, LEAST_A_ROUND = 500, 50
+
+
+@dataclass(frozen=True)
+class Run:
+    """What some frames took of time [s], and how far off the places [rotors] were."""
+
+    frames: int
+    wall: float
+    cpu: float
+    error: float
+
+
+class Frames:
+    """Joint states of a flipper chain whose wall goes evenly through its middle half."""
+
+    def __init__(self, rotors: int, count: int) -> None:
+        """Prepare so many frames."""
+        self.chain = Chain(number_of_rotors=rotors)
+        self._cycle = Cycle(self.chain)
+        self._buffer = JointStateBuffer(NamedChain(self.chain, default_joint_names(rotors)))
+        self._arc = self._cycle.arc_at(rotors / 4, 0)
+        slow = min(SPEED / RATE, rotors / 2 / count)
+        self._step = slow * self._cycle.site_arc_at(self._arc)
+        self._generator = np.random.default_rng(1)
+        self._stamp = START
+        self._count = count
+
+    def __iter__(self) -> Iterator[tuple[bytes, float]]:
+        """Each frame and the place of its wall [rotors]."""
+        rotors = self.chain.number_of_rotors
+        effort = np.zeros(rotors)
+        before = self._cycle.configuration(self._arc)
+        for _ in range(self._count):
+            self._arc += self._step
+            self._stamp += round(1e9 / RATE)
+            angles = self._cycle.configuration(self._arc)
+            rates = (angles - before) * RATE
+            before = angles
+            noise = NOISE * self._generator.standard_normal((2, rotors))
+            frame = self._buffer.write(self._stamp, angles + noise[0], rates + noise[1], effort)
+            yield frame, self._cycle.place(self._arc)
+
+
+class TanhFit:
+    """What one would write: u = -ub tanh((n - place) / width), fitted from where the last was."""
+
+    def __init__(self, node: Node, chain: Chain) -> None:
+        """Publish through a node."""
+        self._publisher = node.create_publisher(
+            SolitonState, PEER_TOPIC, interfaces.SOLITON_STATE.qos
+        )
+        self._chain = chain
+        self._rotors = np.arange(chain.number_of_rotors)
+        self._last: Array | None = None
+
+    def take(self, serialized: bytes) -> None:
+        """Fit a frame and publish."""
+        message = deserialize_message(serialized, JointState)
+        sines = np.sin(message.position)
+        start = self._last
+        if start is None:
+            start = np.array([np.argmax(sines < 0), 1.0])
+        fitted, covariance = curve_fit(self._profile, self._rotors, sines, start)
+        self._last = fitted
+        (place, width), deviations = fitted, np.sqrt(np.diag(covariance))
+        spacing = self._chain.spacing
+        soliton = Soliton(
+            rotor=place,
+            position=place * spacing,
+            width=width * spacing,
+            charge=1,
+            position_deviation=deviations[0] * spacing,
+            width_deviation=deviations[1] * spacing,
+        )
+        self._publisher.publish(SolitonState(header=message.header, solitons=[soliton]))
+
+    def _profile(self, rotors: Array, place: float, width: float) -> Array:
+        return np.asarray(-np.sin(self._chain.rest_angle) * np.tanh((rotors - place) / width))
+
+
+class Heard:
+    """What comes on a topic of soliton states, for whoever drains it."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        """Subscribe, as deep as the suite's own streams."""
+        qos = interfaces.SOLITON_STATE.qos
+        self.subscription: Subscription = node.create_subscription(
+            SolitonState, topic, lambda _: None, qos, raw=True
+        )
+        self.last = math.nan
+        """When something was last drained [s]."""
+
+    def matched(self) -> bool:
+        """Whether somebody publishes."""
+        return bool(self.subscription.get_publisher_count())
+
+    def drain(self) -> list[bytes]:
+        """All that waits."""
+        handle, taken = self.subscription.handle, []
+        with handle:
+            while (message := handle.take_message(SolitonState, True)) is not None:
+                taken.append(message[0])
+        if taken:
+            self.last = time.perf_counter()
+        return taken
+
+    def wait_for(self, count: int) -> list[bytes]:
+        """As many as are to come, or less where no more do."""
+        taken, deadline = self.drain(), time.monotonic() + PATIENCE
+        while len(taken) < count and time.monotonic() < deadline:
+            time.sleep(POLL)
+            fresh = self.drain()
+            if fresh:
+                deadline = time.monotonic() + PATIENCE
+            taken += fresh
+        return taken
+
+
+def main() -> None:
+    arguments = parse_arguments()
+    with domain_coordinator.domain_id() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        rclpy.init()
+        node = rclpy.create_node('benchmark')
+        try:
+            runs = {rotors: compared(node, rotors, arguments) for rotors in arguments.rotors}
+            used = in_use(node, arguments.seconds)
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()
+    write(part(runs, used), arguments.output)
+
+
+def parse_arguments() -> argparse.Namespace:
+    made = parser(__doc__)
+    made.add_argument('--rotors', type=int, nargs='+', help='lengths of the chains')
+    made.add_argument('--seconds', type=float, help='of frames that the node is sent')
+    arguments = made.parse_args()
+    arguments.rounds = arguments.rounds or (2 if arguments.quick else 7)
+    arguments.rotors = arguments.rotors or (
+        [20, 100] if arguments.quick else [20, 100, 1000, 10000]
+    )
+    arguments.seconds = arguments.seconds or (1.0 if arguments.quick else 10.0)
+    return arguments
+
+
+def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str, list[Run]]:
+    """Rounds of both on chains of a length, without the first, in which they find the wall."""
+    size = min(max(ROTORS_A_ROUND // rotors, LEAST_A_ROUND), MOST_A_ROUND)
+    size = LEAST_A_ROUND if arguments.quick else size
+    frames = Frames(rotors, size * (arguments.rounds + 1))
+    analyser = SolitonAnalyser(
+        parameter_overrides=[
+            Parameter('chain_from', value='parameters'),
+            Parameter('chain.number_of_rotors', value=rotors),
+        ]
+    )
+    sides = {'theirs': TanhFit(node, frames.chain), 'ours': analyser}
+    heard = {
+        'theirs': Heard(node, PEER_TOPIC),
+        'ours': Heard(node, interfaces.SOLITON_STATE.name),
+    }
+    while not all(each.matched() for each in heard.values()):
+        time.sleep(POLL)
+    runs: dict[str, list[Run]] = {'theirs': [], 'ours': []}
+    coming = iter(frames)
+    progress = ProgressLine(f'{rotors} rotors', arguments.rounds + 1)
+    for done in range(arguments.rounds + 1):
+        given = [next(coming) for _ in range(size)]
+        for name, side in sides.items():
+            runs[name].append(run(side.take, heard[name], given))
+        progress.show(done + 1)
+    progress.end(f'{rotors} rotors: {arguments.rounds} rounds of {size} frames')
+    analyser.destroy_node()
+    for each in heard.values():
+        node.destroy_subscription(each.subscription)
+    return {name: all_runs[1:] for name, all_runs in runs.items()}
+
+
+def run(take: Callable[[bytes], None], heard: Heard, given: list[tuple[bytes, float]]) -> Run:
+    """Let a side take frames; what it published is looked at afterwards."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    for serialized, _ in given:
+        take(serialized)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    states = [deserialize_message(each, SolitonState) for each in heard.wait_for(len(given))]
+    places = zip(states, given, strict=True)
+    errors = [state.solitons[0].rotor - place for state, (_, place) in places]
+    return Run(len(given), wall, cpu, float(np.sqrt(np.mean(np.square(errors)))))
+
+
+def in_use(node: Node, seconds: float) -> dict[str, float]:
+    """Send frames to the node as a process, first for a second that does not count."""
+    program = Path(get_package_prefix('soliton_linkage_nodes'), 'lib', 'soliton_linkage_nodes')
+    settings = ['chain_from:=parameters', f'chain.number_of_rotors:={IN_USE}']
+    options = [part for setting in settings for part in ('-p', setting)]
+    heard = Heard(node, interfaces.SOLITON_STATE.name)
+    topic = interfaces.JOINT_STATES
+    publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+    warm, count = round(RATE), round(seconds * RATE)
+    coming = iter(Frames(IN_USE, warm + count))
+    process = subprocess.Popen([str(program / 'soliton_analyser'), '--ros-args', *options])
+    try:
+        while not (publisher.get_subscription_count() and heard.matched()):
+            if process.poll() is not None:
+                raise RuntimeError(f'the analyser ended with exit code {process.returncode}')
+            time.sleep(POLL)
+        send(publisher, heard, coming, warm, 'first second')
+        start, cpu = time.perf_counter(), processor_time(process.pid)
+        analysed = send(publisher, heard, coming, count, f'{IN_USE} rotors at {RATE:g} Hz')
+        cpu, wall = processor_time(process.pid) - cpu, heard.last - start
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+    return {'sent': count, 'analysed': analysed, 'seconds': wall, 'cpu': cpu}
+
+
+def send(
+    publisher: Publisher,
+    heard: Heard,
+    coming: Iterator[tuple[bytes, float]],
+    count: int,
+    title: str,
+) -> int:
+    """Publish so many frames at their rate; return how many were analysed."""
+    progress, analysed = ProgressLine(title, count), 0
+    start = time.perf_counter()
+    for number, (frame, _) in enumerate(itertools.islice(coming, count)):
+        time.sleep(max(0.0, start + number / RATE - time.perf_counter()))
+        publisher.publish(frame)
+        analysed += len(heard.drain())
+        progress.show(number)
+    analysed += len(heard.wait_for(count - analysed))
+    progress.end(f'{title}: {analysed} of {count} frames analysed')
+    return analysed
+
+
+def processor_time(process: int) -> float:
+    fields = Path(f'/proc/{process}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def part(runs: dict[int, dict[str, list[Run]]], used: dict[str, float]) -> Part:
+    """Frames a second, processor time a frame and errors of the place, and the node in use."""
+    comparisons = []
+    for rotors, sides in runs.items():
+        rates = {name: [r.frames / r.wall for r in side] for name, side in sides.items()}
+        costs = {name: [r.cpu / r.frames for r in side] for name, side in sides.items()}
+        errors = {name: [r.error for r in side] for name, side in sides.items()}
+        work = f'N = {rotors}:'
+        comparisons += [
+            Comparison(PEER, f'{work} frames a second', '1/s', **rates, more_is_better=True),
+            Comparison(PEER, f'{work} processor time a frame', 's', **costs),
+            Comparison(PEER, f'{work} error of the place', 'rotors', **errors),
+        ]
+    work = f'of {IN_USE} rotors at {RATE:g} Hz'
+    share = 100 * used['analysed'] / used['sent']
+    figures = [
+        Figure(f'frames {work} that the node analyses', '%', [share], '100 %'),
+        Figure(f'its share of a core, {work}', '', [used['cpu'] / used['seconds']], '0.5'),
+    ]
+    kept = {
+        rotors: {n: list(map(asdict, side)) for n, side in s.items()} for rotors, s in runs.items()
+    }
+    return Part('analyse', comparisons, figures, {'runs': kept, 'in_use': used})
+
+
+if __name__ == '__main__':
+    main()
