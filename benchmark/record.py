@@ -33,8 +33,9 @@ from wall_bag import RATE, named_chain, write_wall_bag
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.bag_analysis import analysed
-from soliton_linkage_nodes.bags import decoder, find_topic, open_bag, read_messages
+from soliton_linkage_nodes.bags import find_topic, open_bag, read_messages
 from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.joint_states import JointStateDecoder
 
 ROTORS = (100, 1000)
 STORAGES = ('mcap', 'sqlite3')
@@ -280,11 +281,11 @@ def read_by_any_reader(bag: Path) -> int:
 def read_by_ours(bag: Path) -> int:
     """Decode every frame of a bag as the suite does."""
     frames = 0
+    decoder = JointStateDecoder()
     with open_bag(bag) as reader:
         joints = find_topic(reader, 'joint_states')
-        decode = decoder(joints)
         for _, _, data in read_messages(reader, [joints]):
-            decode(data)
+            decoder.decode(data)
             frames += 1
     return frames
 
