@@ -5,6 +5,7 @@ import builtins
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import mpmath
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER
@@ -97,6 +98,47 @@ def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
         fast, _ = steps_of(motion, True).advance(state, step, 10)
         plain, _ = NumpySteps(motion).advance(state, step, 10)
         np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_compiled_loops_and_numpy_interpolate_alike(name: str) -> None:
+    pytest.importorskip('numba')
+    motion = MOTIONS[name]
+    states, _ = NumpySteps(motion).advance(lively_state(motion), 0.4, 3)
+    places = np.array([0.0, 0.3, 0.5, 1.0, 2.9, 2.1, 3.0])
+    fast = steps_of(motion, True).interpolated(states, 0.4, places)
+    plain = NumpySteps(motion).interpolated(states, 0.4, places)
+    np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fast[[0, 3, 6]], states[[0, 1, 3]], rtol=0, atol=1e-14)
+
+
+def test_the_pull_of_a_spring_is_exact_but_for_rounding() -> None:
+    kernels = pytest.importorskip('soliton_linkage.nystrom_kernels')
+    near_one = 1 + np.linspace(-0.3, 0.3, 2001)
+    squares = np.concatenate([near_one, np.geomspace(1e-12, 1e12, 2001)])
+    exact = [float(1 - 1 / mpmath.sqrt(square)) for square in squares]
+    errors = np.array([kernels.tension(square) for square in squares]) - exact
+    # Half a unit in the last place of 1 / sqrt(w), and of the result, twice over.
+    assert (
+        np.abs(errors) <= 2 * np.finfo(float).eps * (1 / np.sqrt(squares) + np.abs(exact))
+    ).all()
+    assert np.abs(errors[:2001]).max() < 3e-16
+    assert abs(kernels.tension(1.0)) < 1e-20
+
+
+def test_where_steps_are_split_does_not_matter_to_what_is_measured() -> None:
+    def measured(*counts: int) -> list[int]:
+        found, taken = [], 0
+        for count in counts:
+            found += [taken + n for n in Checks(np.ones(1), 0.0, taken).measured(count)]
+            taken += count
+        return found
+
+    assert measured(100) == [1, 4, 16, 32, 64, 96]
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        counts = rng.integers(1, 40, 12)
+        assert measured(*counts) == measured(int(counts.sum()))
 
 
 def test_errors_are_measured_alike_and_at_the_same_steps() -> None:

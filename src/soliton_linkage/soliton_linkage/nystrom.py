@@ -145,9 +145,9 @@ class SymplecticNystrom(OdeSolver):
         checks = Checks(self._absolute, self._relative, self._since_change)
         states, error = self._steps.advance(self.y, step, count, checks)
         good = error <= 1
-        taken = range(1, 1 + min(count, len(states) - good))
-        measured = [step for step in taken if checks.measured(step)]
-        self.nfev += len(KICKS) * (len(taken) + 2 * len(measured))
+        taken = min(count, len(states) - good)
+        measured = checks.measured(taken)
+        self.nfev += len(KICKS) * (taken + 2 * len(measured))
         return states if good else states[: 1 + sum(measured[-2:-1])], error
 
     def _adapt(self, error: float) -> None:

@@ -23,7 +23,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from soliton_linkage.chain import Array
-from soliton_linkage.nystrom_steps import LARGEST_TURN, is_measured
+from soliton_linkage.nystrom_steps import LARGEST_TURN
 
 ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS = range(7)
 """Rows of work, shape (11, P + 1); the last four are to come back to.
@@ -70,9 +70,6 @@ def _compiled(function: Kernel, freedoms: set[str], inlined: bool, cache: bool) 
         nogil=True,
     )
     return cast(Kernel, compiler(function))
-
-
-measured = inlined(is_measured)
 
 
 @inlined
@@ -313,7 +310,7 @@ def advance(
     damping: tuple[Array, Array],
     stages: tuple[Array, Array],
     tolerances: tuple[Array, float],
-    taken: int,
+    measured: Array,
     states: Array,
 ) -> tuple[int, float]:
     """Fill states[1:] with the state after each step; return how many, and the largest error.
@@ -321,18 +318,18 @@ def advance(
     Springs are the coefficients of `kick_and_turn`, the rows of `pull`, of shape (8, 0) where the
     former do, and whether the ends are periodic. Field and damping, arguments of
     `add_field` and `decay`, have 0 places where there is none. Stages are the times of drifts and
-    kicks [s]. Tolerances are those of `error`, absolute of 0 places where no error is measured,
-    and taken counts the steps of this length before. It stops before a step that turns a rotor
-    too far or whose error exceeds 1.
+    kicks [s]. Tolerances are those of `error`, which is measured in the steps whose numbers are
+    given. It stops before a step that turns a rotor too far or whose error exceeds 1.
     """
     number = states.shape[1] // 2
     halves = np.empty((3, states.shape[1]))
-    fastest, largest_error = LARGEST_TURN / np.max(np.abs(stages[0])), 0.0
+    fastest, largest_error, next_measured = LARGEST_TURN / np.max(np.abs(stages[0])), 0.0, 0
     for step in range(1, len(states)):
         if faster(work, number, fastest):
             return step - 1, largest_error
-        checked = tolerances[0].size > 0 and measured(taken + step)
+        checked = next_measured < measured.size and step == measured[next_measured]
         if checked:
+            next_measured += 1
             copy(work, 0, 7)
             halves[0] = states[step - 1]
             for half in (1, 2):

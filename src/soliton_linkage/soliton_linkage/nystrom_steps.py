@@ -82,18 +82,15 @@ class Checks:
     taken: int = 0
     """Steps of the same length that were taken before."""
 
-    def measured(self, step: int) -> bool:
-        """Whether the error of a step, the first being 1, is measured."""
-        return is_measured(self.taken + step)
+    def measured(self, count: int) -> list[int]:
+        """Which of the next steps have their error measured; the next one is 1.
 
-
-def is_measured(number: int) -> bool:
-    """Whether the error is measured of a step, numbered from 1 among those of its length.
-
-    Of the first, when a motion has just begun it tells little, of some soon after it, and then of
-    every 32nd.
-    """
-    return number in (1, 4, 16) or number % 32 == 0
+        Of the first step of a length, which says little of a motion that begins, of two soon
+        after it, and then of every 32nd.
+        """
+        regular = range(32 * (self.taken // 32 + 1), self.taken + count + 1, 32)
+        steps = [number - self.taken for number in (1, 4, 16, *regular)]
+        return [step for step in steps if 0 < step <= count]
 
 
 class Steps(Protocol):
@@ -151,12 +148,13 @@ class NumpySteps:
         number = self._motion.rotors
         longest_drift = abs(step) * float(np.abs(DRIFTS).max())
         states, largest = [state.copy()], 0.0
+        measured = checks.measured(count) if checks else []
         for index in range(1, count + 1):
             before = states[-1]
             if not longest_drift * np.abs(before[number : 2 * number]).max() <= LARGEST_TURN:
                 break
             after = self._after(before, step)
-            if checks and checks.measured(index):
+            if checks and index in measured:
                 halves = self._after(self._after(before, step / 2), step / 2)
                 sizes = np.maximum(np.abs(before), np.abs(halves))
                 differences = (after - halves) / (checks.absolute + checks.relative * sizes)
@@ -255,8 +253,8 @@ class CompiledSteps:
             self._field,
             (self._decays, self._half_inertias),
             self._stages,
-            (checks.absolute, checks.relative) if checks else (np.empty(0), 0.0),
-            checks.taken if checks else 0,
+            (checks.absolute, checks.relative) if checks else (state, 0.0),
+            np.array(checks.measured(count) if checks else [], dtype=np.int64),
             states,
         )
         return states[: done + 1], error
