@@ -30,7 +30,7 @@ from soliton_linkage.nystrom_steps import (
 )
 
 _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-_ROTORS_TOGETHER = 4000
+_ROTORS_TOGETHER = 16000
 _FEWEST_TOGETHER = 8
 _SAFETY = 0.8
 _AIM = 0.3
