@@ -37,6 +37,7 @@ RATE = 1000.0
 SPEED = 2.0
 DIRECTIONS = (1, -1, -1, 1)
 PAUSES = (0.04, 0.06)
+IMPERCEPTIBLE = 1e-6
 LISTENING = 0.1
 POLL = 0.002
 SETTLING = 2.0
@@ -111,7 +112,7 @@ class Reactions:
         time.sleep(SETTLING)
 
     def _obeyed(self) -> bool:
-        self._nudge.publish(Float64(data=SPEED))
+        self._nudge.publish(Float64(data=IMPERCEPTIBLE))
         time.sleep(LISTENING)
         return bool(self._impulses.take())
 

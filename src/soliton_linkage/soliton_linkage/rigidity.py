@@ -105,12 +105,10 @@ def _bands_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 def _zero_mode_of(*bands: Array) -> Array:
     first, second = (_without_zeros(band) for band in bands)
-    mantissas, exponents = _cumulative_product(np.abs(first / second))
+    mantissas, exponents = _cumulative_product(-first / second)
     mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
-    negatives = np.arange(len(mode)) + np.count_nonzero(second < 0)
-    negatives[1:] += np.cumsum(first < 0) - np.cumsum(second < 0)
-    mode[negatives % 2 == 1] *= -1
-    return np.asarray(mode / np.linalg.norm(mode))
+    sign = (-1) ** np.count_nonzero(second < 0)
+    return np.asarray(mode / (sign * np.linalg.norm(mode)))
 
 
 def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:

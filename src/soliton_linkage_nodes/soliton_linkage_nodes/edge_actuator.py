@@ -216,13 +216,14 @@ class EdgeActuator(Node):
         self._previous, self._latest = self._latest, serialized
         self._latest_at = time.monotonic()
         driver = self._driver
-        if driver is None or self._previous is None or not driver.busy:
+        if driver is None or not driver.busy:
             return
         was_driving = driver.driving
         torques: Array | None
         try:
-            frame, before, stamp = self._state(driver.named)
-            torques = driver.frame(before, stamp, frame.angles)
+            frame, stamp = self._state(driver.named)
+            before = self._stamp_before()
+            torques = None if before is None else driver.frame(before, stamp, frame.angles)
         except ValueError as error:
             self._diagnostics.refuse('joint_states', error)
             ended = was_driving and not driver.driving
@@ -252,7 +253,7 @@ class EdgeActuator(Node):
     def _obey_order(self, name: str, order: EdgeOrder) -> None:
         order.check(self._limits, self._pneumatics)
         driver = self._ready(self._impulses if order.instantaneous else self._torques)
-        frame, before, stamp = self._state(driver.named)
+        frame, stamp = self._state(driver.named)
         chain, angles = driver.named.chain, frame.angles
         venting = order.kind is Kind.PRESSURE and order.value == 0
         side, mode = resolved_edge_mode(chain, angles, order.edge, anywhere=venting)
@@ -262,7 +263,7 @@ class EdgeActuator(Node):
             return
         if order.kind is Kind.KICK:
             impulses = chain.moments_of_inertia * order.value * mode
-        elif stamp > before:
+        elif (before := self._stamp_before()) is not None and stamp > before:
             impulses = (stamp - before) / _NANOSECONDS * order.value * mode
         else:
             raise ValueError(
@@ -356,13 +357,14 @@ class EdgeActuator(Node):
             )
         return self._latest
 
-    def _state(self, named: NamedChain) -> tuple[Frame, int, int]:
-        """Return a fresh frame, the stamp of the one before and its own [ns], or ValueError."""
+    def _state(self, named: NamedChain) -> tuple[Frame, int]:
+        """Return a fresh frame and its stamp [ns], or ValueError."""
         joints = self._decoder.decode(self._check_fresh())
-        frame = frame_from_msg(named, joints)
-        if self._previous is None:
-            return frame, joints.stamp, joints.stamp
-        return frame, self._decoder.decode(self._previous).stamp, joints.stamp
+        return frame_from_msg(named, joints), joints.stamp
+
+    def _stamp_before(self) -> int | None:
+        """Stamp of the frame before the latest [ns]; None where there was none."""
+        return None if self._previous is None else self._decoder.decode(self._previous).stamp
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at
