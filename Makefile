@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark soak format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -52,9 +52,6 @@ driving: build  ## show on one page what drives a chain: actuator, energy books,
 
 benchmark: build  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
 	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
-
-soak: build  ## measure what publishing costs
-	@$(enter) python3 benchmark/publishing.py $(ARGS)
 
 format: build  ## put the code in its form
 	@. setup/environment.sh && ruff format . && ruff check --fix .

@@ -99,3 +99,15 @@ def test_books_go_on_through_a_reset(rig: Rig) -> None:
     assert after.impulses == 3
     gained = after.work_of_impulses - before.work_of_impulses
     assert gained == pytest.approx(rig.energy(), rel=1e-9)
+
+
+def test_an_impulse_right_before_a_reset_is_booked(rig: Rig) -> None:
+    rig.step(1)
+    rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
+    rig.step(1)
+    assert rig.booked[-1].impulses == 0
+    assert rig.graph.call(Reset, 'simulator/reset').success
+    rig.step(2)
+    books = rig.booked[-1]
+    assert books.impulses == 1
+    assert books.work_of_impulses == pytest.approx((3e-4) ** 2 / (2 * CHAIN.moment_of_inertia))

@@ -95,7 +95,7 @@ def test_parameters_that_cannot_be_read_are_said_in_one_line(
         ),
         (
             ['-p', 'publish_rate:=.nan'],
-            'publish_rate of simulator = nan must be a finite number in the range 1 to 2000 Hz',
+            'publish_rate of simulator = nan must be a finite number in the range 1 to 10000 Hz',
         ),
         (
             ['-p', 'publsh_rate:=500.0'],

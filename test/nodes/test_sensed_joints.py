@@ -24,7 +24,7 @@ def moving(named: NamedChain) -> Simulation:
 
 
 def read(joints: SensedJoints, frame: int, simulation: Simulation) -> JointState:
-    return deserialize_message(joints.write(10**9, frame, simulation), JointState)
+    return deserialize_message(bytes(joints.fill(10**9, frame, simulation)), JointState)
 
 
 @pytest.mark.parametrize('missing', [(), (0, 5), (7,)])

@@ -48,6 +48,7 @@ class Published:
     ) -> None:
         self.numbers: list[int] = []
         self.angles: list[Array] = []
+        self.rates: list[Array] = []
         self.control = SimulationControl(begin, LEFT, NO_GRAVITY, timeout, self._publish)
 
     def tick(self, times: int) -> None:
@@ -57,6 +58,7 @@ class Published:
     def _publish(self, number: int, simulation: Simulation) -> None:
         self.numbers.append(number)
         self.angles.append(simulation.angles.copy())
+        self.rates.append(simulation.rates.copy())
 
 
 def reference() -> Simulation:
@@ -74,6 +76,18 @@ def test_a_kick_acts_at_the_instant_of_the_next_frame_published() -> None:
         if number == 3:
             simulation.kick(KICK)
         simulation.advance()
+
+
+def test_the_frame_at_whose_instant_a_kick_acts_shows_it() -> None:
+    published = Published()
+    published.tick(3)
+    published.control.kick(KICK)
+    published.tick(1)
+    simulation = reference()
+    for _ in range(3):
+        simulation.advance()
+    simulation.kick(KICK)
+    np.testing.assert_array_equal(published.rates[-1], simulation.rates)
 
 
 def test_torques_are_dropped_after_the_timeout_of_simulated_time() -> None:

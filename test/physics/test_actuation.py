@@ -8,7 +8,7 @@ import pytest
 from chains import EXAMPLES, FLIPPER, chain_of
 from linkage_motion import wall_between
 
-from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.actuation import Edge, edge_mode, resolved_edge_mode
 from soliton_linkage.chain import Motion
 from soliton_linkage.elastic_simulation import simulate
 from soliton_linkage.rigidity import mode_towards_last
@@ -80,3 +80,13 @@ def test_an_edge_that_the_mode_is_far_from_is_refused_unless_it_may_be_anywhere(
         edge_mode(chain, angles, Edge.LAST)
     pushed = edge_mode(chain, angles, Edge.LAST, anywhere=True)
     assert np.array_equal(pushed, -mode_towards_last(chain, angles))
+
+
+@pytest.mark.parametrize('rotor', [3, 15])
+@pytest.mark.parametrize('edge', list(Edge))
+def test_the_edge_of_a_mode_is_the_one_that_is_meant(edge: Edge, rotor: int) -> None:
+    chain = chain_of(FLIPPER, 20)
+    angles = wall_between(chain, rotor)
+    end, mode = resolved_edge_mode(chain, angles, edge, anywhere=True)
+    assert end is edge.resolved(chain, angles)
+    assert np.array_equal(mode, edge_mode(chain, angles, end, anywhere=True))

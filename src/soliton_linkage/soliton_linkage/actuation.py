@@ -18,10 +18,7 @@ class Edge(enum.Enum):
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
         """Return the end that is meant in a configuration."""
-        if self is not Edge.NEAREST:
-            return self
-        centre = mode_centre(zero_mode(chain, angles))
-        return Edge.FIRST if centre <= (chain.number_of_rotors - 1) / 2 else Edge.LAST
+        return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
 def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
@@ -29,8 +26,15 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
 
     Raises ValueError where the mode sits nearer the other edge, unless it may be anywhere.
     """
+    return resolved_edge_mode(chain, angles, edge, anywhere)[1]
+
+
+def resolved_edge_mode(
+    chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
+) -> tuple[Edge, Array]:
+    """Return the end that is meant, and the mode as `edge_mode` does."""
     mode = mode_towards_last(chain, angles)
-    nearest = Edge.NEAREST.resolved(chain, angles)
+    nearest = _nearest(mode)
     end = nearest if edge is Edge.NEAREST else edge
     if end is not nearest and not anywhere:
         raise ValueError(
@@ -38,4 +42,8 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
             f'{chain.number_of_rotors - 1}, nearer the {nearest.value} edge than the '
             f'{end.value}; name the {nearest.value} edge'
         )
-    return mode if end is Edge.FIRST else -mode
+    return end, mode if end is Edge.FIRST else -mode
+
+
+def _nearest(mode: Array) -> Edge:
+    return Edge.FIRST if mode_centre(mode) <= (len(mode) - 1) / 2 else Edge.LAST

@@ -66,20 +66,7 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     continuously and never flips. Raises ValueError for periodic ends, between which it takes
     more than relaxed springs to have a zero mode.
     """
-    if chain.periodic:
-        raise ValueError(
-            'a chain with periodic ends has as many springs as rotors and no zero mode of its '
-            'own; free its ends, or look for accidental ones with zero_modes'
-        )
-    checked = chain.check_angles(angles)
-    first, second = (_without_zeros(band) for band in rigidity_bands(chain, checked))
-    mantissas, exponents = _cumulative_product(np.abs(first / second))
-    mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
-    rotors = np.arange(chain.number_of_rotors)
-    negatives = rotors + np.count_nonzero(second < 0)
-    negatives[1:] += np.cumsum(first < 0) - np.cumsum(second < 0)
-    mode[negatives % 2 == 1] *= -1
-    return np.asarray(mode / np.linalg.norm(mode))
+    return _zero_mode_of(*_bands_of_free_chain(chain, angles))
 
 
 def mode_centre(mode: Array) -> float:
@@ -98,13 +85,30 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     reversed. A spinner's edge rotor passes no such line: its wall moves towards the last rotor
     while sum_n h_n grows.
     """
-    mode = zero_mode(chain, angles)
+    first, second = _bands_of_free_chain(chain, angles)
+    mode = _zero_mode_of(first, second)
     if chain.motion is Motion.SPINNER:
         return mode if float(np.cos(angles) @ mode) >= 0 else -mode
-    first, second = rigidity_bands(chain, angles)
     rotors = chain.number_of_rotors
     start = (-1) ** (rotors * (rotors + 1) // 2) * uprightness(angles) ** rotors
     return mode if start * np.sign(first[0]) * np.sign(second[-1]) >= 0 else -mode
+
+
+def _bands_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
+    if chain.periodic:
+        raise ValueError(
+            'a chain with periodic ends has as many springs as rotors and no zero mode of its '
+            'own; free its ends, or look for accidental ones with zero_modes'
+        )
+    return rigidity_bands(chain, chain.check_angles(angles))
+
+
+def _zero_mode_of(*bands: Array) -> Array:
+    first, second = (_without_zeros(band) for band in bands)
+    mantissas, exponents = _cumulative_product(-first / second)
+    mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
+    sign = (-1) ** np.count_nonzero(second < 0)
+    return np.asarray(mode / (sign * np.linalg.norm(mode)))
 
 
 def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -117,7 +117,7 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
     )
 
 
-def frame_from_msg(named: NamedChain, message: JointState) -> Frame:
+def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
     """Angles and rates in the order of the rotors, whatever the order of the joints.
 
     Joints that are no rotors are passed over. Raises ValueError where a rotor is missing or
@@ -255,6 +255,8 @@ def check_names(source: str, names: Sequence[str]) -> None:
 
 
 def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    if tuple(names) == joint_names:
+        return np.arange(len(names))
     place = {name: index for index, name in enumerate(names)}
     if len(place) != len(names):
         check_names('joint_states.name', names)

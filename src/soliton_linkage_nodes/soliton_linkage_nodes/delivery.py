@@ -25,30 +25,34 @@ class DeliveryPublisher:
         self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
         self._delivered = Delivered(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
         self._simulation: Simulation | None = None
-        self._angles = np.zeros(number_of_rotors)
-        self._kicks = 0
-        self._kick_work = 0.0
+        self._angles = self._torques = np.zeros(number_of_rotors)
+        self._kicks, self._kick_work = 0, 0.0
+        self._seen = (0, 0.0)
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def note(self, stamp: int, simulation: Simulation) -> None:
-        """Book the period that ends with a frame: its stamp [ns], before what acts from it on."""
+        """Book the period that ends with a frame: its stamp [ns], after what acts from it on.
+
+        What came to act at the instant of the frame is booked with the next one.
+        """
         if simulation is not self._simulation:
             self._simulation = simulation
-            self._angles, self._kicks, self._kick_work = simulation.angles, 0, 0.0
+            self._angles, self._torques = simulation.angles, 0 * self._torques
+            self._seen = (0, 0.0)
         before = self._delivered
-        torques = simulation.torques
-        acting = bool(torques.any())
-        kicks = simulation.kicks - self._kicks
-        if acting or before.torques_act or kicks:
+        acting = bool(self._torques.any())
+        if acting or before.torques_act or self._kicks:
             turned = simulation.angles - self._angles
             self._delivered = Delivered(
                 stamp,
-                before.impulses + kicks,
-                before.work_of_impulses + simulation.kick_work - self._kick_work,
+                before.impulses + self._kicks,
+                before.work_of_impulses + self._kick_work,
                 acting,
-                before.work_of_torques + float(torques @ turned),
-                before.impulse_of_torques + torques * simulation.period,
+                before.work_of_torques + float(self._torques @ turned),
+                before.impulse_of_torques + self._torques * simulation.period,
             )
             self._publisher.publish(delivery_to_msg(self._delivered))
-        self._angles = simulation.angles
-        self._kicks, self._kick_work = simulation.kicks, simulation.kick_work
+        self._angles, self._torques = simulation.angles, simulation.torques
+        kicks, work = self._seen
+        self._kicks, self._kick_work = simulation.kicks - kicks, simulation.kick_work - work
+        self._seen = (simulation.kicks, simulation.kick_work)

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from soliton_linkage.actuation import Edge, edge_mode
+from soliton_linkage.actuation import Edge, resolved_edge_mode
 from soliton_linkage.edge_drive import EdgeLimits, EdgeOrder, Kind
 from soliton_linkage.pneumatics import PneumaticActuator
 from soliton_linkage.quantities import quantity
@@ -40,11 +39,12 @@ from soliton_linkage_nodes.conversions import (
     Frame,
     NamedChain,
     frame_from_msg,
-    impulses_to_msg,
     time_from_msg,
     torques_to_msg,
 )
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.joint_state_buffer import ImpulseBuffer, publish_buffer
+from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.kick_record import Kick
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.process import run
@@ -111,6 +111,7 @@ class EdgeActuator(Node):
         self._limits = EdgeLimits(self.settings.speed_limit, self.settings.torque_limit)
         self._joint_limits = self._declare_joint_limits()
         self._pneumatics = declare(self, PneumaticActuator)
+        self._decoder = JointStateDecoder()
         self._previous: bytes | None = None
         self._latest: bytes | None = None
         self._latest_at = -math.inf
@@ -169,6 +170,8 @@ class EdgeActuator(Node):
             except ValueError as error:
                 self._diagnostics.refuse(name, error)
                 return
+            if self._driver is not None:
+                self._driver.record.booked = self._booked
             self._carried_out += 1
 
         return on_command
@@ -187,6 +190,7 @@ class EdgeActuator(Node):
             self._driver = None
             self._diagnostics.refuse('chain', error)
             return
+        self._impulse_buffer = ImpulseBuffer(named)
         self._driver = ChainDriver(
             named,
             actuators,
@@ -212,13 +216,14 @@ class EdgeActuator(Node):
         self._previous, self._latest = self._latest, serialized
         self._latest_at = time.monotonic()
         driver = self._driver
-        if driver is None or self._previous is None or not driver.busy:
+        if driver is None or not driver.busy:
             return
         was_driving = driver.driving
         torques: Array | None
         try:
-            frame, before, stamp = self._state(driver.named)
-            torques = driver.frame(before, stamp, frame.angles)
+            frame, stamp = self._state(driver.named)
+            before = self._stamp_before()
+            torques = None if before is None else driver.frame(before, stamp, frame.angles)
         except ValueError as error:
             self._diagnostics.refuse('joint_states', error)
             ended = was_driving and not driver.driving
@@ -248,18 +253,17 @@ class EdgeActuator(Node):
     def _obey_order(self, name: str, order: EdgeOrder) -> None:
         order.check(self._limits, self._pneumatics)
         driver = self._ready(self._impulses if order.instantaneous else self._torques)
-        frame, before, stamp = self._state(driver.named)
+        frame, stamp = self._state(driver.named)
         chain, angles = driver.named.chain, frame.angles
-        side = order.edge.resolved(chain, angles)
         venting = order.kind is Kind.PRESSURE and order.value == 0
-        mode = edge_mode(chain, angles, side, anywhere=venting)
+        side, mode = resolved_edge_mode(chain, angles, order.edge, anywhere=venting)
         meant = replace(order, edge=side)
         if not order.instantaneous:
             driver.order(name, meant, side)
             return
         if order.kind is Kind.KICK:
             impulses = chain.moments_of_inertia * order.value * mode
-        elif stamp > before:
+        elif (before := self._stamp_before()) is not None and stamp > before:
             impulses = (stamp - before) / _NANOSECONDS * order.value * mode
         else:
             raise ValueError(
@@ -282,8 +286,8 @@ class EdgeActuator(Node):
                 f'{driver.record.waiting} kicks wait for the simulator, the limit is '
                 f'{_MOST_KICKS_WAITING}; kick less often'
             )
-        now = self.get_clock().now().to_msg()
-        self._impulses.publish(impulses_to_msg(driver.named, impulses, now))
+        now = self.get_clock().now().nanoseconds
+        publish_buffer(self._impulses, self._impulse_buffer.fill(now, impulses))
         rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
         work = work_of_impulse(driver.named.chain, rates, impulses)
         driver.record.booked = self._booked
@@ -323,7 +327,6 @@ class EdgeActuator(Node):
             raise ValueError(
                 'the chain is not known yet; publish chain or set chain_from to parameters'
             )
-        self._driver.record.booked = self._booked
         return self._driver
 
     @property
@@ -354,15 +357,14 @@ class EdgeActuator(Node):
             )
         return self._latest
 
-    def _state(self, named: NamedChain) -> tuple[Frame, int, int]:
-        """Return a fresh frame, the stamp of the one before and its own [ns], or ValueError."""
-        message = deserialize_message(self._check_fresh(), JointState)
-        frame = frame_from_msg(named, message)
-        stamp = time_from_msg(message.header.stamp)
-        if self._previous is None:
-            return frame, stamp, stamp
-        before = deserialize_message(self._previous, JointState)
-        return frame, time_from_msg(before.header.stamp), stamp
+    def _state(self, named: NamedChain) -> tuple[Frame, int]:
+        """Return a fresh frame and its stamp [ns], or ValueError."""
+        joints = self._decoder.decode(self._check_fresh())
+        return frame_from_msg(named, joints), joints.stamp
+
+    def _stamp_before(self) -> int | None:
+        """Stamp of the frame before the latest [ns]; None where there was none."""
+        return None if self._previous is None else self._decoder.decode(self._previous).stamp
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +15,8 @@ _NANOSECONDS = 10**9
 _LONGEST_LAG = 10**8
 _LONGEST_SLEEP = 0.1
 _IDLE = 0.005
+_HOPELESSLY_LATE = 10**7
+_LOWEST_PRIORITY = 1
 
 
 @dataclass(frozen=True)
@@ -29,12 +33,37 @@ class Punctuality:
     """By how much time it has fallen behind for good [s]."""
 
 
+class Urgency:
+    """Whether the calling thread goes before all ordinary ones, where the system allows that.
+
+    It asks for the lowest real-time priority (SCHED_FIFO), for which a user needs the limit
+    rtprio. Without it, nothing changes.
+    """
+
+    def __init__(self) -> None:
+        """Begin as an ordinary thread."""
+        self._urgent = False
+
+    def set(self, urgent: bool) -> None:
+        """Go before others from now on, or no longer."""
+        if urgent is self._urgent:
+            return
+        self._urgent = urgent
+        policy = os.SCHED_FIFO if urgent else os.SCHED_OTHER
+        priority = os.sched_param(_LOWEST_PRIORITY if urgent else 0)
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, priority)
+
+
 class PacedLoop:
     """Calls a function at t0 + k / rate, k = 0, 1, ..., each instant computed from k alone.
 
     A late call is made at once and the next deadlines stay where they are. Where the loop is
     more than 0.1 s behind, the rest of the deadlines are put off by that much: it then runs
     slower than asked for, and says so, but never in a burst.
+
+    The loop goes before other threads, as far as it may, while it is less than 10 ms late: one
+    that cannot keep up leaves the processor to them.
 
     A rate that is set later counts from that moment on, as t0. At an infinite rate each call
     follows the last, but for one that returned False, as it had nothing to do.
@@ -47,6 +76,7 @@ class PacedLoop:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
         self._punctuality = Punctuality(0, 0, 0.0, 0.0)
+        self._urgency = Urgency()
         self.failure: Exception | None = None
 
     @property
@@ -76,6 +106,7 @@ class PacedLoop:
 
     def _race(self) -> None:
         """Act without a pause until a finite rate is set."""
+        self._urgency.set(False)
         while math.isinf(self.rate) and not self._stopping.is_set():
             if self._act() is False:
                 time.sleep(_IDLE)
@@ -92,6 +123,7 @@ class PacedLoop:
             if not self._reach(due, rate):
                 return
             late = time.monotonic_ns() - due
+            self._urgency.set(late < _HOPELESSLY_LATE)
             self._act()
             ticks += 1
             put_off = late if late > _LONGEST_LAG else 0

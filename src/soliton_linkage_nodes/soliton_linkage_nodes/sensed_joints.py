@@ -25,7 +25,7 @@ class SensedJoints:
         """Lay out the message; frames are a period [s] apart, missing joints given by number."""
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
-        self._shown = np.array(shown, dtype=np.intp) if missing else slice(None)
+        self._shown = np.array(shown, dtype=np.intp) if missing else None
         self._buffer = JointStateBuffer(NamedChain(named.chain, names))
         self._encoders = Encoders(named.rotors, period, errors)
         self._exact = errors.none
@@ -40,10 +40,10 @@ class SensedJoints:
         self._encoders.errors = errors
         self._exact = errors.none
 
-    def write(self, stamp: int, frame: int, simulation: Simulation) -> bytes:
+    def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
         """Return the message for a frame, given its stamp [ns] and number.
 
-        Rates begin anew with another simulation, as after a reset.
+        The next frame overwrites it. Rates begin anew with another simulation, as after a reset.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._exact:
@@ -51,7 +51,7 @@ class SensedJoints:
                 self._encoders.forget()
                 self._seen = simulation
             angles, rates = self._encoders.read(frame, angles)
-        shown = self._shown
-        return self._buffer.write(
-            stamp, angles[shown], rates[shown], simulation.link_torques[shown]
-        )
+        shown, torques = self._shown, simulation.link_torques
+        if shown is not None:
+            angles, rates, torques = angles[shown], rates[shown], torques[shown]
+        return self._buffer.fill(stamp, angles, rates, torques)

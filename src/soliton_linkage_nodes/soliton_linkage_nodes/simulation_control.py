@@ -46,10 +46,10 @@ class _Commands:
 class SimulationControl:
     """Publishes the frames of a simulation one by one, and what is commanded comes in between.
 
-    A command acts at the instant of the frame that is published next, right after it: each of
-    the kicks that wait for it, of torques and of gravity the latest. Torques are dropped
-    `command_timeout` [s] of simulated time after that frame, unless it is 0. Where the next
-    frame cannot be computed, the simulation is paused until it is reset.
+    A command acts at the instant of the frame that is published next: each of the kicks that
+    wait for it, of torques and of gravity the latest. The frame shows the rates right after the
+    kicks. Torques are dropped `command_timeout` [s] of simulated time after that frame, unless
+    it is 0. Where the next frame cannot be computed, the simulation is paused until it is reset.
 
     A frame of a wild or a long chain takes seconds to compute. Only `step` waits for it.
     """
@@ -100,7 +100,7 @@ class SimulationControl:
             return State(self._simulation.angles, self._simulation.rates)
 
     def tick(self) -> bool:
-        """Publish the current frame, obey and go on to the next; False, and nothing, if paused."""
+        """Obey, publish the current frame and go on to the next; False, and nothing, if paused."""
         with self._frame_in_work:
             with self._lock:
                 if self._paused or self._stopping:
@@ -168,10 +168,10 @@ class SimulationControl:
 
     def _begin_frame(self) -> Simulation:
         try:
-            self._publish(self._frame, self._simulation)
             self._obey()
         except ValueError as error:
             self._fail(error)
+        self._publish(self._frame, self._simulation)
         self._frame += 1
         return self._simulation
 

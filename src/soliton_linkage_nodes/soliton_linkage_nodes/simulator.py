@@ -33,6 +33,7 @@ from soliton_linkage_nodes.conversions import (
 )
 from soliton_linkage_nodes.delivery import DeliveryPublisher
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.joint_state_buffer import publish_buffer
 from soliton_linkage_nodes.pacing import PacedLoop
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
@@ -54,7 +55,7 @@ class SimulatorParameters(WorldParameters):
     """Parameters of the simulator besides those of chain, gravity and sensors."""
 
     publish_rate: float = quantity(
-        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 2000.0
+        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
     )
     real_time_factor: float = quantity(
         1.0,
@@ -168,7 +169,7 @@ class Simulator(Node):
         stamp = self._epoch + round(frame * _NANOSECONDS / self.settings.publish_rate)
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
-        self._joint_states.publish(self._joints.write(stamp, frame, simulation))
+        publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
         self._delivery.note(stamp, simulation)
 
     def _on_impulses(self, message: RotorImpulses) -> None:

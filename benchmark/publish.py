@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What publishing one frame of joint states costs: ours, the idiomatic way, and the floor.
+
+Ours is what the simulator does: a serialized message of which the stamp and the arrays are
+overwritten, published as it is. The idiomatic way fills the fields of a JointState from lists and
+publishes that. The floor publishes the bytes of one message over and over. All have the same
+publisher, with nobody listening and with a subscriber in another process, in turn, in an order
+that is drawn each time: a few messages each, and a pause in which they arrive. The time of a round
+is the median of its turns.
+"""
+
+from __future__ import annotations
+
+import random
+import statistics
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from comparison import Comparison, Figure, Part, parser, write
+from processes import own_domain, program_command, running
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.conversions import (
+    FRAME,
+    NamedChain,
+    default_joint_names,
+    time_to_msg,
+)
+from soliton_linkage_nodes.interfaces import stream_qos
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer, publish_buffer
+
+Ways = dict[str, Callable[[], None]]
+
+ROTORS = (20, 100, 1000, 10_000)
+LISTENER = Path(__file__).with_name('listener.py')
+POLL = 0.01
+SHORTEST_PAUSE = 0.002
+MESSAGES_A_TURN = 10
+TURNS = 200
+GOAL = 1.5
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument('--rotors', type=int, nargs='*', default=list(ROTORS))
+    arguments = options.parse_args()
+    rounds = arguments.rounds or (2 if arguments.quick else 7)
+    turns = TURNS // 20 if arguments.quick else TURNS
+    comparisons, figures, seconds = [], [], {}
+    with own_domain():
+        node = rclpy.create_node('benchmark')
+        for listened in (False, True):
+            for rotors in arguments.rotors:
+                work = f'{rotors} rotors, {"one" if listened else "no"} subscriber'
+                times = measured(node, rotors, listened, rounds, turns, work)
+                seconds[work] = times
+                ours, floor = times['ours'], times['floor']
+                comparisons.append(
+                    Comparison('JointState of lists', work, 's', times['idiomatic'], ours)
+                )
+                ratios = [mine / least for mine, least in zip(ours, floor, strict=True)]
+                goal = f'{GOAL:g} at most'
+                figures += [
+                    Figure(f'publishing constant bytes, {work}', 's', floor),
+                    Figure(f'ours over constant bytes, {work}', '', ratios, goal),
+                ]
+        node.destroy_node()
+    details = {'seconds': seconds, 'messages_a_turn': MESSAGES_A_TURN, 'turns': turns}
+    write(Part('publish', comparisons, figures, details), arguments.output)
+
+
+def measured(
+    node: Node, rotors: int, listened: bool, rounds: int, turns: int, work: str
+) -> dict[str, list[float]]:
+    """Time of each way to publish a message [s], one a round."""
+    name = f'joint_states_{rotors}_{listened:d}'
+    publisher = node.create_publisher(JointState, name, qos_of(rotors))
+    times: dict[str, list[float]] = {}
+    progress = ProgressLine(work, rounds)
+    with running(program_command(LISTENER, name)) if listened else nullcontext():
+        while listened and not publisher.get_subscription_count():
+            time.sleep(POLL)
+        ways = ways_to_publish(publisher, rotors)
+        round_of(ways, publisher, 2)
+        for turn in range(rounds):
+            progress.show(turn)
+            for way, median in round_of(ways, publisher, turns).items():
+                times.setdefault(way, []).append(median)
+    node.destroy_publisher(publisher)
+    progress.end(f'{work}: {rounds} rounds')
+    return times
+
+
+def round_of(ways: Ways, publisher: Publisher, turns: int) -> dict[str, float]:
+    """Median time of each way to publish a message [s], over so many turns."""
+    times: dict[str, list[float]] = {way: [] for way in ways}
+    chance = random.Random(turns)
+    for _ in range(turns):
+        for way, publish in chance.sample(list(ways.items()), len(ways)):
+            start = time.perf_counter()
+            for _ in range(MESSAGES_A_TURN):
+                publish()
+            elapsed = time.perf_counter() - start
+            times[way].append(elapsed / MESSAGES_A_TURN)
+            if publisher.get_subscription_count():
+                time.sleep(SHORTEST_PAUSE + elapsed)
+    return {way: statistics.median(turns) for way, turns in times.items()}
+
+
+def ways_to_publish(publisher: Publisher, rotors: int) -> Ways:
+    """Publish the same frame in each way."""
+    chain = Chain(number_of_rotors=rotors)
+    names = default_joint_names(rotors)
+    angles, rates, torques = np.random.default_rng(rotors).normal(size=(3, rotors))
+    stamp = 1_700_000_000_123_456_789
+    buffer = JointStateBuffer(NamedChain(chain, names))
+    constant = buffer.write(stamp, angles, rates, torques)
+    joint_names = list(names)
+
+    def idiomatic() -> None:
+        message = JointState()
+        message.header.stamp = time_to_msg(stamp)
+        message.header.frame_id = FRAME
+        message.name = joint_names
+        message.position = angles.tolist()
+        message.velocity = rates.tolist()
+        message.effort = torques.tolist()
+        publisher.publish(message)
+
+    def ours() -> None:
+        publish_buffer(publisher, buffer.fill(stamp, angles, rates, torques))
+
+    def floor() -> None:
+        publisher.publish(constant)
+
+    return {'idiomatic': idiomatic, 'ours': ours, 'floor': floor}
+
+
+def qos_of(rotors: int) -> QoSProfile:
+    """As the simulator has it."""
+    chain = NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
+    return stream_qos(len(JointStateBuffer(chain)))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How many rotors and how high a rate a simulator holds: ours, and a node with an rclpy timer.
+
+A simulator with a soliton on its way runs as a process; this one takes every joint_states and
+notes when it was published and its number in the sequence. It holds where the real-time factor
+is 1 to a thousandth and no deadline is missed, an interval of more than two periods, beyond those
+that a loop misses which does nothing but sleep, in a third process at the same time. The largest
+number of rotors at 1000 Hz and the largest rate of 40 rotors are searched for in runs of a few
+seconds, and confirmed by a long one, in smaller and smaller steps down until one holds.
+"""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from comparison import Comparison, Figure, Part, parser, write
+from processes import node_command, own_domain, processor_time, program_command, running
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from soliton_linkage.chain import Chain
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.conversions import Array, NamedChain, default_joint_names
+from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+
+Command = Callable[[int, float], list[str | Path]]
+
+ROTORS, RATE = 40, 1000.0
+PLACE, VELOCITY = 1.5, 0.3
+MOST_ROTORS, MOST_RATE = 20_000, 10_000.0
+FINEST_STEP = 1.15
+STEP_DOWN = 0.9
+PACE = 1e-3
+SETTLING = 1.5
+POLL = 0.005
+LONGEST_START = 60.0
+FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a simulator kept its deadlines."""
+
+    rotors: int
+    rate: float
+    real_time_factor: float
+    frames: int
+    missed: int
+    missed_by_sleeping: int
+    jitter: tuple[float, float, float]
+    """Median, 99th percentile and largest distance of an interval from the period [s]."""
+    share_of_a_core: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it kept pace, as well as this machine can."""
+        in_pace = abs(self.real_time_factor - 1) < PACE
+        return in_pace and self.missed <= self.missed_by_sleeping
+
+
+class Bench:
+    """Runs simulators one after the other."""
+
+    def __init__(self, node: Node, seconds: float, confirming: float) -> None:
+        self._node = node
+        self._seconds = seconds
+        self._confirming = confirming
+        self.runs: dict[str, list[Run]] = {}
+
+    def most_rotors(self, name: str, command: Command) -> list[float]:
+        """Largest number of rotors that is held; empty where none is."""
+        return self._largest(name, command, lambda value: (round(value), RATE), 2, MOST_ROTORS)
+
+    def highest_rate(self, name: str, command: Command) -> list[float]:
+        """Largest rate that is held [Hz]; empty where none is."""
+        return self._largest(name, command, lambda value: (ROTORS, round(value)), 10, MOST_RATE)
+
+    def run(self, name: str, command: Command, rotors: int, rate: float, seconds: float) -> Run:
+        """Run for so many seconds after settling."""
+        topic = interfaces.JOINT_STATES
+        chain = NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
+        qos = interfaces.stream_qos(len(JointStateBuffer(chain)))
+        subscription = self._node.create_subscription(
+            topic.type, topic.name, lambda _: None, qos, raw=True
+        )
+        progress = ProgressLine(f'{name}, {rotors} rotors at {rate:g} Hz', seconds)
+        sleeping = program_command(FOLDER / 'sleeper.py', rate, seconds)
+        with running(command(rotors, rate)) as process:
+            wait_for_frames(subscription, process)
+            drain(subscription, SETTLING)
+            with subprocess.Popen(sleeping, stdout=subprocess.PIPE, text=True) as sleeper:
+                start, before = time.monotonic(), processor_time(process.pid)
+                frames = drain(subscription, seconds, progress)
+                share = (processor_time(process.pid) - before) / (time.monotonic() - start)
+                slept = np.array(sleeper.communicate()[0].split(), dtype=np.int64)
+        self._node.destroy_subscription(subscription)
+        done = judged(rotors, rate, frames, slept, share)
+        verdict = 'holds' if done.holds else 'does not hold'
+        progress.end(
+            f'{name}, {rotors} rotors at {rate:g} Hz {verdict}: real-time factor '
+            f'{done.real_time_factor:.4f}, {done.missed} of {done.frames} deadlines missed, '
+            f'{done.missed_by_sleeping} by sleeping'
+        )
+        self.runs.setdefault(name, []).append(done)
+        return done
+
+    def _largest(
+        self,
+        name: str,
+        command: Command,
+        sizes: Callable[[float], tuple[int, float]],
+        least: float,
+        most: float,
+    ) -> list[float]:
+        """Double or halve until one holds and one does not, bisect, and confirm."""
+
+        def holds(value: float, seconds: float) -> bool:
+            return self.run(name, command, *sizes(value), seconds).holds
+
+        held, failed = least, most * FINEST_STEP
+        value = math.sqrt(least * most)
+        while failed / held > FINEST_STEP:
+            if holds(value, self._seconds):
+                held = value
+            else:
+                failed = value
+            value = math.sqrt(held * failed)
+        while held >= least:
+            if holds(held, self._confirming):
+                return [float(round(held))]
+            held *= STEP_DOWN
+        return []
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument('--integrator', default='symplectic', help='of ours (%(default)s)')
+    arguments = options.parse_args()
+    quick = arguments.quick
+    commands = {'ours': ours(arguments.integrator), 'theirs': timer_node}
+    found: dict[str, dict[str, list[float]]] = {'rotors': {}, 'rate': {}}
+    kept: dict[str, list[Run]] = {'ours': [], 'theirs': []}
+    with own_domain():
+        node = rclpy.create_node('benchmark')
+        bench = Bench(node, *((1.0, 1.0) if quick else (3.0, 30.0)))
+        for _ in range(arguments.rounds or 1):
+            for side, command in commands.items():
+                seconds = 1.0 if quick else 30.0
+                kept[side].append(bench.run(side, command, ROTORS, RATE, seconds))
+                if not quick:
+                    for what, search in (
+                        ('rotors', bench.most_rotors),
+                        ('rate', bench.highest_rate),
+                    ):
+                        found[what].setdefault(side, []).extend(search(side, command))
+        node.destroy_node()
+    details = {
+        'runs': {side: [asdict(run) for run in runs] for side, runs in bench.runs.items()},
+        'integrator': arguments.integrator,
+    }
+    comparisons = [*largest(found), *compared(kept)] if not quick else compared(kept)
+    write(Part('rate', comparisons, figures_of(kept), details), arguments.output)
+
+
+def ours(integrator: str) -> Command:
+    def command(rotors: int, rate: float) -> list[str | Path]:
+        settings = {
+            'chain.number_of_rotors': rotors,
+            'publish_rate': float(rate),
+            'integrator': integrator,
+            'initial_state': 'soliton',
+            'initial_place': min(PLACE, rotors - PLACE),
+            'initial_velocity': VELOCITY,
+            'subscribers': 1,
+        }
+        return node_command('simulator', settings)
+
+    return command
+
+
+def timer_node(rotors: int, rate: float) -> list[str | Path]:
+    place = min(PLACE, rotors - PLACE)
+    return program_command(FOLDER / 'timer_node.py', rotors, rate, place, VELOCITY)
+
+
+def wait_for_frames(subscription: Subscription, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + LONGEST_START
+    while not len(drain(subscription, POLL)):
+        if process.poll() is not None:
+            raise RuntimeError('the simulator has ended; see above')
+        if time.monotonic() > deadline:
+            raise TimeoutError(f'no joint_states within {LONGEST_START:g} s')
+
+
+def drain(
+    subscription: Subscription, seconds: float, progress: ProgressLine | None = None
+) -> Array:
+    """Number in the sequence and instant of publishing [ns] of each frame, shape (frames, 2)."""
+    frames = []
+    start = time.monotonic()
+    handle, kind = subscription.handle, subscription.msg_type
+    while (elapsed := time.monotonic() - start) < seconds:
+        with handle:
+            while (taken := handle.take_message(kind, True)) is not None:
+                info = taken[1]
+                frames.append((info['publication_sequence_number'], info['source_timestamp']))
+        if progress is not None:
+            progress.show(elapsed)
+        time.sleep(POLL)
+    return np.array(frames, dtype=np.int64).reshape(-1, 2)
+
+
+def judged(rotors: int, rate: float, frames: Array, slept: Array, share: float) -> Run:
+    """How well frames kept to a rate [Hz], beside a loop that slept until such instants [ns]."""
+    if len(frames) < 2:
+        return Run(rotors, rate, 0.0, len(frames), 0, 0, (math.inf,) * 3, share)
+    numbers, instants = frames.T
+    deviations = np.diff(instants) * 1e-9 - np.diff(numbers) / rate
+    jitter = np.percentile(np.abs(deviations), (50, 99, 100))
+    lasted = (instants[-1] - instants[0]) * 1e-9
+    return Run(
+        rotors,
+        rate,
+        float((numbers[-1] - numbers[0]) / rate / lasted),
+        len(frames),
+        missed(deviations, rate),
+        missed(np.diff(slept) * 1e-9 - 1 / rate, rate),
+        (float(jitter[0]), float(jitter[1]), float(jitter[2])),
+        share,
+    )
+
+
+def missed(deviations: Array, rate: float) -> int:
+    """How many intervals are longer than two periods, given how much longer than one [s]."""
+    return int(np.count_nonzero(deviations > 1 / rate))
+
+
+def largest(found: dict[str, dict[str, list[float]]]) -> list[Comparison]:
+    works = {'rotors': f'most rotors at {RATE:g} Hz', 'rate': f'highest rate of {ROTORS} rotors'}
+    units = {'rotors': 'rotors', 'rate': 'Hz'}
+    return [
+        Comparison('rclpy timer', works[what], units[what], sides['theirs'], sides['ours'], True)
+        for what, sides in found.items()
+    ]
+
+
+def compared(kept: dict[str, list[Run]]) -> list[Comparison]:
+    """What a simulator of the common size does."""
+    work = f'{ROTORS} rotors at {RATE:g} Hz'
+    quantities: tuple[tuple[str, str, Callable[[Run], float], bool], ...] = (
+        ('real-time factor', '', lambda run: run.real_time_factor, True),
+        ('jitter p50', 's', lambda run: run.jitter[0], False),
+        ('jitter p99', 's', lambda run: run.jitter[1], False),
+        ('largest jitter', 's', lambda run: run.jitter[2], False),
+        ('share of a core', '', lambda run: run.share_of_a_core, False),
+    )
+    return [
+        Comparison(
+            'rclpy timer',
+            f'{what}, {work}',
+            unit,
+            *([quantity(run) for run in kept[side]] for side in ('theirs', 'ours')),
+            more,
+        )
+        for what, unit, quantity, more in quantities
+    ]
+
+
+def figures_of(kept: dict[str, list[Run]]) -> list[Figure]:
+    work = f'{ROTORS} rotors at {RATE:g} Hz'
+
+    def of(quantity: Callable[[Run], Any]) -> list[float]:
+        return [quantity(run) for run in kept['ours']]
+
+    return [
+        Figure(f'missed deadlines, {work}', '', of(lambda run: run.missed), 'those of sleeping'),
+        Figure(f'missed by sleeping, {work}', '', of(lambda run: run.missed_by_sleeping)),
+        Figure(f'frames, {work}', '', of(lambda run: run.frames)),
+    ]
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long it takes from a nudge on the topic to the first messages that show it.
+
+A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run as a process each, as in
+use; this one nudges to and fro at random instants. The norm over rotors of the rates in
+joint_states is the same from frame to frame while the wall moves freely, and a nudge changes it by
+its speed: the first frame in which it is farther than half the speed from what it was when the
+nudge was published shows the nudge. The first soliton_state that shows it is that of this frame.
+Messages count as come when they reach this process, by the time that the middleware notes.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rclpy
+from comparison import Figure, Part, parser, write
+from processes import node_command, own_domain, running
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.conversions import time_from_msg
+
+ROTORS = 40
+RATE = 1000.0
+SPEED = 2.0
+DIRECTIONS = (1, -1, -1, 1)
+PAUSES = (0.04, 0.06)
+IMPERCEPTIBLE = 1e-6
+LISTENING = 0.1
+POLL = 0.002
+SETTLING = 2.0
+LONGEST_WAIT = 30.0
+SECOND = 1e-9
+
+
+@dataclass(frozen=True)
+class Come:
+    """A message and when it was sent and came [ns]."""
+
+    message: Any
+    sent: int
+    received: int
+
+
+class Inbox:
+    """The messages of a topic in the order in which they came, undecoded."""
+
+    def __init__(self, node: Node, topic: interfaces.Topic) -> None:
+        self._type = topic.type
+        self._subscription = node.create_subscription(
+            topic.type, topic.name, lambda _: None, topic.qos, raw=True
+        )
+
+    def take(self) -> list[Come]:
+        """Take what is waiting."""
+        taken = []
+        handle = self._subscription.handle
+        with handle:
+            while (message := handle.take_message(self._type, True)) is not None:
+                raw, info = message
+                taken.append(Come(raw, info['source_timestamp'], info['received_timestamp']))
+        return taken
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument('--nudges', type=int, help='in each round')
+    arguments = options.parse_args()
+    rounds = arguments.rounds or (1 if arguments.quick else 3)
+    nudges = arguments.nudges or (20 if arguments.quick else 200)
+    with own_domain(), ExitStack() as processes:
+        settings = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
+        for name, given in (
+            ('simulator', settings),
+            ('edge_actuator', {}),
+            ('soliton_analyser', {}),
+        ):
+            processes.enter_context(running(node_command(name, given)))
+        node = rclpy.create_node('benchmark')
+        reactions = [Reactions(node).measure(nudges, turn, rounds) for turn in range(rounds)]
+        node.destroy_node()
+    write(
+        Part('react', figures=figures_of(reactions), details={'seconds': reactions}),
+        arguments.output,
+    )
+
+
+class Reactions:
+    """Nudges the chain and watches the topics."""
+
+    def __init__(self, node: Node) -> None:
+        """Wait for the nodes."""
+        self._nudge = node.create_publisher(Float64, interfaces.NUDGE.name, interfaces.NUDGE.qos)
+        self._impulses = Inbox(node, interfaces.ROTOR_IMPULSES)
+        self._joints = Inbox(node, interfaces.JOINT_STATES)
+        self._states = Inbox(node, interfaces.SOLITON_STATE)
+        until(self._nudge.get_subscription_count, 'edge_actuator')
+        until(self._states.take, 'soliton_state')
+        until(self._obeyed, 'a nudge that the edge actuator obeys')
+        time.sleep(SETTLING)
+
+    def _obeyed(self) -> bool:
+        self._nudge.publish(Float64(data=IMPERCEPTIBLE))
+        time.sleep(LISTENING)
+        return bool(self._impulses.take())
+
+    def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
+        """Time from each of so many nudges to what follows [s]."""
+        chance = random.Random(turn)
+        progress = ProgressLine(f'round {turn + 1} of {rounds}, nudges', nudges)
+        seconds: dict[str, list[float]] = {}
+        for number in range(nudges):
+            time.sleep(chance.uniform(*PAUSES))
+            for inbox in (self._impulses, self._states):
+                inbox.take()
+            before = norm_of_rates(self._joints.take()[-1])
+            for what, since in self._nudged(DIRECTIONS[number % len(DIRECTIONS)], before).items():
+                seconds.setdefault(what, []).append(since * SECOND)
+            progress.show(number + 1)
+        progress.end(f'round {turn + 1} of {rounds}: {nudges} nudges')
+        return seconds
+
+    def _nudged(self, direction: int, before: float) -> dict[str, int]:
+        """Time from a nudge to what follows [ns]."""
+        published = time.time_ns()
+        self._nudge.publish(Float64(data=direction * SPEED))
+        shown = first(self._joints, lambda come: abs(norm_of_rates(come) - before) > SPEED / 2)
+        stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
+        state = first(self._states, lambda come: stamp_of_state(come) >= stamp)
+        (impulses,) = self._impulses.take()
+        return {
+            'rotor_impulses': impulses.sent - published,
+            'joint_states': shown.received - published,
+            'soliton_state': state.received - published,
+        }
+
+
+def figures_of(reactions: list[dict[str, list[float]]]) -> list[Figure]:
+    """Percentiles of each round."""
+    goal = f'{1e3 * (2 / RATE + 1e-3):g} ms at most'
+    return [
+        Figure(
+            f'nudge to {what}, p{share}',
+            's',
+            [float(np.percentile(seconds[what], share)) for seconds in reactions],
+            goal if share == 99 and what != 'rotor_impulses' else '',
+        )
+        for what in reactions[0]
+        for share in (50, 99)
+    ]
+
+
+def first(inbox: Inbox, shows: Callable[[Come], bool]) -> Come:
+    """The first message that shows something."""
+    found: list[Come] = []
+
+    def look() -> bool:
+        found.extend(come for come in inbox.take() if shows(come))
+        return bool(found)
+
+    until(look, 'a message that shows the nudge')
+    return found[0]
+
+
+def until(condition: Callable[[], Any], what: str) -> None:
+    """Poll until something is there."""
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f'waited {LONGEST_WAIT:g} s for {what}')
+        time.sleep(POLL)
+
+
+def norm_of_rates(come: Come) -> float:
+    rates = deserialize_message(come.message, JointState).velocity
+    return float(np.linalg.norm(rates))
+
+
+def stamp_of_state(come: Come) -> int:
+    return time_from_msg(deserialize_message(come.message, SolitonState).header.stamp)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator as the tutorials of ROS 2 have their nodes, and scipy its examples.
+
+A class with a timer, whose callback integrates the chain of springs over a period by `solve_ivp`
+with a right-hand side in numpy, fills a JointState and publishes it.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from scipy.integrate import solve_ivp
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.initial_states import with_soliton
+
+
+class TimerNode(Node):
+    """Publishes joint_states from a timer."""
+
+    def __init__(self, rotors: int, rate: float, place: float, velocity: float) -> None:
+        """Start with a soliton at a place [rotor spacings] with a velocity [m/s]."""
+        super().__init__('timer_node')
+        self.chain = Chain(number_of_rotors=rotors)
+        start = with_soliton(self.chain, place, velocity)
+        self.state = np.concatenate([start.angles, start.rates])
+        self.names = [f'rotor_{rotor}' for rotor in range(rotors)]
+        self.period = 1 / rate
+        self.publisher = self.create_publisher(JointState, 'joint_states', 10)
+        self.timer = self.create_timer(self.period, self.on_timer)
+
+    def on_timer(self) -> None:
+        """Advance the chain and publish it."""
+        solution = solve_ivp(self.derivative, (0.0, self.period), self.state, rtol=1e-6, atol=1e-9)
+        self.state = solution.y[:, -1]
+        rotors = self.chain.number_of_rotors
+        message = JointState()
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.name = self.names
+        message.position = self.state[:rotors].tolist()
+        message.velocity = self.state[rotors:].tolist()
+        self.publisher.publish(message)
+
+    def derivative(self, _time: float, state: Array) -> Array:
+        """Rates and accelerations of springs in the plane."""
+        chain = self.chain
+        number, r = chain.number_of_rotors, chain.rotor_length
+        angles, rates = state[:number], state[number:]
+        x = chain.spacing * np.arange(number) + r * np.sin(angles)
+        z = r * np.cos(angles)
+        dx, dz = np.diff(x), np.diff(z)
+        length = np.sqrt(dx**2 + dz**2)
+        tension = chain.stiffness * (length - chain.rest_length) / length
+        force_x, force_z = np.zeros(number), np.zeros(number)
+        force_x[:-1] += tension * dx
+        force_x[1:] -= tension * dx
+        force_z[:-1] += tension * dz
+        force_z[1:] -= tension * dz
+        torques = r * (np.cos(angles) * force_x - np.sin(angles) * force_z)
+        return np.concatenate([rates, torques / chain.moment_of_inertia])
+
+
+def main() -> None:
+    rclpy.init()
+    rotors, rate, place, velocity = sys.argv[1:]
+    node = TimerNode(int(rotors), float(rate), float(place), float(velocity))
+    try:
+        rclpy.spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The comparison of simulators at a rate runs, and judges by the instants that it saw."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
+
+from rate import Bench, Run, judged
+
+FOLDER = Path(__file__).parents[2] / 'benchmark'
+RATE = 1000.0
+PERIOD = 10**6
+PUNCTUAL = np.arange(1001) * PERIOD
+
+
+@pytest.fixture(scope='module')
+def part(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
+    subprocess.run(
+        [sys.executable, str(FOLDER / 'rate.py'), '--quick', '--output', str(path)],
+        check=True,
+        capture_output=True,
+        timeout=300,
+    )
+    return json.loads(path.read_text())['rate']
+
+
+def test_both_are_run_and_what_is_compared_is_what_the_runs_gave(part: dict[str, Any]) -> None:
+    runs = part['details']['runs']
+    rows = {row['work'].partition(',')[0]: row for row in part['comparisons']}
+    for side in ('ours', 'theirs'):
+        (run,) = runs[side]
+        assert run['frames'] > 1
+        assert run['real_time_factor'] > 0
+        assert run['share_of_a_core'] >= 0
+        assert 0 <= run['missed'] <= run['frames']
+        assert sorted(run['jitter']) == run['jitter']
+        assert rows['real-time factor'][side] == [run['real_time_factor']]
+        assert rows['jitter p99'][side] == [run['jitter'][1]]
+        assert rows['share of a core'][side] == [run['share_of_a_core']]
+
+
+def frames(instants: np.ndarray) -> np.ndarray:
+    return np.stack([np.arange(len(instants)), instants], axis=1)
+
+
+def test_a_punctual_simulator_holds() -> None:
+    run = judged(40, RATE, frames(PUNCTUAL), PUNCTUAL, 0.1)
+    assert run.holds
+    assert (run.frames, run.missed, run.missed_by_sleeping) == (1001, 0, 0)
+    assert run.real_time_factor == pytest.approx(1)
+    assert run.jitter == pytest.approx((0, 0, 0), abs=1e-12)
+
+
+def test_a_stall_is_a_missed_deadline_unless_sleeping_misses_one_too() -> None:
+    stalled = PUNCTUAL.copy()
+    stalled[500] += 2 * PERIOD + PERIOD // 2
+    stalled[501] = stalled[502] = stalled[500]
+    run = judged(40, RATE, frames(stalled), PUNCTUAL, 0.1)
+    assert (run.missed, run.holds) == (1, False)
+    assert run.jitter[2] == pytest.approx(2.5e-3)
+    assert judged(40, RATE, frames(stalled), stalled, 0.1).holds
+
+
+def test_a_frame_that_was_not_received_is_no_missed_deadline() -> None:
+    seen = np.delete(frames(PUNCTUAL), [400, 401, 402], axis=0)
+    assert judged(40, RATE, seen, PUNCTUAL, 0.1).holds
+
+
+def test_a_simulator_that_is_slow_does_not_hold() -> None:
+    run = judged(40, RATE, frames(PUNCTUAL * 5 // 4), PUNCTUAL, 0.1)
+    assert run.real_time_factor == pytest.approx(0.8)
+    assert not run.holds
+
+
+class Imagined(Bench):
+    """Holds up to a limit, in long runs up to a lower one."""
+
+    def __init__(self, limit: float, lasting: float) -> None:
+        super().__init__(None, 1.0, 30.0)
+        self.limits = {1.0: limit, 30.0: lasting}
+        self.longest = 0
+
+    def run(self, name: str, command: Any, rotors: int, rate: float, seconds: float) -> Run:
+        self.longest = max(self.longest, rotors)
+        factor = 1.0 if rotors <= self.limits[seconds] else 0.5
+        return Run(rotors, rate, factor, 1000, 0, 0, (0.0, 0.0, 0.0), 0.1)
+
+
+@pytest.mark.parametrize('limit', [2, 30, 1234, 20_000])
+def test_the_largest_size_that_holds_is_found_and_confirmed(limit: int) -> None:
+    (found,) = Imagined(limit, limit).most_rotors('ours', lambda *_: [])
+    assert limit / 1.2 <= found <= limit
+    (lasting,) = Imagined(limit, limit / 1.5 + 1).most_rotors('ours', lambda *_: [])
+    assert limit / 2 <= lasting <= limit / 1.5 + 1
+
+
+def test_where_nothing_holds_nothing_is_found() -> None:
+    assert Imagined(0, 0).most_rotors('ours', lambda *_: []) == []

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The measurement of reactions runs, and its percentiles are those of what was timed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'react.py'
+NUDGES = 12
+
+
+@pytest.fixture(scope='module')
+def part(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
+    options = ['--quick', '--rounds', '2', '--nudges', str(NUDGES), '--output', str(path)]
+    subprocess.run(
+        [sys.executable, str(PROGRAM), *options], check=True, capture_output=True, timeout=300
+    )
+    return json.loads(path.read_text())['react']
+
+
+def test_every_nudge_is_followed_by_impulses_then_a_frame_then_what_it_shows(
+    part: dict[str, Any],
+) -> None:
+    rounds = part['details']['seconds']
+    assert len(rounds) == 2
+    for seconds in rounds:
+        impulses, joints, states = (
+            np.array(seconds[what]) for what in ('rotor_impulses', 'joint_states', 'soliton_state')
+        )
+        assert len(impulses) == len(joints) == len(states) == NUDGES
+        assert (impulses > 0).all()
+        assert (joints > impulses).all()
+        assert (states > joints).all()
+
+
+def test_the_figures_are_percentiles_of_each_round(part: dict[str, Any]) -> None:
+    figures = {figure['what']: figure for figure in part['figures']}
+    for what in ('rotor_impulses', 'joint_states', 'soliton_state'):
+        for share in (50, 99):
+            expected = [
+                np.percentile(seconds[what], share) for seconds in part['details']['seconds']
+            ]
+            assert figures[f'nudge to {what}, p{share}']['values'] == pytest.approx(expected)
+    assert figures['nudge to joint_states, p99']['goal'] == '3 ms at most'
