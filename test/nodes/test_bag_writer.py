@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import random
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,54 @@ def test_a_bag_of_several_files_says_what_is_in_each(
     for path, count in zip(information['relative_file_paths'], (2, 4, 4), strict=True):
         with Reader(writer.path / path) as reader:
             assert reader.message_count == count
+
+
+@pytest.mark.parametrize(
+    ('storage', 'compression'), [('mcap', 'none'), ('mcap', 'zstd'), ('sqlite3', 'none')]
+)
+def test_batches_are_the_same_as_single_messages(
+    tmp_path: Path, storage: str, compression: str
+) -> None:
+    sizes = [10, 3 * 2**20, 7, 700_000, 700_000, 0, 2**20, 5]
+    chance = random.Random(1)
+    sent = [(START + n, chance.randbytes(size)) for n, size in enumerate(sizes)]
+    for batch in (1, 3, len(sent)):
+        writer = BagWriter(tmp_path / f'in_{batch}', storage, compression)
+        stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+        for begin in range(0, len(sent), batch):
+            writer.write_all((stored, *message) for message in sent[begin : begin + batch])
+        assert writer.messages == len(sent)
+        writer.close()
+        with Reader(writer.path) as reader:
+            assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_batch_goes_on_in_a_new_file_where_one_is_full(tmp_path: Path, storage: str) -> None:
+    largest, size = 2 * 2**20, 300_000
+    writer = BagWriter(tmp_path / 'run', storage, largest_file=largest)
+    stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+    sent = [(START + n, bytes([n]) * size) for n in range(40)]
+    writer.write_all((stored, *message) for message in sent)
+    writer.close()
+    files = [path for path in writer.path.iterdir() if path.suffix in ('.mcap', '.db3')]
+    assert len(files) >= len(sent) * size / (largest + 2**20 + size)
+    assert all(path.stat().st_size < largest + 2 * 2**20 for path in files)
+    with Reader(writer.path) as reader:
+        assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_batch_goes_on_in_a_new_file_where_one_is_long_enough(
+    tmp_path: Path, storage: str
+) -> None:
+    writer = BagWriter(tmp_path / 'run', storage, longest_file=1.0)
+    stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+    writer.write_all((stored, START + n * 10**8, b'') for n in range(35))
+    writer.close()
+    told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
+    files = told['rosbag2_bagfile_information']['files']
+    assert [file['message_count'] for file in files] == [10, 10, 10, 5]
 
 
 def test_a_file_that_is_never_written_to_is_whole(tmp_path: Path) -> None:

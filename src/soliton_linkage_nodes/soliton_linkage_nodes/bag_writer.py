@@ -59,6 +59,7 @@ class BagWriter:
         self.topics: list[StoredTopic] = []
         self.finished = False
         self._is_open = False
+        self._begun: int | None = None
         self._name = name.name
         self._storage = storage
         self._codec = '' if compression == 'none' else compression
@@ -121,8 +122,11 @@ class BagWriter:
         """Store serialized messages, each with its topic and when it was received [ns]."""
         with self._complaining():
             for topic, stamp, serialized in messages:
-                if self._is_full(stamp):
+                if self._begun is None:
+                    self._begun = stamp
+                elif self._is_full(stamp - self._begun):
                     self._split()
+                    self._begun = stamp
                 self._file.write(topic.number, stamp, serialized)
         self.tick()
 
@@ -171,6 +175,7 @@ class BagWriter:
         self._close_file()
         self._is_open = False
         self._file = self._open_file()
+        self._begun = None
         self._is_open = True
         for topic in self.topics:
             self._file.add_topic(topic)
@@ -180,10 +185,8 @@ class BagWriter:
         write_metadata(self.path, self._information([]))
         self.finished = True
 
-    def _is_full(self, stamp: int) -> bool:
-        span = self._file.span if self._longest_file else None
-        too_long = span is not None and stamp - span[0] >= self._longest_file
-        return too_long or 0 < self._largest_file <= self._file.size
+    def _is_full(self, span: int) -> bool:
+        return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
 
     def _open_file(self) -> McapWriter | SqliteWriter:
         suffix = McapWriter.suffix if self._storage == 'mcap' else SqliteWriter.suffix

@@ -20,8 +20,8 @@ class SequenceGaps:
 
     def take(self, number: int, publishers: int) -> None:
         """Account for a message, on a topic with so many publishers."""
-        if self._last and self._last[-1] == number - 1:
-            self._last[-1] = number
+        if self._last == [number - 1]:
+            self._last[0] = number
             return
         behind = [last for last in self._last if last < number]
         new_publisher = not behind or (
