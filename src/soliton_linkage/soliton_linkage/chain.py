@@ -239,6 +239,17 @@ class Chain:
         deviating += r_right**2 - self.rotor_length**2
         return np.asarray(uniform + (deviating - (self.rest_lengths**2 - self.rest_length**2)))
 
+    @cached_property
+    def spring_parameters(self) -> Array:
+        """r [m] of each rotor, a [m], c [m^2] and lbar [m] of each spring, rows, shape (4, N).
+
+        Without periodic ends the last spring is missing: 0.
+        """
+        rows = np.zeros((4, self.number_of_rotors))
+        rows[0] = self.rotor_lengths
+        rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths
+        return rows
+
     def _joined(self, values: Array) -> tuple[Array, Array]:
         """Values of the left and right rotor of each spring, each (..., springs)."""
         if self.periodic:

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
+from soliton_linkage.frame_arrays import frame_loops
 
 Flags = NDArray[np.bool_]
 BEYOND_CHANCE = 5.0
@@ -20,6 +22,7 @@ _LEAST_NOISE = 1e-5
 _DEVIATION_PER_MEDIAN = 1.4826
 _SIGNIFICANT = 4.0
 _LEAST_SHARE = 0.2
+_NO_FLAGS = np.zeros(0, dtype=np.bool_)
 
 
 class FrameView:
@@ -39,6 +42,8 @@ class FrameView:
     """Their residuals, 0 for those that do not count [rad], shape (n,)."""
     information: float
     """Information on the arc in units of that of a noise of 1 rad [1]."""
+    any_outlying: bool
+    """Whether any rotor of the chain is outlying."""
 
     def __init__(
         self,
@@ -56,32 +61,25 @@ class FrameView:
         their square is above the limit and what the spread [rad^2] of the arc, its variance, may
         account for.
         """
-        end = first + len(tangent)
-        about = differences[first:end]
-        squares = differences * differences
-        squares[first:end] -= (BEYOND_CHANCE**2 * spread) * tangent**2
-        self.outlying: Flags = (
-            squares > limit if doubtful is None else (squares > limit) | doubtful
+        self.first, self.tangent, self.residuals = first, tangent, differences
+        self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
+        self.used = np.empty(len(tangent), dtype=np.bool_)
+        self.left = np.empty(len(tangent))
+        known, excluded, used, self.any_outlying, self.information, ahead = frame_loops().look(
+            differences,
+            first,
+            tangent,
+            limit,
+            BEYOND_CHANCE**2 * spread,
+            _LEAST_SHARE,
+            _NO_FLAGS if doubtful is None else doubtful,
+            self.outlying,
+            self.used,
+            self.left,
         )
-        self.used = np.isfinite(about)
-        known = int(np.count_nonzero(self.used))
-        outliers = self.outlying[first:end]
-        excluded = int(np.count_nonzero(outliers))
         self.share_of_outliers = excluded / max(known, 1)
-        if excluded:
-            self.used = _without_outliers(self.used, outliers, tangent)
-            known = int(np.count_nonzero(self.used))
-        complete = known == len(tangent)
-        weights = tangent if complete else np.where(self.used, tangent, 0.0)
-        seen = about if complete else np.where(self.used, about, 0.0)
-        self.first, self.tangent = first, tangent
-        self.information = float(weights @ weights)
-        ahead = float(weights @ seen) / self.information if self.information else 0.0
+        self.freedoms = max(used - 1, 1)
         self.arc = arc + ahead
-        self.left = seen - ahead * weights
-        self.freedoms = max(known - 1, 1)
-        self.residuals = differences
-        self.residuals[first:end] -= ahead * tangent
 
     @property
     def robust_limit(self) -> float:
@@ -91,10 +89,15 @@ class FrameView:
         median = float(np.median(np.abs(self.left[self.used])))
         return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median) ** 2
 
+    @cached_property
+    def squares(self) -> float:
+        """Sum of squares of what the arc leaves of the rotors about the wall [rad^2]."""
+        return float(self.left @ self.left)
+
     @property
     def mean_square(self) -> float:
         """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
-        return float(self.left @ self.left) / self.freedoms
+        return self.squares / self.freedoms
 
     @property
     def mean_square_of_all(self) -> float:
@@ -131,7 +134,7 @@ class FrameNoise:
 
     def update(self, view: FrameView, elapsed: float) -> None:
         """Take in what is left of a frame, a time [s] after the last."""
-        squares = float(view.left @ view.left)
+        squares = view.squares
         fade = 1 - 1 / _MEMORY
         self._squares = fade * self._squares + squares
         self._freedoms = fade * self._freedoms + view.freedoms
@@ -156,15 +159,14 @@ class FrameNoise:
         low = max(each.first for each in views)
         high = max(min(each.first + len(each.left) for each in views), low)
         oldest, older, left = (each.left[low - each.first : high - each.first] for each in views)
-        products = left * (older * (4 / 3) - oldest / 3)
-        share = view.tangent[low - view.first : high - view.first] ** 2
-        free = share - share**2
-        self._products = fade * self._products + float(products.sum())
+        tangent = view.tangent[low - view.first : high - view.first]
+        whole, wall, free, chance = frame_loops().products_in_time(oldest, older, left, tangent)
+        self._products = fade * self._products + whole
         freedoms = min(high - low - 1, *(each.freedoms for each in views))
         self._pairs = fade * self._pairs + max(freedoms, 0)
-        self._wall = fade * self._wall + float(share @ products)
-        self._wall_share = fade * self._wall_share + float(free.sum())
-        self._wall_chance = fade**2 * self._wall_chance + float(free @ free)
+        self._wall = fade * self._wall + wall
+        self._wall_share = fade * self._wall_share + free
+        self._wall_chance = fade**2 * self._wall_chance + chance
 
     def _estimate(self) -> None:
         whole = self._squares / self._freedoms if self._freedoms else 0.0
@@ -183,10 +185,3 @@ def _by_chance(square: float, squared_weights: float, largest: float) -> float:
     """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""
     deviation = _SIGNIFICANT * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + _SIGNIFICANT**2 / 2 * largest)
-
-
-def _without_outliers(used: Flags, outliers: Flags, tangent: Array) -> Flags:
-    """Rotors that count: not the outliers, unless they hold nearly all that tells the arc."""
-    kept = used & ~outliers
-    enough = np.sum(tangent[kept] ** 2) > _LEAST_SHARE * np.sum(tangent[used] ** 2)
-    return kept if enough else used

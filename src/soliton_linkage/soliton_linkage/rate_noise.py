@@ -9,6 +9,7 @@ import numpy as np
 
 from soliton_linkage.bands import band_edges
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.frame_arrays import median
 
 _MEMORY = 1000
 _SLOWEST_FRAMES = 0.5
@@ -51,8 +52,9 @@ class RateNoise:
         if max(steps) > self._longest or abs(steps[0] - steps[1]) > _UNEVEN * steps[0]:
             return
         changes = np.abs(first - 2 * second + third)
-        changes = changes[np.isfinite(changes)]
+        if not math.isfinite(float(changes.sum())):
+            changes = changes[np.isfinite(changes)]
         if len(changes) == 0:
             return
         self._frames = min(self._frames + 1, _MEMORY)
-        self._median += (float(np.median(changes)) - self._median) / self._frames
+        self._median += (median(changes) - self._median) / self._frames
