@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.chain import Array, Chain, Motion, check_shape, staggered
-from soliton_linkage.completed_frame import CompletedFrame, Unwrapper, complete, on_cycle, whole_frame
+from soliton_linkage.completed_frame import (
+    CompletedFrame,
+    Unwrapper,
+    complete,
+    on_cycle,
+    whole_frame,
+)
 from soliton_linkage.continuum import wall_theory
 from soliton_linkage.cycle import WallCycle
 from soliton_linkage.cycle_filter import CycleEstimate, CycleFilter, Status, lost
@@ -217,7 +223,8 @@ class Analyser:
         estimate, frame = self._read(angles, rates)
         followed = self._followed(estimate, frame)
         solitons = self._solitons(frame, estimate, followed)
-        state = None if frame.number_filled and np.isnan(frame.angles).any() else FrameState(self.chain, frame.angles)
+        unknown = frame.number_filled and np.isnan(frame.angles).any()
+        state = None if unknown else FrameState(self.chain, frame.angles)
         return Analysis(
             motion=self.chain.motion,
             measured_motion=self._measured_motion(state, frame, estimate),
@@ -234,24 +241,23 @@ class Analyser:
     def _read(self, angles: Array, rates: Array | None) -> tuple[CycleEstimate, CompletedFrame]:
         """Estimate where the chain is, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
-        moving = rates
         if rates is not None:
             if not self._loops.all_within(rates, _FASTEST):
-                moving = np.where(np.abs(rates) < _FASTEST, rates, np.nan)
-            self._rate_noise.update(self._clock.time, moving)
+                rates = np.where(np.abs(rates) < _FASTEST, rates, np.nan)
+            self._rate_noise.update(self._clock.time, rates)
         if self._filter is None:
             estimate = lost(self._clock.time)
-            return estimate, complete(self.chain, seen, moving, None, self._unwrapper.last)
+            return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
         estimate, view = self._filter.update(self._clock.time, seen), self._filter.view
         corrected = seen - self.offsets
         expected = None
         if estimate.status is not Status.LOST:
-            whole = whole_frame(self.chain, corrected, moving, view)
+            whole = whole_frame(self.chain, corrected, rates, view)
             if whole is not None:
                 return estimate, whole
             expected = on_cycle(self._filter.cycle, estimate, view)
         last = self._unwrapper.last - self.offsets
-        return estimate, complete(self.chain, corrected, moving, expected, last)
+        return estimate, complete(self.chain, corrected, rates, expected, last)
 
     def _measured_motion(
         self, state: FrameState | None, frame: CompletedFrame, estimate: CycleEstimate
@@ -352,7 +358,8 @@ class Analyser:
         if rates is None and frame.placed and estimate.rate_deviation < abs(estimate.rate):
             rates = ArcRate(estimate.rate, estimate.rate_deviation)
         noise, lasting = _errors(estimate)
-        errors = FrameErrors(noise, self._rate_noise.deviation, lasting, frame.filled if frame.number_filled else None)
+        unseen = frame.filled if frame.number_filled else None
+        errors = FrameErrors(noise, self._rate_noise.deviation, lasting, unseen)
         return self._reporter.energies(state, [each.rotor for each in solitons], rates, errors)
 
     def _wobble(self, frame: CompletedFrame, estimate: CycleEstimate) -> Wobble | None:

@@ -167,7 +167,7 @@ class Chain:
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
-        if not np.isfinite(checked).all():
+        if not math.isfinite(np.add.reduce(checked)) and not np.isfinite(checked).all():
             rotor = int(np.flatnonzero(~np.isfinite(checked))[0])
             raise ValueError(f'{what} of rotor {rotor} = {checked[rotor]} must be a finite number')
         return checked
@@ -241,7 +241,7 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """r [m] of each rotor, a [m], c [m^2] and lbar [m] of each spring, rows, shape (4, N).
+        """Rows r [m] of each rotor, a [m], c [m^2] and lbar [m] of each spring, shape (4, N).
 
         Without periodic ends the last spring is missing: 0.
         """

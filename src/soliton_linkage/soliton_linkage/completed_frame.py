@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +33,10 @@ class CompletedFrame:
     others: bool
     """Whether rotors side by side are further from the cycle than half of what they turn."""
 
-    @cached_property
-    def number_filled(self) -> int:
-        """Number of rotors that were filled in."""
-        return int(np.count_nonzero(self.filled))
+    number_filled: int
+    """Number of rotors that were filled in."""
 
-    @cached_property
+    @property
     def seen(self) -> Array:
         """Angles [rad], shape (N,), NaN where they were filled in."""
         return np.where(self.filled, np.nan, self.angles) if self.number_filled else self.angles
@@ -107,7 +104,12 @@ def complete(
     if expected is None:
         known = rates is not None and np.isfinite(rates).all()
         return CompletedFrame(
-            _like_neighbours(angles), rates if known else None, unseen, False, False
+            _like_neighbours(angles),
+            rates if known else None,
+            unseen,
+            False,
+            False,
+            int(np.count_nonzero(unseen)),
         )
     elsewhere = np.abs(expected.residuals) > _half_swing(chain)
     others = elsewhere[1:] & elsewhere[:-1]
@@ -120,7 +122,12 @@ def complete(
     if rates is not None:
         moving = np.where(filled | ~np.isfinite(rates), expected.rates, rates)
     return CompletedFrame(
-        np.where(filled, there, angles), moving, filled, True, bool(others.any())
+        np.where(filled, there, angles),
+        moving,
+        filled,
+        True,
+        bool(others.any()),
+        int(np.count_nonzero(filled)),
     )
 
 
@@ -133,7 +140,7 @@ def whole_frame(
         return None
     if rates is not None and not loops.all_within(rates, math.inf):
         return None
-    return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False)
+    return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
 
 
 def _half_swing(chain: Chain) -> float:

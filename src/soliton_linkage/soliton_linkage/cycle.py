@@ -267,15 +267,14 @@ class _ShortOrbit:
         ]
         self.length: float = self.middles[-1]
         self._spline = _closed_spline(pieces, self.middles)
-        self._coefficients = np.ascontiguousarray(self._spline.c)
+        self._knots: Array = np.ascontiguousarray(self._spline.t)
+        self._coefficients: Array = np.ascontiguousarray(self._spline.c)
         self.reflections = [self._reflection(leg) for leg in range(legs)]
 
     def sample(self, arc: float) -> Array:
         """Angles [rad], up to whole turns, and after them their tangent [1], shape (2 N,)."""
         values = np.empty(self._coefficients.shape[1])
-        frame_loops().spline(
-            self._spline.t, self._coefficients, _DEGREE, arc % self.length, values
-        )
+        frame_loops().spline(self._knots, self._coefficients, _DEGREE, arc % self.length, values)
         return values
 
     def _tangent(self, angles: Array) -> Array:

@@ -29,8 +29,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.chain import Array
-from soliton_linkage.frame_arrays import frame_loops
+from soliton_linkage.filter_arrays import filter_loops
 
 _SHARES = (0.001, 0.004, 0.016, 0.064, 0.25)
 _SHARE_AT_EDGES = 0.03
@@ -75,7 +74,7 @@ class CycleMotion:
         self._spreads[0], self._spreads[3], self._spreads[5] = variance, scale**2, self._errors
         self._site_arc = site_arc
         self._elapsed = 0.0
-        self._loops = frame_loops()
+        self._loops = filter_loops()
         self._likelihoods = np.zeros(self._base - 1)
         self._weights = np.zeros(count)
         self._least_kick = (_KICK_OF_SCALE * scale) ** 2

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.chain import Array
+from soliton_linkage.frame_arrays import median
 
 _WIDEST = 2.0
 _SIGNIFICANT = 5.5
@@ -71,8 +72,8 @@ class EncoderOffsets:
             return 0.0
         means = np.abs(self._sums[seen] / self._weights[seen])
         chance = 1 / np.sqrt(self._weights[seen])
-        typical = _DEVIATION_PER_MEDIAN * float(np.median(means))
-        return typical if typical > _MOST_BY_CHANCE * float(np.median(chance)) else 0.0
+        typical = _DEVIATION_PER_MEDIAN * median(means)
+        return typical if typical > _MOST_BY_CHANCE * median(chance) else 0.0
 
     @property
     def passed(self) -> NDArray[np.bool_]:
@@ -204,7 +205,7 @@ class FarRotors:
         Where most seem to have an offset, rotors and springs are not equal.
         """
         offsets = np.abs(self._offsets.values[self._offsets.passed])
-        return _DEVIATION_PER_MEDIAN * float(np.median(offsets)) if offsets.size else 0.0
+        return _DEVIATION_PER_MEDIAN * median(offsets) if offsets.size else 0.0
 
     def look_for_doubtful(self, read: Array, outlying: NDArray[np.bool_]) -> None:
         """Find rotors that are not to be trusted, from what they read [rad], shape (N,).
@@ -218,7 +219,7 @@ class FarRotors:
             same &= outlying | self.stuck
         self._read = read
         self.stuck = same
-        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * float(np.median(self._apart))
+        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart)
         far_off = self._apart > limit + _LEAST_DOUBTED
         self.doubtful = same | (far_off & (self._offsets.corrections == 0))
 
@@ -234,4 +235,4 @@ def _typical(surprises: Array, unsure: ArrayLike) -> float:
     """Robust root mean square of surprises that were not to be expected [rad]."""
     beyond = np.maximum(np.abs(surprises) - unsure, 0.0)
     known = beyond[np.isfinite(beyond)]
-    return _DEVIATION_PER_MEDIAN * float(np.median(known)) if known.size else 0.0
+    return _DEVIATION_PER_MEDIAN * median(known) if known.size else 0.0

@@ -1,33 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of the analysis of a frame; `frame_arrays` says what they compute; imports numba.
-
-All are compiled when the module is imported, or taken from what an earlier process has compiled,
-so that no frame waits for it.
-"""
+"""Compiled loops of the analysis of a frame; `frame_arrays` says what they compute."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
+from soliton_linkage.compiling import (
+    COUNT,
+    FLAGS,
+    NUMBER,
+    READ,
+    READ_FLAGS,
+    READ_TABLE,
+    ROW,
+    TABLE,
+    YES,
+    compiled,
+)
 
 Flags = NDArray[np.bool_]
-Kernel = TypeVar('Kernel', bound=Callable[..., Any])
-
-_NUMBER, _COUNT, _YES = types.float64, types.int64, types.boolean
-_READ = types.Array(types.float64, 1, 'C', readonly=True)
-_ROW = types.float64[::1]
-_READ_TABLE = types.Array(types.float64, 2, 'C', readonly=True)
-_TABLE = types.float64[:, ::1]
-_READ_FLAGS = types.Array(types.boolean, 1, 'C', readonly=True)
-_FLAGS = types.boolean[::1]
 
 _WHOLE = 2 * math.pi
 _SHARE_OF_A_TURN = 0.5 / math.pi
@@ -36,201 +31,9 @@ _LARGE = 1e150
 _LEAST_LEVER = 1e-9
 
 
-def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
-    """Compile for arguments of these types; products and sums may contract."""
-
-    def compile_or_load(function: Kernel) -> Kernel:
-        try:
-            return _compiled(function, arguments, cache=True)
-        except RuntimeError:  # no folder to cache in can be written
-            return _compiled(function, arguments, cache=False)
-
-    return compile_or_load
-
-
-def _compiled(function: Kernel, arguments: tuple[Any, ...], cache: bool) -> Kernel:
-    compiler = numba.njit(
-        arguments,
-        cache=cache,
-        fastmath={'contract', 'nsz'},
-        error_model='numpy',
-        nogil=True,
-    )
-    return cast(Kernel, compiler(function))
-
-
-@compiled(_TABLE, _TABLE, _READ, _READ, _NUMBER, _NUMBER, _NUMBER)
-def predict(
-    states: Array,
-    spreads: Array,
-    wander: Array,
-    errors: Array,
-    elapsed: float,
-    kept: float,
-    cubed: float,
-) -> None:
-    for n in range(states.shape[1]):
-        states[0, n] += elapsed * states[1, n]
-        states[2, n] *= kept
-        added = cubed * elapsed * wander[n]
-        both, of_rate = spreads[1, n], spreads[3, n]
-        spreads[0, n] += elapsed * (2 * both + elapsed * of_rate) + elapsed**2 / 3 * added
-        spreads[1, n] = both + elapsed * of_rate + elapsed / 2 * added
-        spreads[2, n] = kept * (spreads[2, n] + elapsed * spreads[4, n])
-        spreads[3, n] = of_rate + added
-        spreads[4, n] *= kept
-        spreads[5, n] = kept**2 * spreads[5, n] + errors[n] * (1 - kept**2)
-
-
-@compiled(_READ_TABLE, _READ_TABLE, _READ)
-def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
-    arc, variance = 0.0, 0.0
-    for n in range(weights.size):
-        arc += weights[n] * (states[0, n] + states[2, n])
-    for n in range(weights.size):
-        apart = states[0, n] + states[2, n] - arc
-        of_filter = spreads[0, n] + 2 * spreads[2, n] + spreads[5, n]
-        variance += weights[n] * (of_filter + apart * apart)
-    return arc, variance
-
-
-@compiled(_TABLE, _TABLE, _READ, _ROW, _ROW, _ROW, _NUMBER, _NUMBER, _NUMBER)
-def take_in(
-    states: Array,
-    spreads: Array,
-    weights: Array,
-    shares: Array,
-    likelihoods: Array,
-    odds: Array,
-    arc: float,
-    variance: float,
-    freedoms: float,
-) -> tuple[float, float]:
-    base = shares.size + 1
-    likely = np.empty(weights.size)
-    for n in range(weights.size):
-        of_arc = spreads[0, n] + spreads[2, n]
-        of_rate = spreads[1, n] + spreads[4, n]
-        of_error = spreads[2, n] + spreads[5, n]
-        whole = of_arc + of_error + variance
-        surprise = arc - (states[0, n] + states[2, n])
-        square = surprise * surprise / whole
-        if freedoms < math.inf:
-            square = (freedoms + 1) * math.log1p(square / freedoms)
-        likely[n] = -0.5 * (square + math.log(whole))
-        by_arc, by_rate, by_error = of_arc / whole, of_rate / whole, of_error / whole
-        states[0, n] += by_arc * surprise
-        states[1, n] += by_rate * surprise
-        states[2, n] += by_error * surprise
-        spreads[0, n] -= of_arc * by_arc
-        spreads[1, n] -= of_arc * by_rate
-        spreads[2, n] -= of_arc * by_error
-        spreads[3, n] -= of_rate * by_rate
-        spreads[4, n] -= of_rate * by_error
-        spreads[5, n] -= of_error * by_error
-    top = likely[1]
-    for n in range(2, base):
-        top = max(top, likely[n])
-    together = 0.0
-    for n in range(1, base):
-        together += shares[n - 1] * math.exp(likely[n] - top)
-    against = top + math.log(together) - likely[0]
-    above = max(top, likely[0])
-    together, whole = 0.0, 0.0
-    for n in range(base):
-        together += weights[n] * math.exp(likely[n] - above)
-        whole += weights[n]
-    together = above + math.log(together / whole)
-    most = -math.inf
-    for n in range(odds.size):
-        odds[n] += likely[base + n] - together
-        most = max(most, odds[n])
-    top = -math.inf
-    for n in range(shares.size):
-        likelihoods[n] += likely[n + 1]
-        top = max(top, likelihoods[n])
-    whole = 0.0
-    for n in range(shares.size):
-        likelihoods[n] -= top
-        shares[n] = math.exp(likelihoods[n])
-        whole += shares[n]
-    for n in range(shares.size):
-        shares[n] /= whole
-    return against, most
-
-
-@compiled(_ROW, _READ, _READ, _NUMBER, _NUMBER, _NUMBER)
-def weigh(
-    weights: Array, shares: Array, odds: Array, against: float, rare: float, none: float
-) -> None:
-    doubted = 1 / (1 + math.exp(-against))
-    base = shares.size + 1
-    weights[0] = 1 - doubted
-    for n in range(shares.size):
-        weights[n + 1] = doubted * shares[n]
-    for n in range(odds.size):
-        weights[base + n] = math.exp(-rare) * max(math.exp(odds[n]) - math.exp(none), 0.0)
-    whole = 0.0
-    for n in range(weights.size):
-        whole += weights[n]
-    for n in range(weights.size):
-        weights[n] /= whole
-
-
-@compiled(_READ, _READ_TABLE, _READ_TABLE, _COUNT, _NUMBER)
-def mixture(
-    weights: Array, states: Array, spreads: Array, base: int, least: float
-) -> tuple[float, float, float, float, float]:
-    whole, arc, rate = 0.0, 0.0, 0.0
-    of_arc, both, of_rate = 0.0, 0.0, 0.0
-    for n in range(weights.size):
-        weight = weights[n]
-        if n < base or weight >= least:
-            whole += weight
-            arc += weight * states[0, n]
-            rate += weight * states[1, n]
-            of_arc += weight * spreads[0, n]
-            both += weight * spreads[1, n]
-            of_rate += weight * spreads[3, n]
-    arc, rate = arc / whole, rate / whole
-    for n in range(weights.size):
-        weight = weights[n]
-        if n < base or weight >= least:
-            arcs, rates = states[0, n] - arc, states[1, n] - rate
-            of_arc += weight * arcs * arcs
-            both += weight * arcs * rates
-            of_rate += weight * rates * rates
-    return arc, rate, of_arc / whole, both / whole, of_rate / whole
-
-
-@compiled(_TABLE, _TABLE, _ROW, _ROW, _READ, _COUNT, _NUMBER, _NUMBER)
-def suppose_kick(
-    states: Array,
-    spreads: Array,
-    errors: Array,
-    odds: Array,
-    weights: Array,
-    older: int,
-    elapsed: float,
-    least: float,
-) -> None:
-    base = weights.size - odds.size
-    likeliest = int(np.argmax(weights[:base]))
-    for age in range(older, -1, -1):
-        source = base + age - 1 if age else likeliest
-        for row in range(3):
-            states[row, base + age] = states[row, source]
-        for row in range(6):
-            spreads[row, base + age] = spreads[row, source]
-        errors[base + age] = errors[source]
-        odds[age] = odds[age - 1] if age else 0.0
-    kick = states[1, base] ** 2 + least
-    spreads[0, base] += kick * elapsed**2 / 4
-    spreads[3, base] += kick
-
-
-@compiled(_READ, _ROW, _ROW, _ROW)
+@compiled(READ, ROW, ROW, ROW)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
+    """Angles as read, without jumps."""
     for n in range(angles.size):
         angle = angles[n]
         if abs(angle) < 1e9:
@@ -243,8 +46,9 @@ def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
             seen[n] = math.nan
 
 
-@compiled(_READ, _NUMBER)
+@compiled(READ, NUMBER)
 def all_within(values: Array, limit: float) -> bool:
+    """Whether a row is known, finite and within a limit."""
     within = True
     for n in range(values.size):
         size = abs(values[n])
@@ -252,7 +56,7 @@ def all_within(values: Array, limit: float) -> bool:
     return within
 
 
-@compiled(_READ, _READ, _YES, _READ, _READ, _READ, _COUNT, _ROW)
+@compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
 def compare(
     angles: Array,
     corrections: Array,
@@ -263,6 +67,7 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
+    """Differences of angles from those of a wall."""
     end = first + about.size
     for n in range(angles.size):
         angle = angles[n] - corrections[n]
@@ -273,7 +78,7 @@ def compare(
         differences[n] = apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
 
 
-@compiled(_ROW, _COUNT, _READ, _NUMBER, _NUMBER, _NUMBER, _READ_FLAGS, _FLAGS, _FLAGS, _ROW)
+@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, READ_FLAGS, FLAGS, FLAGS, ROW)
 def look(
     differences: Array,
     first: int,
@@ -285,7 +90,8 @@ def look(
     outlying: Flags,
     used: Flags,
     left: Array,
-) -> tuple[int, int, int, bool, float, float]:
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float]]:
+    """Find the arc that a frame shows, and what it leaves."""
     count, end = tangent.size, first + tangent.size
     strange = False
     for n in range(differences.size):
@@ -312,16 +118,19 @@ def look(
             information += tangent[n] * tangent[n]
             ahead += tangent[n] * differences[first + n]
     ahead = ahead / information if information else 0.0
+    squares = 0.0
     for n in range(count):
         differences[first + n] -= ahead * tangent[n]
         left[n] = differences[first + n] if used[n] else 0.0
-    return known, excluded, counted, strange, information, ahead
+        squares += left[n] * left[n]
+    return (known, excluded, counted), strange, (information, ahead, squares)
 
 
-@compiled(_READ, _READ, _READ, _READ)
+@compiled(READ, READ, READ, READ)
 def products_in_time(
     oldest: Array, older: Array, left: Array, tangent: Array
 ) -> tuple[float, float, float, float]:
+    """Sums of products of what three frames running left."""
     whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
     for n in range(left.size):
         product = left[n] * (older[n] * (4 / 3) - oldest[n] / 3)
@@ -334,8 +143,9 @@ def products_in_time(
     return whole, wall, free, chance
 
 
-@compiled(_READ, _READ_TABLE, _COUNT, _NUMBER, _ROW)
+@compiled(READ, READ_TABLE, COUNT, NUMBER, ROW)
 def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:
+    """Values of B-splines, by Cox's and de Boor's recursion."""
     low, high = degree, coefficients.shape[0]
     while high - low > 1:
         middle = (low + high) // 2
@@ -360,8 +170,9 @@ def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Ar
         values[column] = value
 
 
-@compiled(_READ)
+@compiled(READ)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
+    """Number of rotors before the wall, and the sines of its two rotors."""
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
         whole += sines[n] if math.isfinite(sines[n]) else 0.0
@@ -380,15 +191,16 @@ def bond_of_wall(sines: Array) -> tuple[int, float, float]:
     )
 
 
-@compiled(_READ, _COUNT)
+@compiled(READ, COUNT)
 def _staggered(angles: Array, n: int) -> float:
-    return math.pi - angles[n] if n % 2 else angles[n]
+    return float(math.pi - angles[n] if n % 2 else angles[n])
 
 
-@compiled(_READ, _READ, _READ, _COUNT, _COUNT)
+@compiled(READ, READ, READ, COUNT, COUNT)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> tuple[int, float, float, float, float]:
+    """Mean and scatter of the outer half of one side of a wall."""
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -407,15 +219,15 @@ def uniform_part(
     return count, sine, cosine, mean, scatter
 
 
-@compiled(_READ, _COUNT, _COUNT, _NUMBER, _NUMBER, _COUNT)
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, COUNT)
 def _deviation(
     angles: Array, nearest: int, way: int, mean: float, handed: float, beyond: int
 ) -> float:
     apart = _staggered(angles, nearest + way * beyond) - mean
-    return handed * (apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN))
+    return float(handed * (apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)))
 
 
-@compiled(_NUMBER, _NUMBER, _NUMBER)
+@compiled(NUMBER, NUMBER, NUMBER)
 def _following(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
     lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
     across = k + lean
@@ -426,7 +238,7 @@ def _following(inner: float, rest_angle: float, k: float) -> tuple[float, float]
     return outer - rest_angle, (k * up - sine) / (lever if lever else _LEAST_LEVER)
 
 
-@compiled(_READ, _COUNT, _COUNT, _NUMBER, _NUMBER, _NUMBER, _NUMBER, _TABLE)
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER, NUMBER, TABLE)
 def tail_products(
     angles: Array,
     nearest: int,
@@ -437,6 +249,7 @@ def tail_products(
     flat: float,
     sums: Array,
 ) -> None:
+    """Add up products of deviations outwards from a wall."""
     way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
     begin = 0
     for n in range(half + 1):
@@ -457,7 +270,7 @@ def tail_products(
                     sums[i, j] += row[i] * row[j]
 
 
-@compiled(_READ, _READ, _READ_TABLE, _COUNT, _COUNT, _TABLE)
+@compiled(READ, READ, READ_TABLE, COUNT, COUNT, TABLE)
 def _spring(
     sines: Array, cosines: Array, parameters: Array, n: int, following: int, rows: Array
 ) -> None:
@@ -475,10 +288,9 @@ def _spring(
     rows[2, n] = (v_next * across - h_next * up) / divisor
 
 
-@compiled(_READ, _READ, _READ_TABLE, _YES, _TABLE)
-def springs(
-    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
-) -> None:
+@compiled(READ, READ, READ_TABLE, YES, TABLE)
+def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
+    """Extensions and levers of springs."""
     rotors = sines.size
     for n in range(rotors - 1):
         _spring(sines, cosines, parameters, n, n + 1, rows)
@@ -486,7 +298,7 @@ def springs(
         _spring(sines, cosines, parameters, rotors - 1, 0, rows)
 
 
-@compiled(_READ_TABLE, _READ, _READ, _READ, _YES, _NUMBER, _ROW)
+@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, ROW)
 def elastic(
     rows: Array,
     half: Array,
@@ -496,6 +308,7 @@ def elastic(
     variance: float,
     energies: Array,
 ) -> tuple[float, float, float]:
+    """Energies of springs less that of the noise, and sums."""
     whole, squares, pulling = 0.0, 0.0, 0.0
     count = half.size
     for n in range(count):
@@ -514,10 +327,11 @@ def elastic(
     return whole, squares, pulling
 
 
-@compiled(_READ, _READ, _READ, _NUMBER, _ROW)
+@compiled(READ, READ, READ, NUMBER, ROW)
 def kinetic(
     half: Array, noisy: Array, rates: Array, variance: float, energies: Array
 ) -> tuple[float, float, float]:
+    """Energies of rotors less that of the noise, and sums."""
     whole, known, squares = 0.0, 0.0, 0.0
     for n in range(half.size):
         energy = half[n] * (rates[n] * rates[n]) - variance * noisy[n]
@@ -528,18 +342,20 @@ def kinetic(
     return whole, known, squares
 
 
-@compiled(_READ, _COUNT, _COUNT)
+@compiled(READ, COUNT, COUNT)
 def total(values: Array, begin: int, end: int) -> float:
+    """Sum of some of a row."""
     whole = 0.0
     for n in range(begin, end):
         whole += values[n]
     return whole
 
 
-@compiled(_READ_TABLE, _COUNT, _COUNT, _NUMBER)
+@compiled(READ_TABLE, COUNT, COUNT, NUMBER)
 def topology(
     rows: Array, before: int, beyond: int, domain: float
 ) -> tuple[float, float, int, int, float]:
+    """Polarisations of both sides and the centre of the zero mode."""
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
     for n in range(rows.shape[1]):
@@ -565,7 +381,7 @@ def topology(
     return left, right, first, last, moments / squares
 
 
-@compiled(_READ, _READ_TABLE, _READ, _COUNT, _COUNT, _NUMBER, _NUMBER, _NUMBER, _NUMBER)
+@compiled(READ, READ_TABLE, READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER, NUMBER)
 def contraction_sums(
     angles: Array,
     table: Array,
@@ -577,6 +393,7 @@ def contraction_sums(
     step: float,
     half: float,
 ) -> tuple[float, float, float, float, float]:
+    """Sums of the least squares of the contraction."""
     places, both, logs, of_place, of_log = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(begin, end):
         if not math.isfinite(angles[n]):
@@ -599,7 +416,7 @@ def contraction_sums(
     return places, both, logs, of_place, of_log
 
 
-@compiled(_READ, _READ, _COUNT, _COUNT, _COUNT, _COUNT, _YES, _NUMBER, _ROW, _ROW)
+@compiled(READ, READ, COUNT, COUNT, COUNT, COUNT, YES, NUMBER, ROW, ROW)
 def beside_wall(
     angles: Array,
     at_rest: Array,
@@ -612,6 +429,7 @@ def beside_wall(
     expected: Array,
     measured: Array,
 ) -> None:
+    """Leans beside a wall at rest, and as they are measured."""
     alike = 0.0
     for n in range(low, high):
         alike += math.cos(angles[n]) * math.cos(at_rest[n - first])
@@ -632,8 +450,9 @@ def beside_wall(
         measured[place] = lean + handed * apart
 
 
-@compiled(_READ, _NUMBER, _NUMBER)
+@compiled(READ, NUMBER, NUMBER)
 def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
+    """First rotor in the tail, and the first beyond."""
     begin = 0
     for n in range(expected.size):
         if abs(expected[n]) > large:
@@ -644,10 +463,25 @@ def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]
     return begin, end
 
 
-@compiled(_READ, _COUNT, _COUNT, _NUMBER, _NUMBER)
+@compiled(READ, NUMBER, NUMBER)
+def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
+    """Rotor whose overshoot is told."""
+    at, most = 0, -math.inf
+    for n in range(expected.size):
+        if calm > 0:
+            at = n
+            if abs(expected[n]) < calm:
+                break
+        elif math.sin(rest_angle + expected[n]) > most:
+            at, most = n, math.sin(rest_angle + expected[n])
+    return at
+
+
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER)
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
+    """Sums over a tail for the ratio of its deviations."""
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
     for n in range(begin, end):

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
-from soliton_linkage.frame_arrays import frame_loops
+from soliton_linkage.frame_arrays import frame_loops, median
 
 Flags = NDArray[np.bool_]
 BEYOND_CHANCE = 5.0
@@ -42,6 +41,8 @@ class FrameView:
     """Their residuals, 0 for those that do not count [rad], shape (n,)."""
     information: float
     """Information on the arc in units of that of a noise of 1 rad [1]."""
+    squares: float
+    """Sum of squares of what is left of them [rad^2]."""
     any_outlying: bool
     """Whether any rotor of the chain is outlying."""
 
@@ -65,7 +66,7 @@ class FrameView:
         self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
         self.used = np.empty(len(tangent), dtype=np.bool_)
         self.left = np.empty(len(tangent))
-        known, excluded, used, self.any_outlying, self.information, ahead = frame_loops().look(
+        counts, self.any_outlying, sums = frame_loops().look(
             differences,
             first,
             tangent,
@@ -77,6 +78,8 @@ class FrameView:
             self.used,
             self.left,
         )
+        known, excluded, used = counts
+        self.information, ahead, self.squares = sums
         self.share_of_outliers = excluded / max(known, 1)
         self.freedoms = max(used - 1, 1)
         self.arc = arc + ahead
@@ -86,18 +89,13 @@ class FrameView:
         """Squared residual beyond chance, by the median of them all [rad^2]."""
         if not self.used.any():
             return math.inf
-        median = float(np.median(np.abs(self.left[self.used])))
-        return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median) ** 2
-
-    @cached_property
-    def squares(self) -> float:
-        """Sum of squares of what the arc leaves of the rotors about the wall [rad^2]."""
-        return float(self.left @ self.left)
+        typical = median(np.abs(self.left[self.used]))
+        return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * typical) ** 2
 
     @property
     def mean_square(self) -> float:
         """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
-        return self.squares / self.freedoms
+        return float(self.squares / self.freedoms)
 
     @property
     def mean_square_of_all(self) -> float:

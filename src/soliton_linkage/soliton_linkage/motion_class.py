@@ -93,14 +93,13 @@ class MotionEvidence:
         scaled = ratio / deviation if math.isfinite(ratio) else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
         spinning = 1 / (1 + 2 * math.exp(self.flipping))
-        shares = {
-            Motion.FLIPPER: (1 - spinning) * (1 - wobbling),
-            Motion.WOBBLING_FLIPPER: (1 - spinning) * wobbling,
-            Motion.SPINNER: spinning,
-        }
-        motion = max(shares, key=lambda each: shares[each])
-        known = motion if shares[motion] >= _SURE else None
-        return MotionClass(known, shares[motion], spinning, ratio, deviation)
+        share, motion = (1 - spinning) * (1 - wobbling), Motion.FLIPPER
+        if (1 - spinning) * wobbling > share:
+            share, motion = (1 - spinning) * wobbling, Motion.WOBBLING_FLIPPER
+        if spinning > share:
+            share, motion = spinning, Motion.SPINNER
+        known = motion if share >= _SURE else None
+        return MotionClass(known, share, spinning, ratio, deviation)
 
     def tail_ratio(self) -> tuple[float, float]:
         """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
@@ -281,7 +280,7 @@ def _flipping(left: _Side, right: _Side, noise: float) -> float:
     spun = math.remainder(right.mean - left.mean - math.pi, 2 * math.pi) ** 2
     variance = noise**2 * (1 / left.count + 1 / right.count)
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
-    return min(max(likelihood, -_STRONGEST_FRAME), _STRONGEST_FRAME)
+    return float(min(max(likelihood, -_STRONGEST_FRAME), _STRONGEST_FRAME))
 
 
 def _solved(sums: list[list[float]], rest_angle: float) -> tuple[float, float]:

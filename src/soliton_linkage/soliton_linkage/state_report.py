@@ -118,26 +118,25 @@ class FrameState:
         self.chain = chain
         self.angles = np.ascontiguousarray(chain.check_angles(angles))
         self.sines = sines_of(self.angles)
-
-    @cached_property
-    def springs(self) -> Array:
+        self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
-        chain = self.chain
-        rows = np.empty((3, chain.number_of_springs))
         frame_loops().springs(
-            self.sines.sines, self.sines.cosines, chain.spring_parameters, chain.periodic, rows
+            self.sines.sines,
+            self.sines.cosines,
+            chain.spring_parameters,
+            chain.periodic,
+            self.springs,
         )
-        return rows
 
     @property
     def first(self) -> Array:
         """Levers A [m/rad], shape (springs,)."""
-        return self.springs[1]
+        return np.asarray(self.springs[1])
 
     @property
     def second(self) -> Array:
         """Levers B [m/rad], shape (springs,)."""
-        return self.springs[2]
+        return np.asarray(self.springs[2])
 
     @cached_property
     def mode_squares(self) -> Array:
@@ -182,7 +181,7 @@ class StateReporter:
         self._half_inertias = 0.5 * chain.moments_of_inertia
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
-        self._windings = {lean: winding_number(chain, lean) for lean in (1, -1)}
+        self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
         self._loops = frame_loops()
         self._signs = 1.0 - 2.0 * (np.arange(chain.number_of_rotors) % 2)
 
@@ -234,7 +233,7 @@ class StateReporter:
             state.springs, before, beyond, _DOMAIN * self._uniform
         )
         means = left / (before * self._uniform), right / ((bonds - beyond) * self._uniform)
-        windings = tuple(self._windings[1 if mean > 0 else -1] for mean in means)
+        windings = self._windings[means[0] > 0], self._windings[means[1] > 0]
         charge = int(at_first > 0) - int(at_last > 0)
         return Topology(means, windings, charge, centre)
 
@@ -347,7 +346,7 @@ class StateReporter:
 
 def _finite(places: ArrayLike) -> list[float]:
     """Places of walls as a list, without those that are not finite."""
-    given: list[float] = np.ravel(places).tolist()
+    given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
     return [place for place in given if math.isfinite(place)]
 
 

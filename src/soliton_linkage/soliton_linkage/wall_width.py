@@ -423,11 +423,12 @@ class WidthReporter:
 
     def __init__(self, chain: Chain) -> None:
         """Tabulate the walls; raises ValueError as `static_wall` does."""
-        self._theory = wall_theory(chain)
+        theory = wall_theory(chain)
+        self._speed_of_sound = theory.speed_of_sound
         self._mean = ContractionMean(WallFamily(chain))
         undefined = chain.motion is not Motion.SPINNER
         undefined &= chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
-        self._at_rest = math.nan if undefined else self._theory.width()
+        self._at_rest = math.nan if undefined else theory.width()
 
     def restart(self) -> None:
         """Forget the frames so far, as after a kick."""
@@ -439,13 +440,20 @@ class WidthReporter:
         """Width with one more frame; the velocity [m/s], all else as `ContractionMean.update`."""
         found = self._mean.update(angles, place, leg, noise)
         width = self._at_rest * math.exp(-found.logarithm)
-        slower = abs(velocity) < self._theory.speed_of_sound or velocity == 0
-        ratio = self._theory.width(velocity) / self._theory.width() if slower else math.nan
         known = math.isfinite(found.logarithm)
         return Width(
             measured=width,
             deviation=width * found.deviation if known else math.nan,
-            theory=self._at_rest * ratio,
+            theory=self._at_rest * self._theory_ratio(velocity),
             contraction=found.factor,
             contraction_deviation=found.factor * found.deviation if known else math.nan,
         )
+
+    def _theory_ratio(self, velocity: float) -> float:
+        """Width at a velocity [m/s] over that at rest, sqrt(1 - v^2 / c^2); NaN from c on."""
+        if velocity == 0:
+            return 1.0
+        if not abs(velocity) < self._speed_of_sound:
+            return math.nan
+        share = velocity / self._speed_of_sound
+        return math.sqrt((1 - share) * (1 + share))

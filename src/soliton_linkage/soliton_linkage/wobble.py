@@ -210,11 +210,8 @@ class WobbleReporter:
         rest, length = self.chain.rest_angle, self.chain.rotor_length
         if self.chain.motion is Motion.SPINNER or not len(side.expected):
             return math.nan, math.nan, math.nan
-        if self.chain.lean_ratio > 1:
-            at = int(np.sin(rest + side.expected).argmax())
-        else:
-            calm = np.abs(side.expected) < max(noise, _FLAT * rest)
-            at = int(calm.argmax()) if calm.any() else len(calm) - 1
+        calm = 0.0 if self.chain.lean_ratio > 1 else max(noise, _FLAT * rest)
+        at = self._loops.overshooting(side.expected, rest, calm)
         measured, expected = rest + float(side.measured[at]), rest + float(side.expected[at])
         lean = length * math.sin(rest)
         return (
