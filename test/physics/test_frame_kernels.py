@@ -82,6 +82,7 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('unwrap', (np.append(angles[:-1], 1e10), last, np.zeros(ROTORS), np.zeros(ROTORS))),
         ('all_within', (whole, 40.0)),
         ('all_within', (angles, math.inf)),
+        ('known_changes', (angles, whole, others, np.zeros(ROTORS))),
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
         ('look', (differences, *limited, NO_FLAGS, *found)),
         ('look', (differences, *limited, flags(random, 0.2), *found)),

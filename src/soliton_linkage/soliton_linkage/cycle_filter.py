@@ -22,6 +22,7 @@ from soliton_linkage.cycle_fit import fit_anywhere
 from soliton_linkage.cycle_motion import CycleMotion
 from soliton_linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.encoder_offsets import EncoderOffsets, FarRotors
+from soliton_linkage.filter_arrays import filter_loops
 from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.frame_noise import BEYOND_CHANCE, FrameNoise, FrameView
 from soliton_linkage.leg_evidence import LegEvidence
@@ -140,6 +141,7 @@ class CycleFilter:
         self._clock_limit = clock_limit
         self._depth = penetration_depth(chain) / chain.spacing
         self._legs = LegEvidence(cycle)
+        filter_loops()  # they are loaded now, rather than while a frame waits
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._backgrounds = [
             cycle.background(cycle.arc_at(cycle.middle, leg))

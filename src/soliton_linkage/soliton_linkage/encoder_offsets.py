@@ -219,7 +219,7 @@ class FarRotors:
             same &= outlying | self.stuck
         self._read = read
         self.stuck = same
-        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart)
+        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart.copy())
         far_off = self._apart > limit + _LEAST_DOUBTED
         self.doubtful = same | (far_off & (self._offsets.corrections == 0))
 

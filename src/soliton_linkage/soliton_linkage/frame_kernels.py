@@ -56,6 +56,18 @@ def all_within(values: Array, limit: float) -> bool:
     return within
 
 
+@compiled(READ, READ, READ, ROW)
+def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+    """Absolute second differences of three rows, the known ones in front."""
+    known = 0
+    for n in range(changes.size):
+        change = abs(first[n] - 2 * second[n] + third[n])
+        if change < math.inf:
+            changes[known] = change
+            known += 1
+    return known
+
+
 @compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
 def compare(
     angles: Array,
@@ -228,7 +240,7 @@ def _deviation(
 
 
 @compiled(NUMBER, NUMBER, NUMBER)
-def _following(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
+def _next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
     lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
     across = k + lean
     cosine = (math.cos(2 * rest_angle) - k * lean) / math.hypot(up, across)
@@ -263,7 +275,7 @@ def tail_products(
         e = _deviation(angles, nearest, way, mean, handed, n)
         outer = _deviation(angles, nearest, way, mean, handed, n + 1)
         if math.isfinite(outer):
-            beyond = outer - _following(e, rest_angle, k)[0]
+            beyond = outer - _next_deviation(e, rest_angle, k)[0]
             row = (e, e * e, beyond)
             for i in range(3):
                 for j in range(3):
@@ -485,7 +497,7 @@ def tail_sums(
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
     for n in range(begin, end):
-        following, slope = _following(measured[n], rest_angle, k)
+        following, slope = _next_deviation(measured[n], rest_angle, k)
         e = measured[n]
         square += e * e
         product += e * (measured[n + 1] - following)

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soliton_linkage import frame_arrays
 from soliton_linkage.chain import Array, Motion
 from soliton_linkage.frame_arrays import FrameSines, frame_loops, sines_of
 
@@ -38,7 +39,6 @@ _FLAT_IN_NOISE = 2.0
 _NOISIEST = 0.15
 _FREEDOM_OF_BEND = 0.1
 _SPREAD = 1.2
-_LEAST_LEVER = 1e-9
 _NEGLECTED = 0.01
 
 
@@ -202,26 +202,12 @@ def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> 
     cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda says
     k = 2 sin(theta_bar) / d; F(e) is for lambda = 0.
     """
-    lean, up = np.sin(rest_angle + deviations), np.cos(rest_angle + deviations)
-    return _outer(lean, up, rest_angle, _pitch(rest_angle, ratio)) - rest_angle
+    return frame_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[0]
 
 
 def slope_of_next(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
     """Derivative of `next_deviation` by the deviation [1], lambda at 0, shape (...)."""
-    return next_deviation_and_slope(deviations, rest_angle, ratio)[1]
-
-
-def next_deviation_and_slope(
-    deviations: Array, rest_angle: float, ratio: float = 0.0
-) -> tuple[Array, Array]:
-    """Both at once: see `next_deviation` and `slope_of_next`."""
-    k, inner = _pitch(rest_angle, ratio), rest_angle + deviations
-    up = np.cos(inner)
-    outer = _outer(np.sin(inner), up, rest_angle, k)
-    sine = np.sin(inner + outer)
-    lever = k * np.cos(outer) + sine
-    # A bar in line with the outer rotor makes the slope infinite.
-    return outer - rest_angle, (k * up - sine) / np.where(lever == 0, _LEAST_LEVER, lever)
+    return frame_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[1]
 
 
 class _Side:
@@ -249,14 +235,6 @@ class _Side:
             self._angles, self._nearest, self._edge, self.mean, self._handed, rest, flat, sums
         )
         sums /= noise**2 * (_SPREAD + 1 / self.count)
-
-
-def _outer(lean: Array, up: Array, rest_angle: float, k: float) -> Array:
-    """Angle alpha' of the outer neighbour, from sine and cosine of alpha [rad], shape (...)."""
-    across = k + lean
-    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
-    limited = np.minimum(np.maximum(cosine, -1.0), 1.0)
-    return np.asarray(np.arccos(limited) - np.arctan2(across, up))
 
 
 def _pitch(rest_angle: float, ratio: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from soliton_linkage.bands import band_edges
 from soliton_linkage.chain import Array, Chain
-from soliton_linkage.frame_arrays import median
+from soliton_linkage.frame_arrays import frame_loops, median
 
 _MEMORY = 1000
 _SLOWEST_FRAMES = 0.5
@@ -29,6 +29,7 @@ class RateNoise:
 
     def __init__(self, chain: Chain) -> None:
         """Begin without any frame."""
+        self._loops = frame_loops()
         self._longest = _SLOWEST_FRAMES / band_edges(chain)[1]
         self.restart()
 
@@ -51,10 +52,9 @@ class RateNoise:
         steps = middle - before, after - middle
         if max(steps) > self._longest or abs(steps[0] - steps[1]) > _UNEVEN * steps[0]:
             return
-        changes = np.abs(first - 2 * second + third)
-        if not math.isfinite(float(changes.sum())):
-            changes = changes[np.isfinite(changes)]
-        if len(changes) == 0:
+        changes = np.empty_like(rates)
+        known = self._loops.known_changes(first, second, third, changes)
+        if known == 0:
             return
         self._frames = min(self._frames + 1, _MEMORY)
-        self._median += (median(changes) - self._median) / self._frames
+        self._median += (median(changes[:known]) - self._median) / self._frames
