@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.chain import Array, staggered, wrapped
+from soliton_linkage.chain import Array, springs_between, staggered, wrapped
 
 Flags = NDArray[np.bool_]
 
@@ -253,21 +253,10 @@ def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, row
     They are of shape (4, N), of which those of springs count as far as there are springs.
     """
     count = rows.shape[1]
-    lengths, spacings, offsets, rest_lengths = parameters
-    horizontal, vertical = lengths * sines, lengths * cosines
-    spacings, offsets, rest_lengths = spacings[:count], offsets[:count], rest_lengths[:count]
-    h, v = horizontal[:count], vertical[:count]
-    h_next, v_next = (
-        np.roll(each, -1) if periodic else each[1:] for each in (horizontal, vertical)
-    )
-    across, up = h_next - h, v_next - v
-    excess = offsets + 2 * spacings * across - 2 * (h * h_next + v * v_next)
-    across += spacings
-    extents = np.hypot(across, up)
-    divisors = np.maximum(extents, _TINY)
-    rows[0] = excess / (extents + rest_lengths)
-    rows[1] = (h * up - v * across) / divisors
-    rows[2] = (v_next * across - h_next * up) / divisors
+    lengths, of_springs = parameters[0], parameters[1:, :count]
+    h, v = lengths * sines, lengths * cosines
+    following = np.roll(h, -1)[:count], np.roll(v, -1)[:count]
+    rows[:] = springs_between((h[:count], v[:count]), following, *of_springs)
 
 
 def elastic(
