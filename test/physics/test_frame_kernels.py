@@ -64,6 +64,17 @@ def of_filters(random: np.random.Generator) -> list[Case]:
         ('weigh', (weights, shares, odds, 1.2, 9.0, 1.0)),
         ('mixture', (weights, states, spreads, BASE, 0.02)),
         ('suppose_kick', (states, spreads, errors, odds, weights, 3, 0.01, 0.2)),
+        *of_offsets(random),
+    ]
+
+
+def of_offsets(random: np.random.Generator) -> list[Case]:
+    weights, sums = random.random((2, ROTORS)), random.standard_normal((2, ROTORS))
+    sides, rows = random.integers(-1, 2, ROTORS).astype(float), np.zeros((2, ROTORS))
+    return [
+        ('gather', (weights, sums, np.zeros(ROTORS), angles_of(random), sides, 0.3)),
+        ('solve', (weights, sums, 0.2, 3.0, np.zeros((5, ROTORS)))),
+        ('expect', (random.random((5, ROTORS)), sides, *rows)),
     ]
 
 

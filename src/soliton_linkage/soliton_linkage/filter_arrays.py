@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the filters of `CycleMotion` compute, in numpy; `filter_kernels` compiles it.
+"""What `CycleMotion` and `EncoderOffsets` compute, in numpy; `filter_kernels` compiles it.
 
 The functions of both modules are the same but for rounding. States are rows s, w and b, shape
 (3, F), spreads ss, sw, sb, ww, wb and bb of their covariance, shape (6, F), of the B filters
-without kicks and after them those with one.
+without kicks and after them those with one. Weights [1/rad^2] and sums [1/rad] of the residuals
+of rotors are of shape (2, N), before the wall and beyond it.
 """
 
 from __future__ import annotations
@@ -168,6 +169,44 @@ def suppose_kick(
     spreads[0, base] += kick * elapsed**2 / 4
     spreads[3, base] += kick
     odds[0] = 0.0
+
+
+def gather(
+    weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float
+) -> None:
+    """Add residuals of a variance [rad^2] to the weights, sums and times (N,) of their rotors.
+
+    Residuals [rad], NaN where unknown, and sides, +1, -1 and 0 about the wall: (N,) each.
+    """
+    for row, side in enumerate((1, -1)):
+        known = (sides == side) & np.isfinite(residuals)
+        times[known] += 1
+        weights[row, known] += 1 / variance
+        sums[row, known] += residuals[known] / variance
+
+
+def solve(weights: Array, sums: Array, widest: float, trust: float, solution: Array) -> None:
+    """Means o and delta and covariances oo, od and dd of `EncoderOffsets`, shape (5, N).
+
+    From the 2 x 2 normal equations, with the weights of the priors of both [1/rad^2].
+    """
+    both = weights.sum(axis=0)
+    of_offset, of_rest, mixed = both + widest, both + trust, weights[0] - weights[1]
+    whole, apart = sums.sum(axis=0), sums[0] - sums[1]
+    rows = (
+        of_rest * whole - mixed * apart,
+        of_offset * apart - mixed * whole,
+        of_rest,
+        -mixed,
+        of_offset,
+    )
+    solution[:] = np.array(rows) / (of_offset * of_rest - mixed**2)
+
+
+def expect(solution: Array, sides: Array, means: Array, variances: Array) -> None:
+    """Residuals o + side * delta that are expected [rad] and their variances, shape (N,) each."""
+    means[:] = solution[0] + sides * solution[1]
+    variances[:] = solution[2] + sides * (2 * solution[3] + sides * solution[4])
 
 
 def _together(shares: Array, likelihoods: Array) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of the filters of `CycleMotion`; `filter_arrays` says what they compute."""
+"""Compiled loops of what frames tell together; `filter_arrays` says what they compute."""
 
 from __future__ import annotations
 
@@ -190,3 +190,41 @@ def suppose_kick(
     kick = states[1, base] ** 2 + least
     spreads[0, base] += kick * elapsed**2 / 4
     spreads[3, base] += kick
+
+
+@compiled(TABLE, TABLE, ROW, READ, READ, NUMBER)
+def gather(
+    weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float
+) -> None:
+    """Add residuals to the sums of the sides on which their rotors are."""
+    for n in range(residuals.size):
+        if sides[n] != 0 and math.isfinite(residuals[n]):
+            row = 0 if sides[n] > 0 else 1
+            times[n] += 1
+            weights[row, n] += 1 / variance
+            sums[row, n] += residuals[n] / variance
+
+
+@compiled(READ_TABLE, READ_TABLE, NUMBER, NUMBER, TABLE)
+def solve(weights: Array, sums: Array, widest: float, trust: float, solution: Array) -> None:
+    """Solve the normal equations of offsets and rest angles."""
+    for n in range(weights.shape[1]):
+        before, beyond = weights[0, n], weights[1, n]
+        of_offset, of_rest = before + beyond + widest, before + beyond + trust
+        mixed = before - beyond
+        whole, apart = sums[0, n] + sums[1, n], sums[0, n] - sums[1, n]
+        determinant = of_offset * of_rest - mixed * mixed
+        solution[0, n] = (of_rest * whole - mixed * apart) / determinant
+        solution[1, n] = (of_offset * apart - mixed * whole) / determinant
+        solution[2, n] = of_rest / determinant
+        solution[3, n] = -mixed / determinant
+        solution[4, n] = of_offset / determinant
+
+
+@compiled(READ_TABLE, READ, ROW, ROW)
+def expect(solution: Array, sides: Array, means: Array, variances: Array) -> None:
+    """Residuals that are expected and their variances."""
+    for n in range(sides.size):
+        side = sides[n]
+        means[n] = solution[0, n] + side * solution[1, n]
+        variances[n] = solution[2, n] + side * (2 * solution[3, n] + side * solution[4, n])

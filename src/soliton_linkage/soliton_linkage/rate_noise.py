@@ -45,7 +45,7 @@ class RateNoise:
 
     def update(self, time: float, rates: Array) -> None:
         """Take in the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
-        self._last = [*self._last[-2:], (time, rates)]
+        self._last = [*self._last[-2:], (time, np.ascontiguousarray(rates, dtype=np.float64))]
         if len(self._last) < 3:
             return
         (before, first), (middle, second), (after, third) = self._last

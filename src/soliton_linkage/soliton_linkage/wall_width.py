@@ -145,7 +145,7 @@ class WallFamily:
         span = _SPAN * self._scale + 2
         gamma = math.exp(logarithm)
         places, both, logs, of_place, of_log = self._loops.contraction_sums(
-            angles,
+            np.ascontiguousarray(angles, dtype=np.float64),
             self._tables[leg % len(self._tables)],
             self._offsets,
             max(math.ceil(centre - span), 1),

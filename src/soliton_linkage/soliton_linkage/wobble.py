@@ -184,7 +184,7 @@ class WobbleReporter:
         expected, measured = np.empty(high - low), np.empty(high - low)
         self._loops.beside_wall(
             angles,
-            wall.angles,
+            np.ascontiguousarray(wall.angles),
             wall.first,
             low,
             middle,
