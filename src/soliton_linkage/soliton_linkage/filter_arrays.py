@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `CycleMotion` and `EncoderOffsets` compute, in numpy; `filter_kernels` compiles it.
+"""What frames that follow each other tell, in numpy; `filter_kernels` compiles it.
 
-The functions of both modules are the same but for rounding. States are rows s, w and b, shape
-(3, F), spreads ss, sw, sb, ww, wb and bb of their covariance, shape (6, F), of the B filters
-without kicks and after them those with one. Weights [1/rad^2] and sums [1/rad] of the residuals
-of rotors are of shape (2, N), before the wall and beyond it.
+The functions of both modules are the same but for rounding. For `CycleMotion` states are rows s,
+w and b, shape (3, F), spreads ss, sw, sb, ww, wb and bb of their covariance, shape (6, F), of the
+B filters without kicks and after them those with one. For `EncoderOffsets` weights [1/rad^2] and
+sums [1/rad] of residuals are of shape (2, N), before the wall and beyond it.
 """
 
 from __future__ import annotations
@@ -207,6 +207,27 @@ def expect(solution: Array, sides: Array, means: Array, variances: Array) -> Non
     """Residuals o + side * delta that are expected [rad] and their variances, shape (N,) each."""
     means[:] = solution[0] + sides * solution[1]
     variances[:] = solution[2] + sides * (2 * solution[3] + sides * solution[4])
+
+
+def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+    """Absolute second differences of three rows, the known ones in front; returns how many."""
+    differences = np.abs(first - 2 * second + third)
+    known = differences[np.isfinite(differences)]
+    changes[: len(known)] = known
+    return len(known)
+
+
+def products_in_time(
+    oldest: Array, older: Array, left: Array, tangent: Array
+) -> tuple[float, float, float, float]:
+    """Sums of p = x (4 x' - x'') / 3 of what three frames running left [rad], shape (n,) each.
+
+    They are sum p, sum t^2 p, sum f and sum f^2 with f = t^2 - t^4.
+    """
+    products = left * (older * (4 / 3) - oldest / 3)
+    share = tangent**2
+    free = share - share**2
+    return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
 
 
 def _together(shares: Array, likelihoods: Array) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of what frames tell together; `filter_arrays` says what they compute."""
+"""Compiled loops over frames that follow each other; `filter_arrays` says what they compute."""
 
 from __future__ import annotations
 
@@ -228,3 +228,32 @@ def expect(solution: Array, sides: Array, means: Array, variances: Array) -> Non
         side = sides[n]
         means[n] = solution[0, n] + side * solution[1, n]
         variances[n] = solution[2, n] + side * (2 * solution[3, n] + side * solution[4, n])
+
+
+@compiled(READ, READ, READ, ROW)
+def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+    """Absolute second differences of three rows, the known ones in front."""
+    known = 0
+    for n in range(changes.size):
+        change = abs(first[n] - 2 * second[n] + third[n])
+        if change < math.inf:
+            changes[known] = change
+            known += 1
+    return known
+
+
+@compiled(READ, READ, READ, READ)
+def products_in_time(
+    oldest: Array, older: Array, left: Array, tangent: Array
+) -> tuple[float, float, float, float]:
+    """Sums of products of what three frames running left."""
+    whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
+    for n in range(left.size):
+        product = left[n] * (older[n] * (4 / 3) - oldest[n] / 3)
+        share = tangent[n] * tangent[n]
+        alone = share - share * share
+        whole += product
+        wall += share * product
+        free += alone
+        chance += alone * alone
+    return whole, wall, free, chance

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from soliton_linkage.chain import Array, springs_between, staggered, wrapped
 
@@ -77,14 +78,6 @@ def all_within(values: Array, limit: float) -> bool:
     """Whether the absolute values of a row are all known, finite and no more than a limit."""
     largest = float(np.abs(values).max())
     return largest <= limit and largest < math.inf
-
-
-def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
-    """Absolute second differences of three rows, the known ones in front; returns how many."""
-    differences = np.abs(first - 2 * second + third)
-    known = differences[np.isfinite(differences)]
-    changes[: len(known)] = known
-    return len(known)
 
 
 def compare(
@@ -152,33 +145,9 @@ def look(
     return (known, excluded, counted), bool(outlying.any()), (information, ahead, squared)
 
 
-def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array
-) -> tuple[float, float, float, float]:
-    """Sums of p = x (4 x' - x'') / 3 of what three frames running left [rad], shape (n,) each.
-
-    They are sum p, sum t^2 p, sum f and sum f^2 with f = t^2 - t^4.
-    """
-    products = left * (older * (4 / 3) - oldest / 3)
-    share = tangent**2
-    free = share - share**2
-    return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
-
-
 def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:
-    """Values of B-splines with knots in common, shape (M,), by Cox's and de Boor's recursion.
-
-    Coefficients are of shape (K, M).
-    """
-    last = len(coefficients) - 1
-    low = min(max(int(np.searchsorted(knots, at, 'right')) - 1, degree), last)
-    basis = np.ones(1)
-    for order in range(1, degree + 1):
-        right, left = knots[low + 1 : low + 1 + order], knots[low + 1 - order : low + 1]
-        share = basis / (right - left)
-        basis = np.append((right - at) * share, 0.0)
-        basis[1:] += (at - left) * share
-    np.matmul(basis, coefficients[low - degree : low + 1], out=values)
+    """Values of B-splines with knots in common, shape (M,); coefficients of shape (K, M)."""
+    values[:] = BSpline.construct_fast(knots, coefficients, degree)(at)
 
 
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
@@ -255,7 +224,8 @@ def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, row
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
     h, v = lengths * sines, lengths * cosines
-    following = np.roll(h, -1)[:count], np.roll(v, -1)[:count]
+    after = np.arange(1, count + 1)
+    following = h.take(after, mode='wrap'), v.take(after, mode='wrap')
     rows[:] = springs_between((h[:count], v[:count]), following, *of_springs)
 
 

@@ -56,18 +56,6 @@ def all_within(values: Array, limit: float) -> bool:
     return within
 
 
-@compiled(READ, READ, READ, ROW)
-def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
-    """Absolute second differences of three rows, the known ones in front."""
-    known = 0
-    for n in range(changes.size):
-        change = abs(first[n] - 2 * second[n] + third[n])
-        if change < math.inf:
-            changes[known] = change
-            known += 1
-    return known
-
-
 @compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
 def compare(
     angles: Array,
@@ -136,23 +124,6 @@ def look(
         left[n] = differences[first + n] if used[n] else 0.0
         squares += left[n] * left[n]
     return (known, excluded, counted), strange, (information, ahead, squares)
-
-
-@compiled(READ, READ, READ, READ)
-def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array
-) -> tuple[float, float, float, float]:
-    """Sums of products of what three frames running left."""
-    whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
-    for n in range(left.size):
-        product = left[n] * (older[n] * (4 / 3) - oldest[n] / 3)
-        share = tangent[n] * tangent[n]
-        alone = share - share * share
-        whole += product
-        wall += share * product
-        free += alone
-        chance += alone * alone
-    return whole, wall, free, chance
 
 
 @compiled(READ, READ_TABLE, COUNT, NUMBER, ROW)

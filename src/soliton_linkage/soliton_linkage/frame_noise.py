@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
+from soliton_linkage.filter_arrays import filter_loops
 from soliton_linkage.frame_arrays import frame_loops, median
 
 Flags = NDArray[np.bool_]
@@ -62,7 +63,8 @@ class FrameView:
         their square is above the limit and what the spread [rad^2] of the arc, its variance, may
         account for.
         """
-        self.first, self.tangent, self.residuals = first, tangent, differences
+        self.first, self.end = first, first + len(tangent)
+        self.tangent, self.residuals = tangent, differences
         self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
         self.used = np.empty(len(tangent), dtype=np.bool_)
         self.left = np.empty(len(tangent))
@@ -83,6 +85,10 @@ class FrameView:
         self.share_of_outliers = excluded / max(known, 1)
         self.freedoms = max(used - 1, 1)
         self.arc = arc + ahead
+
+    def left_of(self, first: int, end: int) -> Array:
+        """What is left of some of the rotors about the wall [rad], by their numbers."""
+        return self.left[first - self.first : end - self.first]
 
     @property
     def robust_limit(self) -> float:
@@ -140,7 +146,7 @@ class FrameNoise:
         self._squares_of_late = recent * self._squares_of_late + squares
         self._freedoms_of_late = recent * self._freedoms_of_late + view.freedoms
         if len(self._earlier) == 2:
-            self._pair([*self._earlier, view], fade)
+            self._pair(self._earlier[0], self._earlier[1], view, fade)
         self._earlier = [*self._earlier[-1:], view]
         self._estimate()
 
@@ -152,15 +158,15 @@ class FrameNoise:
         self._earlier = []
         self._estimate()
 
-    def _pair(self, views: list[FrameView], fade: float) -> None:
-        view = views[-1]
-        low = max(each.first for each in views)
-        high = max(min(each.first + len(each.left) for each in views), low)
-        oldest, older, left = (each.left[low - each.first : high - each.first] for each in views)
+    def _pair(self, oldest: FrameView, older: FrameView, view: FrameView, fade: float) -> None:
+        low = max(oldest.first, older.first, view.first)
+        high = max(min(oldest.end, older.end, view.end), low)
         tangent = view.tangent[low - view.first : high - view.first]
-        whole, wall, free, chance = frame_loops().products_in_time(oldest, older, left, tangent)
+        whole, wall, free, chance = filter_loops().products_in_time(
+            oldest.left_of(low, high), older.left_of(low, high), view.left_of(low, high), tangent
+        )
         self._products = fade * self._products + whole
-        freedoms = min(high - low - 1, *(each.freedoms for each in views))
+        freedoms = min(high - low - 1, oldest.freedoms, older.freedoms, view.freedoms)
         self._pairs = fade * self._pairs + max(freedoms, 0)
         self._wall = fade * self._wall + wall
         self._wall_share = fade * self._wall_share + free

@@ -9,7 +9,8 @@ import numpy as np
 
 from soliton_linkage.bands import band_edges
 from soliton_linkage.chain import Array, Chain
-from soliton_linkage.frame_arrays import frame_loops, median
+from soliton_linkage.filter_arrays import filter_loops
+from soliton_linkage.frame_arrays import median
 
 _MEMORY = 1000
 _SLOWEST_FRAMES = 0.5
@@ -29,7 +30,7 @@ class RateNoise:
 
     def __init__(self, chain: Chain) -> None:
         """Begin without any frame."""
-        self._loops = frame_loops()
+        self._loops = filter_loops()
         self._longest = _SLOWEST_FRAMES / band_edges(chain)[1]
         self.restart()
 

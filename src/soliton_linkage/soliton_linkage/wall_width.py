@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -307,8 +308,7 @@ class Passage:
         return max(self._variances / self._count**2 - 1 / self.weight, 0.0)
 
 
-@dataclass(frozen=True)
-class _Sums:
+class _Sums(NamedTuple):
     """Sums over passages, for a weighted mean and its variance."""
 
     values: float
