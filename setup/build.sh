@@ -9,7 +9,8 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 if ! cmp -s "$soliton_home/installed" install/built; then
     rm -rf build install
 else
-    changed=$(find src setup/build.sh -newer install/built ! -name __pycache__ ! -name '*.pyc')
+    changed=$(find src setup/build.sh -newer install/built ! -name __pycache__ ! -name '*.pyc' \
+        ! -name '*.nb[ci]')
     [ -n "$changed" ] || exit 0
 fi
 
@@ -37,3 +38,9 @@ if ! run colcon --log-level error build --base-paths src --merge-install \
     exit 1
 fi
 mv install/building install/built
+
+# Compiled now, once, rather than when the first node starts.
+. setup/environment.sh
+python3 -c '
+from soliton_linkage import filter_arrays, frame_arrays
+filter_arrays.filter_loops(), frame_arrays.frame_loops()'

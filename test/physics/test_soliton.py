@@ -24,7 +24,7 @@ from chains import (
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from linkage_motion import closed_orbit, site, wall_between
+from linkage_motion import site, wall_between
 
 from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.elastic_simulation import simulate
@@ -177,8 +177,6 @@ def test_a_chain_upside_down_has_the_same_solitons(example: tuple[float, float])
             assert getattr(hanging, same) == pytest.approx(
                 getattr(upright, same), rel=1e-6, nan_ok=True
             )
-        if chain.motion is not Motion.SPINNER:
-            assert hanging.cycle_phase == pytest.approx(upright.cycle_phase, abs=1e-9)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -195,15 +193,12 @@ def test_whole_turns_of_the_rotors_change_nothing(example: tuple[float, float]) 
 
 @pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, WIDE_SPINNER])
 @pytest.mark.parametrize('place', [19.5, 19.8, 20.0, 20.3])
-def test_an_anti_kink_has_charge_minus_1_and_no_phase(
-    example: tuple[float, float], place: float
-) -> None:
+def test_an_anti_kink_has_charge_minus_1(example: tuple[float, float], place: float) -> None:
     chain = chain_of(example, 40)
     angles = tanh_walls(chain, [place], charge=-1)
     soliton = only(find_solitons(chain, angles, 0 * angles))
     assert soliton.charge == -1
     assert soliton.rotor == pytest.approx(place, abs=1e-6)
-    assert math.isnan(soliton.cycle_phase)
     assert (
         chain.elastic_energy(angles)
         > 0.01
@@ -224,7 +219,6 @@ def test_several_walls_are_found_in_order_with_alternating_charges(
     found = find_solitons(chain, tanh_walls(chain, places, charge))
     assert [soliton.charge for soliton in found] == [charge, -charge, charge]
     assert [soliton.rotor for soliton in found] == pytest.approx(places, abs=0.01)
-    assert all(math.isnan(soliton.cycle_phase) for soliton in found)
 
 
 @given(any_configuration(most=8), st.data())
@@ -240,7 +234,6 @@ def test_whatever_the_configuration_walls_stand_in_order_and_alternate(
     charges = [soliton.charge for soliton in found]
     assert all(charge == -following for charge, following in pairwise(charges))
     for soliton in found:
-        assert math.isnan(soliton.cycle_phase) == (charges != [1])
         assert not soliton.position_deviation < 0
 
 
@@ -293,49 +286,6 @@ def test_the_velocity_is_the_rate_of_change_of_the_position(
     travelled = (places[-1] - places[0]) / chain.spacing
     assert jumps.sum() <= 8 * math.ceil(travelled)
     assert velocities.max() > 0
-
-
-@pytest.mark.parametrize('rotors', [10, 11])
-@pytest.mark.parametrize('upside_down', BOTH)
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_cycle_phase_turns_once_round_along_the_whole_orbit(
-    example: tuple[float, float], upside_down: bool, rotors: int
-) -> None:
-    chain = chain_of(example, rotors)
-    phases, senses, places = [], [], []
-    for angles in closed_orbit(chain)[::2]:
-        frame = np.pi - angles if upside_down else angles
-        for soliton in find_solitons(chain, frame):
-            phases.append(soliton.cycle_phase)
-            places.append(soliton.rotor)
-            mode = mode_towards_last(chain, angles)
-            senses.append(float(np.sign(mode @ zero_mode(chain, angles))))
-    steps = np.diff(np.unwrap([*phases, phases[0]]))
-    forward = np.sign(steps.sum())
-    assert (forward * steps > 0).all()
-    assert abs(steps.sum()) == pytest.approx(2 * np.pi, abs=1e-9)
-    legs = 2 if chain.motion is Motion.SPINNER else 4
-    on_even_leg = np.floor(np.array(phases) / (2 * np.pi) * legs) % 2 == 0
-    assert np.array_equal(forward * np.array(senses) > 0, on_even_leg)
-    progress = np.array(places) / (rotors - 1)
-    travelled = np.where(on_even_leg, progress, 1 - progress)
-    assert np.array(phases) * legs / (2 * np.pi) % 1 == pytest.approx(travelled, abs=1e-9)
-
-
-@pytest.mark.parametrize('rotors', [10, 11])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_phase_is_near_0_after_a_push_from_the_left_leaning_state(
-    example: tuple[float, float], rotors: int
-) -> None:
-    chain = chain_of(example, rotors)
-    start = chain.uniform_state(-1)
-    speed = 0.4 if chain.motion is Motion.SPINNER else 0.1
-    rate = speed * chain.spacing / chain.rotor_length / chain.time_unit
-    kick = rate * mode_towards_last(chain, start)
-    recording = simulate(chain, start, kick, 100 * chain.time_unit, 0.25 * chain.time_unit)
-    found = next(filter(None, (find_solitons(chain, angles) for angles in recording.angles)))
-    legs = 2 if chain.motion is Motion.SPINNER else 4
-    assert 0 < only(found).cycle_phase < np.pi / legs
 
 
 @pytest.mark.parametrize('narrow', [True, False])
@@ -414,9 +364,6 @@ def test_an_edge_rotor_that_toggles_moves_no_wall(
     assert np.abs(chain.spring_extensions(toggled)).max() <= limit
     before, after = (only(find_solitons(chain, frame)) for frame in (angles, toggled))
     assert after.rotor == pytest.approx(before.rotor, abs=1e-12)
-    # It is the same place on the last leg, when the wall comes back.
-    legs = (2 * np.pi - after.cycle_phase, before.cycle_phase)
-    assert legs[0] == pytest.approx(legs[1], abs=1e-9)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, SPINNER])
@@ -458,4 +405,3 @@ def test_walls_on_a_ring_are_found_wherever_its_joint_is(example: tuple[float, f
         places = {soliton.charge: (soliton.rotor - shift) % 60 for soliton in found}
         assert places == {1: pytest.approx(14.5, abs=0.02), -1: pytest.approx(44.5, abs=0.02)}
         assert all(soliton.position == soliton.rotor * ring.spacing for soliton in found)
-        assert all(math.isnan(soliton.cycle_phase) for soliton in found)

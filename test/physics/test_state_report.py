@@ -433,6 +433,6 @@ def test_rotors_that_were_not_seen_leave_the_energy_of_the_others_unbiased() -> 
         angles = orbit + np.where(unseen, 0.0, noise) * random.standard_normal(ROTORS)
         found.append(reporter.energies(FrameState(chain, angles), 29.7, None, errors).elastic)
     mean = float(np.mean(found)), 4 * float(np.std(found)) / math.sqrt(count)
-    one_rotor = 0.5 * chain.stiffness * float(FrameState(chain, orbit).first_squares.max())
+    one_rotor = 0.5 * chain.stiffness * float((FrameState(chain, orbit).first ** 2).max())
     # The curvature of lengths adds terms of order noise^2 to what is of first order there.
     assert abs(mean[0]) < mean[1] + 0.05 * one_rotor * noise**2

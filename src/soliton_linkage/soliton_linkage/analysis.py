@@ -14,12 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.chain import Array, Chain, Motion, check_shape, staggered
-from soliton_linkage.completed_frame import CompletedFrame, OnCycle, Unwrapper, complete, on_cycle
+from soliton_linkage.completed_frame import (
+    CompletedFrame,
+    Unwrapper,
+    complete,
+    on_cycle,
+    whole_frame,
+)
 from soliton_linkage.continuum import wall_theory
 from soliton_linkage.cycle import WallCycle
 from soliton_linkage.cycle_filter import CycleEstimate, CycleFilter, Status, lost
 from soliton_linkage.deviating_cycle import cycle_of
 from soliton_linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.motion_class import MotionClass, MotionObserver
 from soliton_linkage.rate_noise import RateNoise
 from soliton_linkage.soliton import Soliton, find_solitons
@@ -167,6 +174,7 @@ class Analyser:
         self._theory = wall_theory(chain)
         self._unwrapper = Unwrapper(chain.number_of_rotors)
         self._clock = FrameClock()
+        self._loops = frame_loops()
 
     @property
     def offsets(self) -> Array:
@@ -201,8 +209,10 @@ class Analyser:
         shape.
         """
         rotors = self.chain.number_of_rotors
+        angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(angles, rotors, 'angle')
         if rates is not None:
+            rates = np.ascontiguousarray(rates, dtype=np.float64)
             check_shape(rates, rotors, 'rate')
         if not self._clock.advance(stamp):
             return None
@@ -210,43 +220,52 @@ class Analyser:
             self._observer.restart()
             self._rate_noise.restart()
             self._unwrapper = Unwrapper(rotors)
-        estimate, expected, frame = self._read(angles, rates)
+        estimate, frame = self._read(angles, rates)
         followed = self._followed(estimate, frame)
         solitons = self._solitons(frame, estimate, followed)
-        state = None if np.isnan(frame.angles).any() else FrameState(self.chain, frame.angles)
+        unknown = frame.number_filled and np.isnan(frame.angles).any()
+        state = None if unknown else FrameState(self.chain, frame.angles)
         return Analysis(
             motion=self.chain.motion,
-            measured_motion=self._measured_motion(frame, estimate),
+            measured_motion=self._measured_motion(state, frame, estimate),
             estimate=estimate,
             cycle=cycle_phase(estimate, self._filter.cycle if self._filter else None),
             solitons=solitons,
             topology=self._topology(state, solitons),
             edge_rotors=None if state is None else self._reporter.edge_rotors(state),
             energies=self._energies(state, frame, estimate, solitons),
-            wobble=self._wobble(frame, estimate, expected) if followed else None,
-            unseen=int(np.count_nonzero(frame.filled)),
+            wobble=self._wobble(frame, estimate) if followed else None,
+            unseen=frame.number_filled,
         )
 
-    def _read(
-        self, angles: Array, rates: Array | None
-    ) -> tuple[CycleEstimate, OnCycle | None, CompletedFrame]:
+    def _read(self, angles: Array, rates: Array | None) -> tuple[CycleEstimate, CompletedFrame]:
         """Estimate where the chain is, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
-        moving = None if rates is None else np.where(np.abs(rates) < _FASTEST, rates, np.nan)
-        if moving is not None:
-            self._rate_noise.update(self._clock.time, moving)
-        estimate, expected = lost(self._clock.time), None
-        if self._filter is not None:
-            estimate = self._filter.update(self._clock.time, seen)
-            if estimate.status is not Status.LOST:
-                expected = on_cycle(self._filter.cycle, estimate, self._filter.view)
+        if rates is not None:
+            if not self._loops.all_within(rates, _FASTEST):
+                rates = np.where(np.abs(rates) < _FASTEST, rates, np.nan)
+            self._rate_noise.update(self._clock.time, rates)
+        if self._filter is None:
+            estimate = lost(self._clock.time)
+            return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
+        estimate, view = self._filter.update(self._clock.time, seen), self._filter.view
+        corrected = seen - self.offsets
+        expected = None
+        if estimate.status is not Status.LOST:
+            whole = whole_frame(self.chain, corrected, rates, view)
+            if whole is not None:
+                return estimate, whole
+            expected = on_cycle(self._filter.cycle, estimate, view)
         last = self._unwrapper.last - self.offsets
-        frame = complete(self.chain, seen - self.offsets, moving, expected, last)
-        return estimate, expected, frame
+        return estimate, complete(self.chain, corrected, rates, expected, last)
 
-    def _measured_motion(self, frame: CompletedFrame, estimate: CycleEstimate) -> MotionClass:
+    def _measured_motion(
+        self, state: FrameState | None, frame: CompletedFrame, estimate: CycleEstimate
+    ) -> MotionClass:
         noise, _ = _errors(estimate)
-        return self._observer.observe(np.where(frame.filled, np.nan, frame.angles), noise)
+        if state is not None and not frame.number_filled:
+            return self._observer.observe_sines(state.sines, noise)
+        return self._observer.observe(frame.seen, noise)
 
     def _followed(
         self, estimate: CycleEstimate, frame: CompletedFrame
@@ -273,7 +292,7 @@ class Analyser:
 
     def _width(self, estimate: CycleEstimate, frame: CompletedFrame, velocity: float) -> Width:
         """Width of the wall on the cycle, by the rotors that were seen."""
-        angles = np.where(frame.filled, np.nan, frame.angles)
+        angles = frame.seen
         if estimate.upside_down:
             angles = math.pi - angles
         if frame.others or self._widths is None:
@@ -289,7 +308,7 @@ class Analyser:
     ) -> tuple[AnalysedSoliton, ...]:
         """Walls of a frame, of which the one on the cycle is placed there."""
         on_it = estimate.status in (Status.ACQUIRED, Status.TRACKING)
-        if frame.filled.all() or (on_it and not frame.others):
+        if frame.number_filled == len(frame.filled) or (on_it and not frame.others):
             return followed
         found = [
             self._fitted(each) for each in find_solitons(self.chain, frame.angles, frame.rates)
@@ -333,21 +352,21 @@ class Analyser:
         estimate: CycleEstimate,
         solitons: tuple[AnalysedSoliton, ...],
     ) -> Energies | None:
-        if state is None or (frame.filled.any() and not frame.placed):
+        if state is None or (frame.number_filled and not frame.placed):
             return None
         rates: Array | ArcRate | None = frame.rates
         if rates is None and frame.placed and estimate.rate_deviation < abs(estimate.rate):
             rates = ArcRate(estimate.rate, estimate.rate_deviation)
         noise, lasting = _errors(estimate)
-        errors = FrameErrors(noise, self._rate_noise.deviation, lasting, frame.filled)
+        unseen = frame.filled if frame.number_filled else None
+        errors = FrameErrors(noise, self._rate_noise.deviation, lasting, unseen)
         return self._reporter.energies(state, [each.rotor for each in solitons], rates, errors)
 
-    def _wobble(
-        self, frame: CompletedFrame, estimate: CycleEstimate, expected: OnCycle | None
-    ) -> Wobble | None:
-        if expected is None or frame.others:
+    def _wobble(self, frame: CompletedFrame, estimate: CycleEstimate) -> Wobble | None:
+        if self._filter is None or frame.others:
             return None
-        wall = Wall(expected.about.first, expected.about.angles, estimate.place)
+        about = self._filter.cycle.stretch(estimate.arc)
+        wall = Wall(about.first, about.angles, estimate.place)
         return self._wobbles.wobble(frame.angles, wall, *_errors(estimate))
 
 

@@ -167,7 +167,7 @@ class Chain:
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
-        if not np.isfinite(checked).all():
+        if not math.isfinite(np.add.reduce(checked)) and not np.isfinite(checked).all():
             rotor = int(np.flatnonzero(~np.isfinite(checked))[0])
             raise ValueError(f'{what} of rotor {rotor} = {checked[rotor]} must be a finite number')
         return checked
@@ -187,17 +187,8 @@ class Chain:
         horizontal, vertical = self.positions(angles)
         h_left, h_right = self._joined(horizontal)
         v_left, v_right = self._joined(vertical)
-        across, up = h_right - h_left, v_right - v_left
-        products = h_left * h_right + v_left * v_right
-        excess = self.offsets + 2 * self.spacings * across - 2 * products
-        across += self.spacings
-        lengths = np.hypot(across, up)
-        divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
-        return (
-            excess / (lengths + self.rest_lengths),
-            (h_left * up - v_left * across) / divisors,
-            (v_right * across - h_right * up) / divisors,
-        )
+        parameters = self.spacings, self.offsets, self.rest_lengths
+        return springs_between((h_left, v_left), (h_right, v_right), *parameters)
 
     def spring_extensions(self, angles: Array) -> Array:
         """Length of each spring beyond that at rest [m], shape (..., springs)."""
@@ -239,6 +230,17 @@ class Chain:
         deviating += r_right**2 - self.rotor_length**2
         return np.asarray(uniform + (deviating - (self.rest_lengths**2 - self.rest_length**2)))
 
+    @cached_property
+    def spring_parameters(self) -> Array:
+        """Rows r [m] of each rotor, a [m], c [m^2] and lbar [m] of each spring, shape (4, N).
+
+        Without periodic ends the last spring is missing: 0.
+        """
+        rows = np.zeros((4, self.number_of_rotors))
+        rows[0] = self.rotor_lengths
+        rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths
+        return rows
+
     def _joined(self, values: Array) -> tuple[Array, Array]:
         """Values of the left and right rotor of each spring, each (..., springs)."""
         if self.periodic:
@@ -249,6 +251,31 @@ class Chain:
     def _deviating(parameter: float, deviations: tuple[float, ...], count: int) -> Array:
         fractions = np.array(deviations) if deviations else np.zeros(count)
         return np.asarray(parameter * (1 + fractions))
+
+
+def springs_between(
+    left: tuple[Array, Array],
+    right: tuple[Array, Array],
+    spacings: Array,
+    offsets: Array,
+    rest_lengths: Array,
+) -> tuple[Array, Array, Array]:
+    """Extensions [m] and levers A and B [m/rad] of springs, see `Chain.springs`.
+
+    They join masses at horizontal and vertical positions from their pivots [m], (..., springs).
+    """
+    (h_left, v_left), (h_right, v_right) = left, right
+    across, up = h_right - h_left, v_right - v_left
+    products = h_left * h_right + v_left * v_right
+    excess = offsets + 2 * spacings * across - 2 * products
+    across += spacings
+    lengths = np.hypot(across, up)
+    divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
+    return (
+        excess / (lengths + rest_lengths),
+        (h_left * up - v_left * across) / divisors,
+        (v_right * across - h_right * up) / divisors,
+    )
 
 
 def staggered(angles: ArrayLike) -> Array:

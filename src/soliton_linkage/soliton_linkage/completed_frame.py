@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.cycle import Stretch, WallCycle
 from soliton_linkage.cycle_filter import CycleEstimate
+from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.frame_noise import FrameView
 
 Flags = NDArray[np.bool_]
-
-_LARGEST_ANGLE = 1e9
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,14 @@ class CompletedFrame:
     """Whether the filled ones are where the cycle has them, rather than like their neighbours."""
     others: bool
     """Whether rotors side by side are further from the cycle than half of what they turn."""
+
+    number_filled: int
+    """Number of rotors that were filled in."""
+
+    @property
+    def seen(self) -> Array:
+        """Angles [rad], shape (N,), NaN where they were filled in."""
+        return np.where(self.filled, np.nan, self.angles) if self.number_filled else self.angles
 
 
 @dataclass(frozen=True)
@@ -79,12 +86,10 @@ class Unwrapper:
 
     def unwrapped(self, angles: Array) -> Array:
         """Angles [rad], shape (N,), NaN where they are not finite or too large to be any."""
-        readable = np.isfinite(angles) & (np.abs(angles) < _LARGEST_ANGLE)
-        read = np.where(readable, angles, np.nan)
-        jumps = np.rint((read - self._last) / (2 * math.pi))
-        self._turns -= np.where(np.isfinite(jumps), jumps, 0.0)
-        self._last = np.where(readable, read, self._last)
-        return np.asarray(read + 2 * math.pi * self._turns)
+        seen = np.empty_like(self._last)
+        read = np.ascontiguousarray(angles, dtype=np.float64)
+        frame_loops().unwrap(read, self._last, self._turns, seen)
+        return seen
 
 
 def complete(
@@ -100,10 +105,14 @@ def complete(
     if expected is None:
         known = rates is not None and np.isfinite(rates).all()
         return CompletedFrame(
-            _like_neighbours(angles), rates if known else None, unseen, False, False
+            _like_neighbours(angles),
+            rates if known else None,
+            unseen,
+            False,
+            False,
+            int(np.count_nonzero(unseen)),
         )
-    half_swing = math.pi / 2 if chain.motion is Motion.SPINNER else chain.rest_angle
-    elsewhere = np.abs(expected.residuals) > half_swing
+    elsewhere = np.abs(expected.residuals) > _half_swing(chain)
     others = elsewhere[1:] & elsewhere[:-1]
     filled = unseen | elsewhere
     filled[1:] &= unseen[1:] | ~others
@@ -114,8 +123,30 @@ def complete(
     if rates is not None:
         moving = np.where(filled | ~np.isfinite(rates), expected.rates, rates)
     return CompletedFrame(
-        np.where(filled, there, angles), moving, filled, True, bool(others.any())
+        np.where(filled, there, angles),
+        moving,
+        filled,
+        True,
+        bool(others.any()),
+        int(np.count_nonzero(filled)),
     )
+
+
+def whole_frame(
+    chain: Chain, angles: Array, rates: Array | None, view: FrameView | None
+) -> CompletedFrame | None:
+    """A frame in which all is known and as the cycle has it, by its view; None for any other."""
+    loops = frame_loops()
+    if view is None or not loops.all_within(view.residuals, _half_swing(chain)):
+        return None
+    if rates is not None and not loops.all_within(rates, math.inf):
+        return None
+    return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
+
+
+def _half_swing(chain: Chain) -> float:
+    """Half of what a rotor turns as a wall passes [rad]."""
+    return math.pi / 2 if chain.motion is Motion.SPINNER else chain.rest_angle
 
 
 def _like_neighbours(angles: Array) -> Array:

@@ -26,6 +26,7 @@ from scipy.optimize import brentq
 from soliton_linkage.bands import couplings, penetration_depth
 from soliton_linkage.chain import Array, Chain, Motion
 from soliton_linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.static_wall import site_arc, static_wall
 
@@ -266,11 +267,15 @@ class _ShortOrbit:
         ]
         self.length: float = self.middles[-1]
         self._spline = _closed_spline(pieces, self.middles)
+        self._knots: Array = np.ascontiguousarray(self._spline.t)
+        self._coefficients: Array = np.ascontiguousarray(self._spline.c)
         self.reflections = [self._reflection(leg) for leg in range(legs)]
 
     def sample(self, arc: float) -> Array:
         """Angles [rad], up to whole turns, and after them their tangent [1], shape (2 N,)."""
-        return np.asarray(self._spline(arc % self.length))
+        values = np.empty(self._coefficients.shape[1])
+        frame_loops().spline(self._knots, self._coefficients, _DEGREE, arc % self.length, values)
+        return values
 
     def _tangent(self, angles: Array) -> Array:
         """Unit zero mode in the direction of the cycle [1], (N,), quicker than `zero_mode`.

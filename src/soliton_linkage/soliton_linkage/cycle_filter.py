@@ -22,6 +22,8 @@ from soliton_linkage.cycle_fit import fit_anywhere
 from soliton_linkage.cycle_motion import CycleMotion
 from soliton_linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.encoder_offsets import EncoderOffsets, FarRotors
+from soliton_linkage.filter_arrays import filter_loops
+from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.frame_noise import BEYOND_CHANCE, FrameNoise, FrameView
 from soliton_linkage.leg_evidence import LegEvidence
 
@@ -139,6 +141,7 @@ class CycleFilter:
         self._clock_limit = clock_limit
         self._depth = penetration_depth(chain) / chain.spacing
         self._legs = LegEvidence(cycle)
+        filter_loops()  # they are loaded now, rather than while a frame waits
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._backgrounds = [
             cycle.background(cycle.arc_at(cycle.middle, leg))
@@ -175,7 +178,9 @@ class CycleFilter:
             return self._estimate
         if elapsed < 0:
             self._forget(time)
-        seen = np.where(np.isfinite(angles), angles, np.nan)
+        seen = np.ascontiguousarray(angles, dtype=np.float64)
+        if not math.isfinite(float(seen.sum())):
+            seen = np.where(np.isfinite(seen), seen, np.nan)
         if self._motion is not None:
             self._follow(self._motion, time, elapsed, seen)
         elif not self._acquire(time, seen):
@@ -244,7 +249,7 @@ class CycleFilter:
         limit = _STRANGE_RATIO * self._noise.scatter + self._tolerated
         strange = view.mean_square > limit or view.share_of_outliers > _MOST_OUTLIERS
         self._strange_running = self._strange_running + 1 if strange else 0
-        if (strange or view.outlying.any()) and self._is_elsewhere(view, strange, time, seen):
+        if (strange or view.any_outlying) and self._is_elsewhere(view, strange, time, seen):
             return
         if strange and not view.mean_square_of_all < _STRANGEST**2:
             self.rejected += 1
@@ -348,10 +353,17 @@ class CycleFilter:
         """View from an arc; rotors beyond the limit [rad^2] and the arc's spread are left out."""
         about = self.cycle.stretch(arc)
         before, beyond = self._backgrounds[self.cycle.leg(arc)]
-        end = about.first + len(about.angles)
-        expected = np.concatenate([before[: about.first], about.angles, beyond[end:]])
-        angles = seen - self.offsets.corrections
-        left = wrapped((math.pi - angles if self._upside_down else angles) - expected)
+        left = np.empty_like(before)
+        frame_loops().compare(
+            seen,
+            self.offsets.corrections,
+            self._upside_down,
+            before,
+            about.angles,
+            beyond,
+            about.first,
+            left,
+        )
         doubtful = None
         if self._doubts:
             doubtful = self._far.doubtful

@@ -29,7 +29,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.chain import Array
+from soliton_linkage.filter_arrays import filter_loops
 
 _SHARES = (0.001, 0.004, 0.016, 0.064, 0.25)
 _SHARE_AT_EDGES = 0.03
@@ -49,12 +49,6 @@ _UNLIKELY = 0.01
 _BEYOND_CHANCE = 15.0
 _KICK_OF_SCALE = 0.1
 _SHARE_AFTER_A_KICK = 0.016
-
-# Of the covariance of (s, w, b) the rows are ss, sw, sb, ww, wb and bb.
-_FIRST = np.array([0, 0, 0, 1, 1, 2])
-_SECOND = np.array([0, 1, 2, 1, 2, 2])
-# Covariances of s, w and b with s + b.
-_MEASURED = np.array([[1.0, 0, 1, 0, 0, 0], [0, 1, 0, 0, 1, 0], [0, 0, 1, 0, 0, 1]])
 
 _Summary = tuple[float, float, float, float, float]
 
@@ -80,7 +74,7 @@ class CycleMotion:
         self._spreads[0], self._spreads[3], self._spreads[5] = variance, scale**2, self._errors
         self._site_arc = site_arc
         self._elapsed = 0.0
-        self._carry, self._wander = np.eye(6), np.zeros(6)
+        self._loops = filter_loops()
         self._likelihoods = np.zeros(self._base - 1)
         self._weights = np.zeros(count)
         self._least_kick = (_KICK_OF_SCALE * scale) ** 2
@@ -88,8 +82,8 @@ class CycleMotion:
         self._frames = self.kicks = 0
         self._against, self._least_against = -_TRUST, -_MOST_TRUST
         self._known: _Summary | None = None
-        self._shared = _MEASURED @ self._spreads
-        self._weigh(np.ones(self._base - 1))
+        self._shares = np.full(self._base - 1, 1 / (self._base - 1))
+        self._weigh()
         self._look_ahead()
 
     @property
@@ -138,18 +132,11 @@ class CycleMotion:
         speed = abs(self.rate)
         way = speed * elapsed / self._site_arc
         kept = math.exp(-way / _WAY_OF_AN_ERROR)
-        self._states[0] += elapsed * self._states[1]
-        self._states[2] *= kept
-        self._spreads = self._carried(elapsed, kept) @ self._spreads
         wander = self._at_edges if at_edge else self._inside
         cubed = speed**3 / self._site_arc
-        self._wander[[0, 1, 3]] = (
-            cubed * elapsed**3 / 3,
-            cubed * elapsed**2 / 2,
-            cubed * elapsed,
+        self._loops.predict(
+            self._states, self._spreads, wander, self._errors, elapsed, kept, cubed
         )
-        self._spreads += self._wander[:, None] * wander
-        self._spreads[5] += self._errors * (1 - kept**2)
         self._likelihoods *= math.exp(-way / _WAY_REMEMBERED)
         self._least_against = -_TRUST_AT_EDGES if at_edge else -_MOST_TRUST
         self._look_ahead()
@@ -167,49 +154,30 @@ class CycleMotion:
         With a variance from few degrees of freedom f a normalised innovation x counts as
         sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution.
         """
-        surprises = arc - self._arcs
-        variances = self._arc_spreads + variance
-        squares = surprises * surprises / variances
-        if math.isfinite(freedoms):
-            squares = (freedoms + 1) * np.log1p(squares / freedoms)
-        likelihoods = -0.5 * (squares + np.log(variances))
-        self._odds += likelihoods[self._base :] - self._together(likelihoods)
-        shares = self._judged(likelihoods[: self._base])
-        gains = self._shared / variances
-        self._states += gains * surprises
-        self._spreads -= self._shared.take(_FIRST, 0) * gains.take(_SECOND, 0)
+        against, odds = self._loops.take_in(
+            self._states,
+            self._spreads,
+            self._weights,
+            self._shares,
+            self._likelihoods,
+            self._odds,
+            arc,
+            variance,
+            freedoms,
+        )
+        self._against = min(max(self._against + against, self._least_against), _TRUST)
         if self._against >= _TRUST:
-            self._begin_steady(shares)
-        if self._odds.max() > _BEYOND_CHANCE:
+            self._begin_steady()
+        if odds > _BEYOND_CHANCE:
             self._begin_kicked()
-        self._weigh(shares)
+        self._weigh()
         self._suppose_kick()
         self._known = None
 
-    def _together(self, likelihoods: Array) -> float:
-        """Logarithm of how likely a measurement is if there was no kick."""
-        base = likelihoods[: self._base]
-        top = float(base.max())
-        weights = self._weights[: self._base]
-        return top + math.log(float(weights @ np.exp(base - top)) / float(weights.sum()))
-
-    def _judged(self, likelihoods: Array) -> Array:
-        """Weights of all but the steady filter, by how likely [logarithm] the measurement is."""
-        others = likelihoods[1:]
-        top = float(others.max())
-        together = top + math.log(float(self._shares @ np.exp(others - top)))
-        against = self._against + together - float(likelihoods[0])
-        self._against = min(max(against, self._least_against), _TRUST)
-        self._likelihoods += others
-        self._likelihoods -= self._likelihoods.max()
-        return np.asarray(np.exp(self._likelihoods))
-
-    def _begin_steady(self, shares: Array) -> None:
+    def _begin_steady(self) -> None:
         """Let the steady filter begin anew where the others are."""
-        others = slice(1, self._base)
-        arc, rate, of_arc, both, of_rate = _mixture(
-            shares / float(shares.sum()), self._states[:, others], self._spreads[:, others]
-        )
+        self._weights[0], self._weights[1 : self._base] = 0.0, self._shares
+        arc, rate, of_arc, both, of_rate = self._mixture(math.inf)
         self._states[:, 0] = arc, rate, 0.0
         self._spreads[:, 0] = of_arc, both, 0.0, of_rate, 0.0, 0.0
         self._against = _BEGUN_ANEW
@@ -235,65 +203,38 @@ class CycleMotion:
         """
         self._frames += 1
         older = min((self._frames & -self._frames).bit_length() - 1, _AGES - 1)
-        first = self._base
-        for rows in (self._states, self._spreads, self._errors):
-            rows[..., first + 1 : first + 1 + older] = rows[..., first : first + older].copy()
-        self._odds[1 : 1 + older] = self._odds[:older].copy()
-        likeliest = int(self._weights[:first].argmax())
-        for rows in (self._states, self._spreads, self._errors):
-            rows[..., first] = rows[..., likeliest]
-        kick = float(self._states[1, first]) ** 2 + self._least_kick
-        self._spreads[0, first] += kick * self._elapsed**2 / 4
-        self._spreads[3, first] += kick
-        self._odds[0] = 0.0
+        self._loops.suppose_kick(
+            self._states,
+            self._spreads,
+            self._errors,
+            self._odds,
+            self._weights,
+            older,
+            self._elapsed,
+            self._least_kick,
+        )
 
-    def _weigh(self, shares: Array) -> None:
-        doubted = 1 / (1 + math.exp(-self._against))
-        self._shares = shares / float(shares.sum())
-        weights = self._weights
-        weights[1 : self._base] = doubted * self._shares
-        weights[0] = 1 - doubted
-        likelier = np.exp(self._odds) - math.exp(_NO_EVIDENCE)
-        weights[self._base :] = math.exp(-_RARE) * np.maximum(likelier, 0.0)
-        weights /= float(weights.sum())
+    def _weigh(self) -> None:
+        self._loops.weigh(
+            self._weights, self._shares, self._odds, self._against, _RARE, _NO_EVIDENCE
+        )
 
     @property
     def _summary(self) -> _Summary:
         if self._known is None:
-            likely = self._weights.copy()
-            kicked = likely[self._base :]
-            kicked[kicked < _UNLIKELY] = 0.0
-            self._known = _mixture(likely / likely.sum(), self._states, self._spreads)
+            self._known = self._mixture(_UNLIKELY)
         return self._known
+
+    def _mixture(self, least: float) -> _Summary:
+        """Mean s and w, variance of s, covariance, variance of w; kicks from a weight on."""
+        mixed: _Summary = self._loops.mixture(
+            self._weights, self._states, self._spreads, self._base, least
+        )
+        return mixed
 
     def _look_ahead(self) -> None:
         """Measurement that is expected, s + b [rad], its variance without noise [rad^2]."""
         self._known = None
-        self._shared = _MEASURED @ self._spreads
-        self._arcs = self._states[0] + self._states[2]
-        self._arc_spreads = self._shared[0] + self._shared[2]
-        self.expected = float(self._weights @ self._arcs)
-        apart = self._arcs - self.expected
-        self.expected_variance = float(self._weights @ (self._arc_spreads + apart * apart))
-
-    def _carried(self, elapsed: float, kept: float) -> Array:
-        """Matrix that takes the rows of covariances on by a time [s], (6, 6)."""
-        carry = self._carry
-        carry[0, 1], carry[0, 3], carry[1, 3] = 2 * elapsed, elapsed**2, elapsed
-        carry[2, 2], carry[2, 4], carry[4, 4], carry[5, 5] = kept, elapsed * kept, kept, kept**2
-        return carry
-
-
-def _mixture(weights: Array, states: Array, spreads: Array) -> _Summary:
-    """Mean s and w of weighted filters, variance of s, covariance, variance of w."""
-    arc, rate = (states[:2] @ weights).tolist()
-    arcs, rates = states[0] - arc, states[1] - rate
-    weighted = weights * rates
-    within = (spreads @ weights).tolist()
-    return (
-        arc,
-        rate,
-        within[0] + float((weights * arcs) @ arcs),
-        within[1] + float(weighted @ arcs),
-        within[3] + float(weighted @ rates),
-    )
+        self.expected, self.expected_variance = self._loops.expected_measurement(
+            self._states, self._spreads, self._weights
+        )

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.chain import Array
+from soliton_linkage.filter_arrays import filter_loops
+from soliton_linkage.frame_arrays import median
 
 _WIDEST = 2.0
 _SIGNIFICANT = 5.5
@@ -42,12 +44,14 @@ class EncoderOffsets:
         self._sums = np.zeros((2, number_of_rotors))
         self._repeated = 0.0
         self._times = np.zeros(number_of_rotors)
+        self._solution = np.zeros((5, number_of_rotors))
+        self._loops = filter_loops()
         self._solve()
 
     @property
     def values(self) -> Array:
         """Likeliest offset of each encoder [rad], shape (N,)."""
-        return self._values
+        return np.asarray(self._solution[0])
 
     @property
     def deviations(self) -> Array:
@@ -71,8 +75,8 @@ class EncoderOffsets:
             return 0.0
         means = np.abs(self._sums[seen] / self._weights[seen])
         chance = 1 / np.sqrt(self._weights[seen])
-        typical = _DEVIATION_PER_MEDIAN * float(np.median(means))
-        return typical if typical > _MOST_BY_CHANCE * float(np.median(chance)) else 0.0
+        typical = _DEVIATION_PER_MEDIAN * median(means)
+        return typical if typical > _MOST_BY_CHANCE * median(chance) else 0.0
 
     @property
     def passed(self) -> NDArray[np.bool_]:
@@ -81,8 +85,10 @@ class EncoderOffsets:
 
     def expected(self, sides: Array) -> tuple[Array, Array]:
         """Residual o + side * delta expected of each rotor [rad] and its variance, (N,) each."""
-        means = self._values + sides * self._rests
-        return means, self._variances + 2 * sides * self._mixed + sides**2 * self._rest_variances
+        means, variances = np.empty(len(sides)), np.empty(len(sides))
+        given = np.ascontiguousarray(sides, dtype=np.float64)
+        self._loops.expect(self._solution, given, means, variances)
+        return means, variances
 
     def update(
         self, residuals: Array, sides: Array, variance: float, repeated: float = 0.0
@@ -94,12 +100,14 @@ class EncoderOffsets:
         is the same in all frames so far is the repeated.
         """
         self._repeated = repeated
-        seen = (sides != 0) & np.isfinite(residuals)
-        self._times[seen] += 1
-        for row, side in enumerate((1, -1)):
-            known = (sides == side) & np.isfinite(residuals)
-            self._weights[row, known] += 1 / variance
-            self._sums[row, known] += residuals[known] / variance
+        self._loops.gather(
+            self._weights,
+            self._sums,
+            self._times,
+            np.ascontiguousarray(residuals, dtype=np.float64),
+            np.ascontiguousarray(sides, dtype=np.float64),
+            variance,
+        )
         self._solve()
 
     def doubt(self, rotors: NDArray[np.bool_]) -> None:
@@ -107,21 +115,13 @@ class EncoderOffsets:
         self._times[rotors] = np.minimum(self._times[rotors], _LEAST_TIMES) - 1
 
     def _solve(self) -> None:
-        """Means and covariances of o and delta, from their 2 x 2 normal equations."""
-        both = self._weights.sum(axis=0)
-        of_offset, of_rest = both + _WIDEST**-2, both + self._trust
-        mixed = self._weights[0] - self._weights[1]
-        sums, differences = self._sums.sum(axis=0), self._sums[0] - self._sums[1]
-        determinant = of_offset * of_rest - mixed**2
-        self._values: Array = (of_rest * sums - mixed * differences) / determinant
-        self._rests: Array = (of_offset * differences - mixed * sums) / determinant
-        self._variances: Array = of_rest / determinant
-        self._rest_variances: Array = of_offset / determinant
-        self._mixed: Array = -mixed / determinant
-        self._deviations: Array = np.sqrt(self._variances + self._repeated)
-        sure = np.abs(self._values) > _SIGNIFICANT * self._deviations
+        """Means and covariances of o and delta, and which offsets are sure."""
+        self._loops.solve(self._weights, self._sums, _WIDEST**-2, self._trust, self._solution)
+        values, variances = self._solution[0], self._solution[2]
+        self._deviations: Array = np.sqrt(variances + self._repeated)
+        sure = np.abs(values) > _SIGNIFICANT * self._deviations
         sure &= self._times >= _LEAST_TIMES
-        self._corrections = np.where(sure, self._values, 0.0)
+        self._corrections = np.where(sure, values, 0.0)
 
 
 class FarRotors:
@@ -176,8 +176,8 @@ class FarRotors:
         variance is that of the noise of an angle [rad^2].
         """
         offsets = self._offsets
-        sides = np.where(self._rotors < self._lowest - self._margin, 1, 0)
-        sides[self._rotors > self._highest + self._margin] = -1
+        sides = np.where(self._rotors < self._lowest - self._margin, 1.0, 0.0)
+        sides[self._rotors > self._highest + self._margin] = -1.0
         means = sign / self._frames * self._sums + offsets.corrections
         expected, spreads = offsets.expected(sides)
         surprises = np.where(sides == 0, np.nan, means - expected)
@@ -204,7 +204,7 @@ class FarRotors:
         Where most seem to have an offset, rotors and springs are not equal.
         """
         offsets = np.abs(self._offsets.values[self._offsets.passed])
-        return _DEVIATION_PER_MEDIAN * float(np.median(offsets)) if offsets.size else 0.0
+        return _DEVIATION_PER_MEDIAN * median(offsets) if offsets.size else 0.0
 
     def look_for_doubtful(self, read: Array, outlying: NDArray[np.bool_]) -> None:
         """Find rotors that are not to be trusted, from what they read [rad], shape (N,).
@@ -218,20 +218,23 @@ class FarRotors:
             same &= outlying | self.stuck
         self._read = read
         self.stuck = same
-        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * float(np.median(self._apart))
+        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart.copy())
         far_off = self._apart > limit + _LEAST_DOUBTED
         self.doubtful = same | (far_off & (self._offsets.corrections == 0))
 
 
 def _most(surprises: Array) -> float:
     """Mean square of all surprises but the few largest, which may be of offsets [rad^2]."""
-    squares = np.sort(surprises[np.isfinite(surprises)] ** 2)
-    kept = squares[: len(squares) - max(2, math.ceil(_FEW_LARGEST * len(squares)))]
-    return float(kept.mean()) if kept.size else 0.0
+    squares = surprises[np.isfinite(surprises)] ** 2
+    count = len(squares) - max(2, math.ceil(_FEW_LARGEST * len(squares)))
+    if count <= 0:
+        return 0.0
+    squares.partition(count)
+    return float(squares[:count].mean())
 
 
 def _typical(surprises: Array, unsure: ArrayLike) -> float:
     """Robust root mean square of surprises that were not to be expected [rad]."""
     beyond = np.maximum(np.abs(surprises) - unsure, 0.0)
     known = beyond[np.isfinite(beyond)]
-    return _DEVIATION_PER_MEDIAN * float(np.median(known)) if known.size else 0.0
+    return _DEVIATION_PER_MEDIAN * median(known) if known.size else 0.0

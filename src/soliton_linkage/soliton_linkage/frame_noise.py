@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
+from soliton_linkage.filter_arrays import filter_loops
+from soliton_linkage.frame_arrays import frame_loops, median
 
 Flags = NDArray[np.bool_]
 BEYOND_CHANCE = 5.0
@@ -20,6 +22,7 @@ _LEAST_NOISE = 1e-5
 _DEVIATION_PER_MEDIAN = 1.4826
 _SIGNIFICANT = 4.0
 _LEAST_SHARE = 0.2
+_NO_FLAGS = np.zeros(0, dtype=np.bool_)
 
 
 class FrameView:
@@ -39,6 +42,10 @@ class FrameView:
     """Their residuals, 0 for those that do not count [rad], shape (n,)."""
     information: float
     """Information on the arc in units of that of a noise of 1 rad [1]."""
+    squares: float
+    """Sum of squares of what is left of them [rad^2]."""
+    any_outlying: bool
+    """Whether any rotor of the chain is outlying."""
 
     def __init__(
         self,
@@ -56,45 +63,45 @@ class FrameView:
         their square is above the limit and what the spread [rad^2] of the arc, its variance, may
         account for.
         """
-        end = first + len(tangent)
-        about = differences[first:end]
-        squares = differences * differences
-        squares[first:end] -= (BEYOND_CHANCE**2 * spread) * tangent**2
-        self.outlying: Flags = (
-            squares > limit if doubtful is None else (squares > limit) | doubtful
+        self.first, self.end = first, first + len(tangent)
+        self.tangent, self.residuals = tangent, differences
+        self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
+        self.used = np.empty(len(tangent), dtype=np.bool_)
+        self.left = np.empty(len(tangent))
+        counts, self.any_outlying, sums = frame_loops().look(
+            differences,
+            first,
+            tangent,
+            limit,
+            BEYOND_CHANCE**2 * spread,
+            _LEAST_SHARE,
+            _NO_FLAGS if doubtful is None else doubtful,
+            self.outlying,
+            self.used,
+            self.left,
         )
-        self.used = np.isfinite(about)
-        known = int(np.count_nonzero(self.used))
-        outliers = self.outlying[first:end]
-        excluded = int(np.count_nonzero(outliers))
+        known, excluded, used = counts
+        self.information, ahead, self.squares = sums
         self.share_of_outliers = excluded / max(known, 1)
-        if excluded:
-            self.used = _without_outliers(self.used, outliers, tangent)
-            known = int(np.count_nonzero(self.used))
-        complete = known == len(tangent)
-        weights = tangent if complete else np.where(self.used, tangent, 0.0)
-        seen = about if complete else np.where(self.used, about, 0.0)
-        self.first, self.tangent = first, tangent
-        self.information = float(weights @ weights)
-        ahead = float(weights @ seen) / self.information if self.information else 0.0
+        self.freedoms = max(used - 1, 1)
         self.arc = arc + ahead
-        self.left = seen - ahead * weights
-        self.freedoms = max(known - 1, 1)
-        self.residuals = differences
-        self.residuals[first:end] -= ahead * tangent
+
+    def left_of(self, first: int, end: int) -> Array:
+        """What is left of some of the rotors about the wall [rad], by their numbers."""
+        return self.left[first - self.first : end - self.first]
 
     @property
     def robust_limit(self) -> float:
         """Squared residual beyond chance, by the median of them all [rad^2]."""
         if not self.used.any():
             return math.inf
-        median = float(np.median(np.abs(self.left[self.used])))
-        return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median) ** 2
+        typical = median(np.abs(self.left[self.used]))
+        return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * typical) ** 2
 
     @property
     def mean_square(self) -> float:
         """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
-        return float(self.left @ self.left) / self.freedoms
+        return float(self.squares / self.freedoms)
 
     @property
     def mean_square_of_all(self) -> float:
@@ -131,7 +138,7 @@ class FrameNoise:
 
     def update(self, view: FrameView, elapsed: float) -> None:
         """Take in what is left of a frame, a time [s] after the last."""
-        squares = float(view.left @ view.left)
+        squares = view.squares
         fade = 1 - 1 / _MEMORY
         self._squares = fade * self._squares + squares
         self._freedoms = fade * self._freedoms + view.freedoms
@@ -139,7 +146,7 @@ class FrameNoise:
         self._squares_of_late = recent * self._squares_of_late + squares
         self._freedoms_of_late = recent * self._freedoms_of_late + view.freedoms
         if len(self._earlier) == 2:
-            self._pair([*self._earlier, view], fade)
+            self._pair(self._earlier[0], self._earlier[1], view, fade)
         self._earlier = [*self._earlier[-1:], view]
         self._estimate()
 
@@ -151,20 +158,19 @@ class FrameNoise:
         self._earlier = []
         self._estimate()
 
-    def _pair(self, views: list[FrameView], fade: float) -> None:
-        view = views[-1]
-        low = max(each.first for each in views)
-        high = max(min(each.first + len(each.left) for each in views), low)
-        oldest, older, left = (each.left[low - each.first : high - each.first] for each in views)
-        products = left * (older * (4 / 3) - oldest / 3)
-        share = view.tangent[low - view.first : high - view.first] ** 2
-        free = share - share**2
-        self._products = fade * self._products + float(products.sum())
-        freedoms = min(high - low - 1, *(each.freedoms for each in views))
+    def _pair(self, oldest: FrameView, older: FrameView, view: FrameView, fade: float) -> None:
+        low = max(oldest.first, older.first, view.first)
+        high = max(min(oldest.end, older.end, view.end), low)
+        tangent = view.tangent[low - view.first : high - view.first]
+        whole, wall, free, chance = filter_loops().products_in_time(
+            oldest.left_of(low, high), older.left_of(low, high), view.left_of(low, high), tangent
+        )
+        self._products = fade * self._products + whole
+        freedoms = min(high - low - 1, oldest.freedoms, older.freedoms, view.freedoms)
         self._pairs = fade * self._pairs + max(freedoms, 0)
-        self._wall = fade * self._wall + float(share @ products)
-        self._wall_share = fade * self._wall_share + float(free.sum())
-        self._wall_chance = fade**2 * self._wall_chance + float(free @ free)
+        self._wall = fade * self._wall + wall
+        self._wall_share = fade * self._wall_share + free
+        self._wall_chance = fade**2 * self._wall_chance + chance
 
     def _estimate(self) -> None:
         whole = self._squares / self._freedoms if self._freedoms else 0.0
@@ -183,10 +189,3 @@ def _by_chance(square: float, squared_weights: float, largest: float) -> float:
     """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""
     deviation = _SIGNIFICANT * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + _SIGNIFICANT**2 / 2 * largest)
-
-
-def _without_outliers(used: Flags, outliers: Flags, tangent: Array) -> Flags:
-    """Rotors that count: not the outliers, unless they hold nearly all that tells the arc."""
-    kept = used & ~outliers
-    enough = np.sum(tangent[kept] ** 2) > _LEAST_SHARE * np.sum(tangent[used] ** 2)
-    return kept if enough else used

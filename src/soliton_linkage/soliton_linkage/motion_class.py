@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from soliton_linkage.chain import Array, Motion, staggered, wrapped
+from soliton_linkage import frame_arrays
+from soliton_linkage.chain import Array, Motion
+from soliton_linkage.frame_arrays import FrameSines, frame_loops, sines_of
 
 _SURE = 0.95
 _FEWEST = 4
@@ -39,7 +39,6 @@ _FLAT_IN_NOISE = 2.0
 _NOISIEST = 0.15
 _FREEDOM_OF_BEND = 0.1
 _SPREAD = 1.2
-_LEAST_LEVER = 1e-9
 _NEGLECTED = 0.01
 
 
@@ -94,14 +93,13 @@ class MotionEvidence:
         scaled = ratio / deviation if math.isfinite(ratio) else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
         spinning = 1 / (1 + 2 * math.exp(self.flipping))
-        shares = {
-            Motion.FLIPPER: (1 - spinning) * (1 - wobbling),
-            Motion.WOBBLING_FLIPPER: (1 - spinning) * wobbling,
-            Motion.SPINNER: spinning,
-        }
-        motion = max(shares, key=lambda each: shares[each])
-        known = motion if shares[motion] >= _SURE else None
-        return MotionClass(known, shares[motion], spinning, ratio, deviation)
+        share, motion = (1 - spinning) * (1 - wobbling), Motion.FLIPPER
+        if (1 - spinning) * wobbling > share:
+            share, motion = (1 - spinning) * wobbling, Motion.WOBBLING_FLIPPER
+        if spinning > share:
+            share, motion = spinning, Motion.SPINNER
+        known = motion if share >= _SURE else None
+        return MotionClass(known, share, spinning, ratio, deviation)
 
     def tail_ratio(self) -> tuple[float, float]:
         """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
@@ -144,7 +142,13 @@ class MotionObserver:
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add a frame to the evidence and return the class; arguments as `motion_evidence`."""
-        frame = motion_evidence(angles, noise)
+        return self._add(motion_evidence(angles, noise))
+
+    def observe_sines(self, frame: FrameSines, noise: float) -> MotionClass:
+        """The same of a frame whose sines and cosines are known."""
+        return self._add(evidence_of(frame, noise))
+
+    def _add(self, frame: MotionEvidence) -> MotionClass:
         if math.isfinite(frame.place) and not abs(frame.place - self._anchor) < 1:
             self._forwards = frame.place > self._anchor
             self._anchor = frame.place
@@ -164,8 +168,14 @@ def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
         raise ValueError(f'angles of shape {np.shape(angles)} must be one row, an angle a rotor')
     if not (math.isfinite(noise) and noise >= 0):
         raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
-    frame = _Frame(staggered(angles))
-    rotors, bond = len(frame.theta), frame.bond
+    frame = sines_of(np.ascontiguousarray(angles, dtype=np.float64))
+    return evidence_of(frame, noise)
+
+
+def evidence_of(frame: FrameSines, noise: float) -> MotionEvidence:
+    """The same, with sines and cosines."""
+    rotors = len(frame.angles)
+    bond, before, beyond = frame_loops().bond_of_wall(frame.sines)
     if not _FEWEST < bond < rotors - _FEWEST:
         return NO_EVIDENCE
     left = _Side(frame, bond - 1, 0)
@@ -176,9 +186,12 @@ def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
     noise = max(noise, spread, _FINEST)
     if not _opposed(left, right, noise):
         return NO_EVIDENCE
-    tails = np.array([left.tail(noise), right.tail(noise)])
+    tails = np.zeros((2, 3, 3))
+    left.add_tail(noise, tails[0])
+    right.add_tail(noise, tails[1])
     lean = math.pi / 2 - (abs(left.steepness) + abs(right.steepness)) / 2
-    return MotionEvidence(frame.crossing, _flipping(left, right, noise), lean, tails)
+    crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
+    return MotionEvidence(crossing, _flipping(left, right, noise), lean, tails)
 
 
 def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
@@ -189,103 +202,39 @@ def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> 
     cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda says
     k = 2 sin(theta_bar) / d; F(e) is for lambda = 0.
     """
-    lean, up = np.sin(rest_angle + deviations), np.cos(rest_angle + deviations)
-    return _outer(lean, up, rest_angle, _pitch(rest_angle, ratio)) - rest_angle
+    return frame_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[0]
 
 
 def slope_of_next(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
     """Derivative of `next_deviation` by the deviation [1], lambda at 0, shape (...)."""
-    return next_deviation_and_slope(deviations, rest_angle, ratio)[1]
-
-
-def next_deviation_and_slope(
-    deviations: Array, rest_angle: float, ratio: float = 0.0
-) -> tuple[Array, Array]:
-    """Both at once: see `next_deviation` and `slope_of_next`."""
-    k, inner = _pitch(rest_angle, ratio), rest_angle + deviations
-    up = np.cos(inner)
-    outer = _outer(np.sin(inner), up, rest_angle, k)
-    sine = np.sin(inner + outer)
-    lever = k * np.cos(outer) + sine
-    # A bar in line with the outer rotor makes the slope infinite.
-    return outer - rest_angle, (k * up - sine) / np.where(lever == 0, _LEAST_LEVER, lever)
-
-
-class _Frame:
-    """Staggered angles of a frame, and where they change the side to which they lean."""
-
-    def __init__(self, theta: Array) -> None:
-        self.theta = theta
-        self.sines, self.cosines = np.sin(theta), np.cos(theta)
-        self.known: NDArray[np.bool_] | None = None
-        if not math.isfinite(self.sines.sum()):
-            self.known = np.isfinite(self.sines)
-            self.sines = np.where(self.known, self.sines, 0.0)
-            self.cosines = np.where(self.known, self.cosines, 0.0)
-
-    @cached_property
-    def bond(self) -> int:
-        """Number of rotors before the wall: there the means of sin(theta) differ the most."""
-        if not len(self.sines):
-            return 0
-        before = self.sines.cumsum()
-        return int(np.abs(before - before[-1] / 2).argmax()) + 1
-
-    @property
-    def crossing(self) -> float:
-        """Place where sin(theta) is 0 between two rotors, or half way where it is not."""
-        left, right = float(self.sines[self.bond - 1]), float(self.sines[self.bond])
-        return self.bond - 1 + (left / (left - right) if left * right < 0 else 0.5)
+    return frame_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[1]
 
 
 class _Side:
     """The rotors on one side of a wall, without that at the edge."""
 
-    def __init__(self, frame: _Frame, nearest: int, edge: int) -> None:
-        self._way = 1 if edge > nearest else -1
-        rotors = abs(edge - nearest)
-        inner, outer = sorted((nearest + self._way * (rotors // 2), edge - self._way))
-        half = slice(inner, outer + 1)
-        self.count = outer + 1 - inner
-        if frame.known is not None:
-            self.count = int(np.count_nonzero(frame.known[half]))
-        sine, cosine = float(frame.sines[half].sum()), float(frame.cosines[half].sum())
-        self.mean = math.atan2(sine, cosine)
+    def __init__(self, frame: FrameSines, nearest: int, edge: int) -> None:
+        self._angles, self._nearest, self._edge = frame.angles, nearest, edge
+        self.count, sine, cosine, self.mean, self.scatter = frame_loops().uniform_part(
+            frame.angles, frame.sines, frame.cosines, nearest, edge
+        )
         self._handed = (1 if sine > 0 else -1) * (1 if cosine > 0 else -1)
-        first, last = sorted((nearest, edge - self._way))
-        # From the wall outwards.
-        self._deviations = wrapped(frame.theta[first : last + 1] - self.mean)[:: self._way]
-        outer_half = self._deviations[rotors // 2 :]
-        if frame.known is not None:
-            outer_half = outer_half[np.isfinite(outer_half)]
-        self.scatter = float(outer_half @ outer_half)
 
     @property
     def steepness(self) -> float:
         """Angle of the uniform part above the horizontal [rad]."""
         return math.asin(math.cos(self.mean))
 
-    def tail(self, noise: float) -> Array:
-        """Sums of products of (e, e^2, e' - F(e)) over the variance of e', shape (3, 3)."""
+    def add_tail(self, noise: float, sums: Array) -> None:
+        """Add products of (e, e^2, e' - F(e)) over the variance of e', shape (3, 3)."""
         rest = math.pi / 2 - abs(self.steepness)
         if noise > _NOISIEST * rest:
-            return np.zeros((3, 3))
-        near = self._handed * self._deviations[: len(self._deviations) // 2 + 1]
-        begin, end = _flank(near, rest, max(_FLAT_IN_NOISE * noise, _FLAT * rest))
-        inner, outer = near[begin:end], self._handed * self._deviations[begin + 1 : end + 1]
-        if not math.isfinite(outer.sum()):
-            known = np.isfinite(outer)
-            inner, outer = inner[known], outer[known]
-        rows = np.array((inner, inner * inner, outer - next_deviation(inner, rest)))
-        return np.asarray(rows @ rows.T / (noise**2 * (_SPREAD + 1 / self.count)))
-
-
-def _outer(lean: Array, up: Array, rest_angle: float, k: float) -> Array:
-    """Angle alpha' of the outer neighbour, from sine and cosine of alpha [rad], shape (...)."""
-    across = k + lean
-    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
-    limited = np.minimum(np.maximum(cosine, -1.0), 1.0)
-    return np.asarray(np.arccos(limited) - np.arctan2(across, up))
+            return
+        flat = max(_FLAT_IN_NOISE * noise, _FLAT * rest)
+        frame_loops().tail_products(
+            self._angles, self._nearest, self._edge, self.mean, self._handed, rest, flat, sums
+        )
+        sums /= noise**2 * (_SPREAD + 1 / self.count)
 
 
 def _pitch(rest_angle: float, ratio: float) -> float:
@@ -309,16 +258,7 @@ def _flipping(left: _Side, right: _Side, noise: float) -> float:
     spun = math.remainder(right.mean - left.mean - math.pi, 2 * math.pi) ** 2
     variance = noise**2 * (1 / left.count + 1 / right.count)
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
-    return min(max(likelihood, -_STRONGEST_FRAME), _STRONGEST_FRAME)
-
-
-def _flank(deviations: Array, rest_angle: float, flat: float) -> tuple[int, int]:
-    """First rotor from the middle of the wall on, and the first where it is flat, outwards."""
-    core = (deviations <= -rest_angle).nonzero()[0]
-    start = int(core[-1]) + 1 if len(core) else 0
-    calm = ~(np.abs(deviations[start:-1]) > flat)
-    over = int(calm.argmax()) if len(calm) else 0
-    return start, start + (over if over or (len(calm) and calm[0]) else len(calm))
+    return float(min(max(likelihood, -_STRONGEST_FRAME), _STRONGEST_FRAME))
 
 
 def _solved(sums: list[list[float]], rest_angle: float) -> tuple[float, float]:

@@ -9,6 +9,8 @@ import numpy as np
 
 from soliton_linkage.bands import band_edges
 from soliton_linkage.chain import Array, Chain
+from soliton_linkage.filter_arrays import filter_loops
+from soliton_linkage.frame_arrays import median
 
 _MEMORY = 1000
 _SLOWEST_FRAMES = 0.5
@@ -28,6 +30,7 @@ class RateNoise:
 
     def __init__(self, chain: Chain) -> None:
         """Begin without any frame."""
+        self._loops = filter_loops()
         self._longest = _SLOWEST_FRAMES / band_edges(chain)[1]
         self.restart()
 
@@ -43,16 +46,16 @@ class RateNoise:
 
     def update(self, time: float, rates: Array) -> None:
         """Take in the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
-        self._last = [*self._last[-2:], (time, rates)]
+        self._last = [*self._last[-2:], (time, np.ascontiguousarray(rates, dtype=np.float64))]
         if len(self._last) < 3:
             return
         (before, first), (middle, second), (after, third) = self._last
         steps = middle - before, after - middle
         if max(steps) > self._longest or abs(steps[0] - steps[1]) > _UNEVEN * steps[0]:
             return
-        changes = np.abs(first - 2 * second + third)
-        changes = changes[np.isfinite(changes)]
-        if len(changes) == 0:
+        changes = np.empty_like(rates)
+        known = self._loops.known_changes(first, second, third, changes)
+        if known == 0:
             return
         self._frames = min(self._frames + 1, _MEMORY)
-        self._median += (float(np.median(changes)) - self._median) / self._frames
+        self._median += (median(changes[:known]) - self._median) / self._frames

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter1d
 
 from soliton_linkage.bands import couplings
-from soliton_linkage.chain import Array, Chain, Motion, staggered, uprightness
+from soliton_linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.rigidity import rigidity_bands
 
 _DOMAIN = 0.5
@@ -44,8 +44,6 @@ class Soliton:
     """Width w of tanh(x / w) [m]."""
     charge: int
     """+1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite."""
-    cycle_phase: float
-    """Place on the periodic orbit [rad], 0 to 2 pi."""
     position_deviation: float
     """Standard deviation of the position [m]."""
     velocity_deviation: float
@@ -88,7 +86,7 @@ def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tu
     """Return the walls in a frame, in the order of their place; none is an empty tuple.
 
     Angles [rad] and, where they are known, rates [rad/s], each of shape (N,). On a ring places
-    run from 0 to N, and there is no cycle.
+    run from 0 to N.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
@@ -97,11 +95,7 @@ def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tu
     if chain.periodic:
         return _walls_of_ring(chain, polarised, field, slope, moving)
     walls = _walls(chain, polarised, field, slope)
-    alone = len(walls) == 1 and walls[0].charge == 1
-    phases = [_cycle_phase(chain, checked, wall) if alone else math.nan for wall in walls]
-    return tuple(
-        _soliton(chain, wall, moving, phase) for wall, phase in zip(walls, phases, strict=True)
-    )
+    return tuple(_soliton(chain, wall, moving) for wall in walls)
 
 
 def _walls(chain: Chain, polarised: Array, field: Array, slope: Array) -> list[_Wall]:
@@ -133,7 +127,7 @@ def _walls_of_ring(
     opened = [np.roll(values, -joint) for values in (polarised, field, slope)]
     moving = None if rates is None else np.roll(rates, -joint)
     found = [
-        _soliton(chain, wall, moving, math.nan)
+        _soliton(chain, wall, moving)
         for wall in _walls(chain, opened[0][:-1], opened[1], opened[2])
     ]
     turned = []
@@ -143,7 +137,7 @@ def _walls_of_ring(
     return tuple(sorted(turned, key=lambda soliton: soliton.rotor))
 
 
-def _soliton(chain: Chain, wall: _Wall, rates: Array | None, cycle_phase: float) -> Soliton:
+def _soliton(chain: Chain, wall: _Wall, rates: Array | None) -> Soliton:
     velocity, velocity_deviation = wall.velocity(rates)
     width, width_deviation = wall.width()
     spacing = chain.spacing
@@ -153,7 +147,6 @@ def _soliton(chain: Chain, wall: _Wall, rates: Array | None, cycle_phase: float)
         velocity=velocity * spacing,
         width=width * spacing,
         charge=wall.charge,
-        cycle_phase=cycle_phase,
         position_deviation=wall.deviation * spacing,
         velocity_deviation=velocity_deviation * spacing,
         width_deviation=width_deviation * spacing,
@@ -294,42 +287,3 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
         share = polarised[left] / (polarised[left] - polarised[right])
         crossings.append((float(left + 0.5 + share * (right - left)), int(signs[change])))
     return crossings
-
-
-def _cycle_phase(chain: Chain, angles: Array, wall: _Wall) -> float:
-    """Place of a chain with one wall on its periodic orbit [rad].
-
-    The orbit has four legs for flippers, told apart by which edge rotors have toggled, and two
-    for spinners, told apart by the side on which the rotors in the wall turn over.
-    """
-    progress = min(max(wall.centre / (chain.number_of_rotors - 1), 0.0), 1.0)
-    if chain.motion is Motion.SPINNER:
-        leg, legs = _spinner_leg(chain, angles, wall.centre), 2
-    else:
-        leg, legs = _flipper_leg(chain, angles), 4
-    travelled = 1 - progress if leg % 2 else progress
-    return 2 * math.pi * (leg + travelled) / legs % (2 * math.pi)
-
-
-def _flipper_leg(chain: Chain, angles: Array) -> int:
-    """Legs 0 to 3: no edge rotor toggled, the last one, both, the first one.
-
-    Toggled is meant against the uniform left-leaning state. An edge rotor toggles by passing
-    the line from its pivot to its neighbour's mass, where its coupling to the bond between
-    them changes sign; in the left-leaning state A_0 has the sign of d - 1 and B_n of
-    (-1)^(n+1), upside down the opposite.
-    """
-    first, second = rigidity_bands(chain, angles)
-    upright = uprightness(angles)
-    first_toggled = first[0] * upright * (1 if chain.lean_ratio > 1 else -1) < 0
-    last_toggled = second[-1] * upright * (-1) ** (chain.number_of_rotors - 1) < 0
-    return [[0, 1], [3, 2]][int(first_toggled)][int(last_toggled)]
-
-
-def _spinner_leg(chain: Chain, angles: Array, centre: float) -> int:
-    theta = staggered(angles)
-    lean = _spinner_lean(chain, angles)
-    rotors = np.arange(len(theta))
-    weight = _sech_squared((rotors - centre) * chain.spacing / chain.wall_width)
-    turned = np.sin(theta - lean * chain.rest_angle) * np.where(rotors % 2, -1.0, 1.0)
-    return int(float(weight @ turned) * lean > 0)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.frame_arrays import frame_loops, sines_of
 
 Flags = NDArray[np.bool_]
 
@@ -115,16 +116,27 @@ class FrameState:
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
         """Take the angles [rad], shape (N,); raises ValueError where they do not fit."""
         self.chain = chain
-        self.angles = chain.check_angles(angles)
-        self.extensions, self.first, self.second = chain.springs(self.angles)
-        self.first_squares = self.first * self.first
-        self.second_squares = self.second * self.second
+        self.angles = np.ascontiguousarray(chain.check_angles(angles))
+        self.sines = sines_of(self.angles)
+        self.springs: Array = np.empty((3, chain.number_of_springs))
+        """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
+        frame_loops().springs(
+            self.sines.sines,
+            self.sines.cosines,
+            chain.spring_parameters,
+            chain.periodic,
+            self.springs,
+        )
 
-    @cached_property
-    def strengths(self) -> Array:
-        """Polarisation of each bond, (A^2 - B^2) / (A^2 + B^2), before scaling, (springs,)."""
-        sums = self.first_squares + self.second_squares
-        return np.asarray((self.first_squares - self.second_squares) / np.maximum(sums, _TINY))
+    @property
+    def first(self) -> Array:
+        """Levers A [m/rad], shape (springs,)."""
+        return np.asarray(self.springs[1])
+
+    @property
+    def second(self) -> Array:
+        """Levers B [m/rad], shape (springs,)."""
+        return np.asarray(self.springs[2])
 
     @cached_property
     def mode_squares(self) -> Array:
@@ -138,11 +150,11 @@ class FrameState:
                 'a chain with periodic ends has no zero mode of its own; free its ends'
             )
         logarithms = np.zeros(self.chain.number_of_rotors)
-        ratios = np.maximum(self.first_squares, _TINY) / np.maximum(self.second_squares, _TINY)
+        ratios = np.maximum(self.first**2, _TINY) / np.maximum(self.second**2, _TINY)
         np.log(ratios).cumsum(out=logarithms[1:])
         logarithms -= logarithms.max()
-        squares = np.exp(np.maximum(logarithms, _LEAST_LOGARITHM))
-        return np.asarray(squares / squares.sum())
+        modes = np.exp(np.maximum(logarithms, _LEAST_LOGARITHM))
+        return np.asarray(modes / modes.sum())
 
 
 def energy_reach(chain: Chain) -> float:
@@ -169,8 +181,8 @@ class StateReporter:
         self._half_inertias = 0.5 * chain.moments_of_inertia
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
-        self._windings = {lean: winding_number(chain, lean) for lean in (1, -1)}
-        self._rotors = np.arange(chain.number_of_rotors, dtype=np.float64)
+        self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
+        self._loops = frame_loops()
         self._signs = 1.0 - 2.0 * (np.arange(chain.number_of_rotors) % 2)
 
     def energies(
@@ -209,19 +221,21 @@ class StateReporter:
         periodic ends.
         """
         walls = _finite(places)
-        squares, strengths = state.mode_squares, state.strengths
-        bonds = len(strengths)
+        if self.chain.periodic:
+            raise ValueError(
+                'a chain with periodic ends has no topology of two sides; free its ends'
+            )
+        bonds = self.chain.number_of_springs
         first, last = (min(walls), max(walls)) if walls else (math.inf, -math.inf)
         before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
         beyond = math.ceil(max(min(last - 0.5, bonds - 1.0), 0.0))
-        means = (
-            float(strengths[:before].sum()) / (before * self._uniform),
-            float(strengths[beyond:].sum()) / ((bonds - beyond) * self._uniform),
+        left, right, at_first, at_last, centre = self._loops.topology(
+            state.springs, before, beyond, _DOMAIN * self._uniform
         )
-        left, right = (self._windings[1 if mean > 0 else -1] for mean in means)
-        domains = strengths[np.abs(strengths) > _DOMAIN * self._uniform]
-        charge = (int(domains[0] > 0) - int(domains[-1] > 0)) if len(domains) else 0
-        return Topology(means, (left, right), charge, float(self._rotors @ squares))
+        means = left / (before * self._uniform), right / ((bonds - beyond) * self._uniform)
+        windings = self._windings[means[0] > 0], self._windings[means[1] > 0]
+        charge = int(at_first > 0) - int(at_last > 0)
+        return Topology(means, windings, charge, centre)
 
     def edge_rotors(self, state: FrameState) -> EdgeRotors:
         """States of the edge rotors.
@@ -235,12 +249,14 @@ class StateReporter:
         chain, angles = self.chain, state.angles
         if chain.motion is Motion.SPINNER:
             # sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n)
-            twists = float(self._signs[:-1] @ np.sin(angles[1:] - angles[:-1]))
+            sines, cosines = state.sines.sines, state.sines.cosines
+            turned_on = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
+            twists = float(self._signs[:-1] @ turned_on)
             rest = math.copysign(chain.rest_angle, twists if twists else -1.0)
             last_rest = rest if chain.number_of_rotors % 2 else math.pi - rest
             turned = float(angles[0]) - rest, float(angles[-1]) - last_rest
             return EdgeRotors(None, (turned[0] / (2 * math.pi), turned[1] / (2 * math.pi)))
-        inner = float(self._signs[1:-1] @ np.cos(angles[1:-1]))
+        inner = float(self._signs[1:-1] @ state.sines.cosines[1:-1])
         upright = -1 if inner < 0 else 1
         at_first = float(state.first[0]) * upright * (1 if chain.lean_ratio > 1 else -1)
         at_last = float(state.second[-1]) * upright * float(self._signs[-1])
@@ -266,18 +282,20 @@ class StateReporter:
             moving = rates.rate**2 - variance
             spread = 4 * variance * (max(moving, 0.0) + variance / 2)
             return half * moving, math.nan, half * math.sqrt(spread)
-        measured = self.chain.check_angles(rates, 'rate')
+        measured = np.ascontiguousarray(self.chain.check_angles(rates, 'rate'))
         noisy, hidden = self._half_inertias, 0.0
         unseen = _some(errors.unseen)
         if unseen is not None:
             hidden = float(noisy[unseen].sum()) * errors.rate_noise**2
             noisy = np.where(unseen, 0.0, noisy)
         variance = errors.rate_noise**2
-        energies = self._half_inertias * (measured * measured) - variance * noisy
+        energies = np.empty_like(measured)
+        whole, known, squares = self._loops.kinetic(
+            self._half_inertias, noisy, measured, variance, energies
+        )
+        spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
         wake = self._wake_sum(energies, 0.0, walls)
-        known = 4 * variance * max(float(energies @ noisy), 0.0)
-        spread = known + 2 * variance**2 * float(noisy @ noisy)
-        return float(energies.sum()), wake, math.hypot(math.sqrt(spread), hidden)
+        return whole, wake, math.hypot(math.sqrt(spread), hidden)
 
     def _elastic(
         self, state: FrameState, walls: list[float], errors: FrameErrors
@@ -294,31 +312,21 @@ class StateReporter:
             seen = ~unseen
             left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
         variance = errors.noise**2
-        firsts, seconds = left * state.first_squares, right * state.second_squares
-        levers, pulls = firsts + seconds, half * state.extensions
-        stretched = pulls * state.extensions
-        energies = stretched - variance * levers
+        energies = np.empty(len(half))
+        whole, squares, pulling = self._loops.elastic(
+            state.springs, half, left, right, self.chain.periodic, variance, energies
+        )
         wake = self._wake_sum(energies, 0.5, walls)
-        deviation = 0.0
-        if variance:
-            squares = float(levers @ levers) + 2 * self._joint(seconds, firsts)
-            firsts, seconds = left * state.extensions * state.first, pulls * state.second
-            pulling = float(stretched @ levers) + 2 * self._joint(seconds, firsts)
-            excess = max(pulling - variance * squares, 0.0)
-            deviation = 2 * math.sqrt(variance * (excess + variance * squares / 2))
+        excess = max(pulling - variance * squares, 0.0)
+        deviation = 2 * math.sqrt(variance * (excess + variance * squares / 2))
         hidden = 0.0 if unseen is None else self._hidden(state, errors, unseen)
-        return float(energies.sum()), wake, math.hypot(deviation, hidden)
+        return whole, wake, math.hypot(deviation, hidden)
 
     def _hidden(self, state: FrameState, errors: FrameErrors, unseen: Flags) -> float:
         """Elastic energy that rotors which were not seen may hide [J]."""
         half = self._half_stiffnesses
-        stiffness = self.chain.gathered(half * state.first_squares, half * state.second_squares)
+        stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         return float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
-
-    def _joint(self, lefts: Array, rights: Array) -> float:
-        """Sum over the rotors between two springs of a number of each."""
-        inner = float(lefts[:-1] @ rights[1:])
-        return inner + float(lefts[-1] * rights[0]) if self.chain.periodic else inner
 
     def _wake_sum(self, energies: Array, first: float, walls: list[float]) -> float:
         """Sum over rotors or springs out of reach of all walls; the first is at a place."""
@@ -332,13 +340,13 @@ class StateReporter:
             begin = math.floor(low) + 1 if low >= 0 else 0
             end = math.ceil(high) if high < count else count
             if begin < end:
-                wake += float(energies[begin:end].sum())
+                wake += self._loops.total(energies, begin, end)
         return wake
 
 
 def _finite(places: ArrayLike) -> list[float]:
     """Places of walls as a list, without those that are not finite."""
-    given: list[float] = np.ravel(places).tolist()
+    given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
     return [place for place in given if math.isfinite(place)]
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -23,6 +24,7 @@ from soliton_linkage.bands import penetration_depth
 from soliton_linkage.chain import Array, Chain, Motion
 from soliton_linkage.continuum import wall_theory
 from soliton_linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.static_wall import static_wall
 
 _DEPTHS_BESIDE = 14
@@ -103,7 +105,7 @@ class WallFamily:
         self._half = math.floor((_DEPTHS_BESIDE * depth + _ROTORS_BESIDE) / self._step)
         legs = 2 if chain.motion is Motion.SPINNER else 1
         self._tables = [self._table(leg) for leg in range(legs)]
-        self._rotors = np.arange(chain.number_of_rotors, dtype=np.float64)
+        self._loops = frame_loops()
         odd = np.arange(chain.number_of_rotors) % 2
         self._offsets = (self._half + odd * (2 * self._half + 1)).astype(np.float64)
 
@@ -142,40 +144,26 @@ class WallFamily:
         if not self._clear <= centre <= last - self._clear:
             return _NO_STEP
         span = _SPAN * self._scale + 2
-        window = slice(max(math.ceil(centre - span), 1), min(math.floor(centre + span) + 1, last))
-        rotors, offsets, frame = self._rotors[window], self._offsets[window], angles[window]
-        if not math.isfinite(frame.sum()):
-            known = np.isfinite(frame)
-            rotors, offsets, frame = rotors[known], offsets[known], frame[known]
         gamma = math.exp(logarithm)
-        scaled = gamma * (centre - rotors)
-        limit = self._half * self._step
-        if gamma * (span + 1) > limit:
-            scaled = np.minimum(np.maximum(scaled, -limit), limit)
-        values, slopes = self._looked_up(leg, scaled, offsets)
-        left = frame - values
-        left -= (2 * math.pi) * np.rint(left * (0.5 / math.pi))
-        by_log = scaled * slopes
-        places, both, logs = float(slopes @ slopes), float(slopes @ by_log), float(by_log @ by_log)
+        places, both, logs, of_place, of_log = self._loops.contraction_sums(
+            np.ascontiguousarray(angles, dtype=np.float64),
+            self._tables[leg % len(self._tables)],
+            self._offsets,
+            max(math.ceil(centre - span), 1),
+            min(math.floor(centre + span) + 1, last),
+            centre,
+            gamma,
+            self._step,
+            self._half,
+        )
         determinant = places * logs - both * both
         if not determinant > _DEGENERATE * places * logs:
             return _NO_STEP
-        of_place, of_log = float(slopes @ left), float(by_log @ left)
         return ContractionStep(
             ahead=(logs * of_place - both * of_log) / (determinant * gamma),
             contracted=(places * of_log - both * of_place) / determinant,
             deviation=math.sqrt(places / determinant),
         )
-
-    def _looked_up(self, leg: int, distances: Array, offsets: Array) -> tuple[Array, Array]:
-        """Angles f [rad] and slopes f' at distances X - n, by Taylor's series, (n,) each."""
-        steps = distances * (1 / self._step)
-        nearest = np.rint(steps)
-        beyond = (steps - nearest) * self._step
-        table = self._tables[leg % len(self._tables)]
-        values, slopes, curvatures = table[:, (nearest + offsets).astype(np.intp)]
-        bent = beyond * curvatures
-        return values + beyond * (slopes + 0.5 * bent), slopes + bent
 
     def _table(self, leg: int) -> Array:
         """Angles f [rad] and two derivatives by X - n, of even and then odd rotors, (3, 2 K)."""
@@ -195,7 +183,7 @@ class WallFamily:
             angles = np.unwrap(walls[:, rotors].ravel()[order])
             spline = make_interp_spline(distances[order], angles, k=_DEGREE)
             halves.append(np.array([spline(grid, nu=nu) for nu in range(3)]))
-        return np.concatenate(halves, axis=1)
+        return np.ascontiguousarray(np.concatenate(halves, axis=1))
 
 
 @dataclass(frozen=True)
@@ -320,8 +308,7 @@ class Passage:
         return max(self._variances / self._count**2 - 1 / self.weight, 0.0)
 
 
-@dataclass(frozen=True)
-class _Sums:
+class _Sums(NamedTuple):
     """Sums over passages, for a weighted mean and its variance."""
 
     values: float
@@ -436,11 +423,12 @@ class WidthReporter:
 
     def __init__(self, chain: Chain) -> None:
         """Tabulate the walls; raises ValueError as `static_wall` does."""
-        self._theory = wall_theory(chain)
+        theory = wall_theory(chain)
+        self._speed_of_sound = theory.speed_of_sound
         self._mean = ContractionMean(WallFamily(chain))
         undefined = chain.motion is not Motion.SPINNER
         undefined &= chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
-        self._at_rest = math.nan if undefined else self._theory.width()
+        self._at_rest = math.nan if undefined else theory.width()
 
     def restart(self) -> None:
         """Forget the frames so far, as after a kick."""
@@ -452,13 +440,20 @@ class WidthReporter:
         """Width with one more frame; the velocity [m/s], all else as `ContractionMean.update`."""
         found = self._mean.update(angles, place, leg, noise)
         width = self._at_rest * math.exp(-found.logarithm)
-        slower = abs(velocity) < self._theory.speed_of_sound or velocity == 0
-        ratio = self._theory.width(velocity) / self._theory.width() if slower else math.nan
         known = math.isfinite(found.logarithm)
         return Width(
             measured=width,
             deviation=width * found.deviation if known else math.nan,
-            theory=self._at_rest * ratio,
+            theory=self._at_rest * self._theory_ratio(velocity),
             contraction=found.factor,
             contraction_deviation=found.factor * found.deviation if known else math.nan,
         )
+
+    def _theory_ratio(self, velocity: float) -> float:
+        """Width at a velocity [m/s] over that at rest, sqrt(1 - v^2 / c^2); NaN from c on."""
+        if velocity == 0:
+            return 1.0
+        if not abs(velocity) < self._speed_of_sound:
+            return math.nan
+        share = velocity / self._speed_of_sound
+        return math.sqrt((1 - share) * (1 + share))

@@ -14,11 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soliton_linkage.chain import Array, Chain, Motion, wrapped
+from soliton_linkage.chain import Array, Chain, Motion
 from soliton_linkage.continuum import exact_tail
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.motion_class import next_deviation_and_slope
+from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.state_report import energy_reach
 from soliton_linkage.static_wall import static_wall
 
@@ -136,11 +136,7 @@ class WobbleReporter:
         self._exact_decay_length = tail.decay_length
         self._exact_wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
         self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
-        odd = np.arange(chain.number_of_rotors) % 2
-        before, spins = 1.0 - 2.0 * odd, chain.motion is Motion.SPINNER
-        self._handed = before, before if spins else -before
-        phases = math.pi * odd - chain.rest_angle
-        self._phases = phases, phases + math.pi * spins
+        self._loops = frame_loops()
 
     def wobble(
         self, angles: ArrayLike, wall: Wall, noise: float = 0.0, lasting: float = 0.0
@@ -154,7 +150,7 @@ class WobbleReporter:
         the noise [rad] of the angles, and of what lasts beside it [rad], as the root mean square
         of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
         """
-        checked = self.chain.check_angles(angles)
+        checked = np.ascontiguousarray(self.chain.check_angles(angles))
         noise = max(noise, _ROUNDING)
         error = math.hypot(noise, lasting)
         sides = self._sides(checked, wall, noise)
@@ -185,38 +181,37 @@ class WobbleReporter:
         low = max(wall.first, 1)
         high = min(wall.first + len(wall.angles), self.chain.number_of_rotors - 1)
         middle = min(max(math.floor(wall.place) + 1, low), high)
-        at_rest = wall.angles[low - wall.first : high - wall.first]
-        seen = angles[low:high]
-        if np.cos(seen) @ np.cos(at_rest) < 0:
-            seen = math.pi - seen
-        apart = wrapped(seen - at_rest)
-        sides = []
-        for side, (begin, end) in enumerate(((low, middle), (middle, high))):
-            rotors, part = slice(begin, end), slice(begin - low, end - low)
-            handed, way = self._handed[side][rotors], 1 if side else -1
-            expected = wrapped(handed * at_rest[part] + self._phases[side][rotors])
-            measured = expected + handed * apart[part]
-            sides.append(self._side(expected[::way], measured[::way], noise))
-        return sides
+        expected, measured = np.empty(high - low), np.empty(high - low)
+        self._loops.beside_wall(
+            angles,
+            np.ascontiguousarray(wall.angles),
+            wall.first,
+            low,
+            middle,
+            high,
+            self.chain.motion is Motion.SPINNER,
+            self.chain.rest_angle,
+            expected,
+            measured,
+        )
+        before = middle - low
+        return [
+            self._side(expected[:before], measured[:before], noise),
+            self._side(expected[before:], measured[before:], noise),
+        ]
 
     def _side(self, expected: Array, measured: Array, noise: float) -> _Side:
         """Tell the tail, above the noise, from the core, where deviations are large."""
-        sizes = np.abs(expected)
-        inside = (sizes > _LARGEST * self.chain.rest_angle).nonzero()[0]
-        begin = int(inside[-1]) + 1 if len(inside) else 0
-        low = (sizes[begin:] <= _ABOVE_NOISE * noise).nonzero()[0]
-        return _Side(expected, measured, begin, begin + int(low[0]) if len(low) else len(sizes))
+        large, small = _LARGEST * self.chain.rest_angle, _ABOVE_NOISE * noise
+        return _Side(expected, measured, *self._loops.tail_of_side(expected, large, small))
 
     def _overshoot(self, side: _Side, noise: float, error: float) -> tuple[float, float, float]:
         """Overshoot of one rotor [m]: measured, its deviation, and that at rest; else NaN."""
         rest, length = self.chain.rest_angle, self.chain.rotor_length
         if self.chain.motion is Motion.SPINNER or not len(side.expected):
             return math.nan, math.nan, math.nan
-        if self.chain.lean_ratio > 1:
-            at = int(np.sin(rest + side.expected).argmax())
-        else:
-            calm = np.abs(side.expected) < max(noise, _FLAT * rest)
-            at = int(calm.argmax()) if calm.any() else len(calm) - 1
+        calm = 0.0 if self.chain.lean_ratio > 1 else max(noise, _FLAT * rest)
+        at = self._loops.overshooting(side.expected, rest, calm)
         measured, expected = rest + float(side.measured[at]), rest + float(side.expected[at])
         lean = length * math.sin(rest)
         return (
@@ -233,21 +228,18 @@ class WobbleReporter:
         From the sums of e (e' - F(e)) and e^2. Noise in e itself makes the first less by the
         slopes times its variance, put back here.
         """
-        ends = [min(side.end, len(side.measured) - 1) for side in sides]
-        pairs = [slice(side.begin, end) for side, end in zip(sides, ends, strict=True)]
-        e = np.concatenate([side.measured[pair] for side, pair in zip(sides, pairs, strict=True)])
-        outer = [side.measured[1:][pair] for side, pair in zip(sides, pairs, strict=True)]
-        square = float(e @ e)
+        rest, pitch = self.chain.rest_angle, self.chain.spacing / self.chain.rotor_length
+        square = product = shares = both = 0.0
+        for side in sides:
+            end = min(side.end, len(side.measured) - 1)
+            of_side = self._loops.tail_sums(side.measured, side.begin, end, rest, pitch)
+            square += of_side[0]
+            product += of_side[1] + of_side[2] * noise**2
+            shares += of_side[3]
+            both += of_side[4]
         if square <= 0:
             return math.nan, math.nan
-        following, slopes = next_deviation_and_slope(e, self.chain.rest_angle, self._ratio)
-        product = float(e @ (np.concatenate(outer) - following))
-        product += float(slopes.sum()) * noise**2
-        shares = slopes * e
-        before = max(ends[0] - sides[0].begin, 0)
-        both = float(shares[1:before] @ e[: max(before - 1, 0)])
-        both += float(shares[before + 1 :] @ e[before:-1])
-        variance = error**2 * (square + float(shares @ shares) - 2 * both)
+        variance = error**2 * (square + shares - 2 * both)
         return self._ratio + product / square, math.sqrt(max(variance, 0.0)) / square
 
     def _decay_length(self, ratio: float, deviation: float) -> tuple[float, float]:

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops over frames that follow each other; `filter_arrays` says what they compute."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from soliton_linkage.chain import Array
+from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABLE, compiled
+
+
+@compiled(TABLE, TABLE, READ, READ, NUMBER, NUMBER, NUMBER)
+def predict(
+    states: Array,
+    spreads: Array,
+    wander: Array,
+    errors: Array,
+    elapsed: float,
+    kept: float,
+    cubed: float,
+) -> None:
+    """Let filters go on by a time."""
+    for n in range(states.shape[1]):
+        states[0, n] += elapsed * states[1, n]
+        states[2, n] *= kept
+        added = cubed * elapsed * wander[n]
+        both, of_rate = spreads[1, n], spreads[3, n]
+        spreads[0, n] += elapsed * (2 * both + elapsed * of_rate) + elapsed**2 / 3 * added
+        spreads[1, n] = both + elapsed * of_rate + elapsed / 2 * added
+        spreads[2, n] = kept * (spreads[2, n] + elapsed * spreads[4, n])
+        spreads[3, n] = of_rate + added
+        spreads[4, n] *= kept
+        spreads[5, n] = kept**2 * spreads[5, n] + errors[n] * (1 - kept**2)
+
+
+@compiled(READ_TABLE, READ_TABLE, READ)
+def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
+    """Measurement that weighted filters expect, and its variance."""
+    arc, variance = 0.0, 0.0
+    for n in range(weights.size):
+        arc += weights[n] * (states[0, n] + states[2, n])
+    for n in range(weights.size):
+        apart = states[0, n] + states[2, n] - arc
+        of_filter = spreads[0, n] + 2 * spreads[2, n] + spreads[5, n]
+        variance += weights[n] * (of_filter + apart * apart)
+    return arc, variance
+
+
+@compiled(TABLE, TABLE, NUMBER, NUMBER, NUMBER)
+def _corrected(
+    states: Array, spreads: Array, arc: float, variance: float, freedoms: float
+) -> Array:
+    """Correct filters; return how likely [logarithm] each makes the measurement, shape (F,)."""
+    likely = np.empty(states.shape[1])
+    for n in range(likely.size):
+        of_arc = spreads[0, n] + spreads[2, n]
+        of_rate = spreads[1, n] + spreads[4, n]
+        of_error = spreads[2, n] + spreads[5, n]
+        whole = of_arc + of_error + variance
+        surprise = arc - (states[0, n] + states[2, n])
+        square = surprise * surprise / whole
+        if freedoms < math.inf:
+            square = (freedoms + 1) * math.log1p(square / freedoms)
+        likely[n] = -0.5 * (square + math.log(whole))
+        by_arc, by_rate, by_error = of_arc / whole, of_rate / whole, of_error / whole
+        states[0, n] += by_arc * surprise
+        states[1, n] += by_rate * surprise
+        states[2, n] += by_error * surprise
+        spreads[0, n] -= of_arc * by_arc
+        spreads[1, n] -= of_arc * by_rate
+        spreads[2, n] -= of_arc * by_error
+        spreads[3, n] -= of_rate * by_rate
+        spreads[4, n] -= of_rate * by_error
+        spreads[5, n] -= of_error * by_error
+    return likely
+
+
+@compiled(READ, READ)
+def _together(shares: Array, likelihoods: Array) -> float:
+    """Logarithm of the mean of likelihoods [logarithm] by their shares."""
+    top = likelihoods.max()
+    mean, whole = 0.0, 0.0
+    for n in range(shares.size):
+        mean += shares[n] * math.exp(likelihoods[n] - top)
+        whole += shares[n]
+    return float(top + math.log(mean / whole))
+
+
+@compiled(TABLE, TABLE, READ, ROW, ROW, ROW, NUMBER, NUMBER, NUMBER)
+def take_in(
+    states: Array,
+    spreads: Array,
+    weights: Array,
+    shares: Array,
+    likelihoods: Array,
+    odds: Array,
+    arc: float,
+    variance: float,
+    freedoms: float,
+) -> tuple[float, float]:
+    """Correct all filters by a measurement."""
+    base = shares.size + 1
+    likely = _corrected(states, spreads, arc, variance, freedoms)
+    against = _together(shares, likely[1:base]) - likely[0]
+    together = _together(weights[:base], likely[:base])
+    for n in range(odds.size):
+        odds[n] += likely[base + n] - together
+    for n in range(shares.size):
+        likelihoods[n] += likely[n + 1]
+    top, whole = likelihoods.max(), 0.0
+    for n in range(shares.size):
+        likelihoods[n] -= top
+        shares[n] = math.exp(likelihoods[n])
+        whole += shares[n]
+    for n in range(shares.size):
+        shares[n] /= whole
+    return against, odds.max()
+
+
+@compiled(ROW, READ, READ, NUMBER, NUMBER, NUMBER)
+def weigh(
+    weights: Array, shares: Array, odds: Array, against: float, rare: float, none: float
+) -> None:
+    """Set the weights of all filters."""
+    doubted = 1 / (1 + math.exp(-against))
+    base = shares.size + 1
+    weights[0] = 1 - doubted
+    for n in range(shares.size):
+        weights[n + 1] = doubted * shares[n]
+    for n in range(odds.size):
+        weights[base + n] = math.exp(-rare) * max(math.exp(odds[n]) - math.exp(none), 0.0)
+    whole = 0.0
+    for n in range(weights.size):
+        whole += weights[n]
+    for n in range(weights.size):
+        weights[n] /= whole
+
+
+@compiled(READ, READ_TABLE, READ_TABLE, COUNT, NUMBER)
+def mixture(
+    weights: Array, states: Array, spreads: Array, base: int, least: float
+) -> tuple[float, float, float, float, float]:
+    """Means and covariance of weighted filters."""
+    whole, arc, rate = 0.0, 0.0, 0.0
+    of_arc, both, of_rate = 0.0, 0.0, 0.0
+    for n in range(weights.size):
+        weight = weights[n]
+        if n < base or weight >= least:
+            whole += weight
+            arc += weight * states[0, n]
+            rate += weight * states[1, n]
+            of_arc += weight * spreads[0, n]
+            both += weight * spreads[1, n]
+            of_rate += weight * spreads[3, n]
+    arc, rate = arc / whole, rate / whole
+    for n in range(weights.size):
+        weight = weights[n]
+        if n < base or weight >= least:
+            arcs, rates = states[0, n] - arc, states[1, n] - rate
+            of_arc += weight * arcs * arcs
+            both += weight * arcs * rates
+            of_rate += weight * rates * rates
+    return arc, rate, of_arc / whole, both / whole, of_rate / whole
+
+
+@compiled(TABLE, TABLE, ROW, ROW, READ, COUNT, NUMBER, NUMBER)
+def suppose_kick(
+    states: Array,
+    spreads: Array,
+    errors: Array,
+    odds: Array,
+    weights: Array,
+    older: int,
+    elapsed: float,
+    least: float,
+) -> None:
+    """Let the filter begin that holds that the wall is kicked now."""
+    base = weights.size - odds.size
+    likeliest = int(np.argmax(weights[:base]))
+    for age in range(older, -1, -1):
+        source = base + age - 1 if age else likeliest
+        for row in range(3):
+            states[row, base + age] = states[row, source]
+        for row in range(6):
+            spreads[row, base + age] = spreads[row, source]
+        errors[base + age] = errors[source]
+        odds[age] = odds[age - 1] if age else 0.0
+    kick = states[1, base] ** 2 + least
+    spreads[0, base] += kick * elapsed**2 / 4
+    spreads[3, base] += kick
+
+
+@compiled(TABLE, TABLE, ROW, READ, READ, NUMBER)
+def gather(
+    weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float
+) -> None:
+    """Add residuals to the sums of the sides on which their rotors are."""
+    for n in range(residuals.size):
+        if sides[n] != 0 and math.isfinite(residuals[n]):
+            row = 0 if sides[n] > 0 else 1
+            times[n] += 1
+            weights[row, n] += 1 / variance
+            sums[row, n] += residuals[n] / variance
+
+
+@compiled(READ_TABLE, READ_TABLE, NUMBER, NUMBER, TABLE)
+def solve(weights: Array, sums: Array, widest: float, trust: float, solution: Array) -> None:
+    """Solve the normal equations of offsets and rest angles."""
+    for n in range(weights.shape[1]):
+        before, beyond = weights[0, n], weights[1, n]
+        of_offset, of_rest = before + beyond + widest, before + beyond + trust
+        mixed = before - beyond
+        whole, apart = sums[0, n] + sums[1, n], sums[0, n] - sums[1, n]
+        determinant = of_offset * of_rest - mixed * mixed
+        solution[0, n] = (of_rest * whole - mixed * apart) / determinant
+        solution[1, n] = (of_offset * apart - mixed * whole) / determinant
+        solution[2, n] = of_rest / determinant
+        solution[3, n] = -mixed / determinant
+        solution[4, n] = of_offset / determinant
+
+
+@compiled(READ_TABLE, READ, ROW, ROW)
+def expect(solution: Array, sides: Array, means: Array, variances: Array) -> None:
+    """Residuals that are expected and their variances."""
+    for n in range(sides.size):
+        side = sides[n]
+        means[n] = solution[0, n] + side * solution[1, n]
+        variances[n] = solution[2, n] + side * (2 * solution[3, n] + side * solution[4, n])
+
+
+@compiled(READ, READ, READ, ROW)
+def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+    """Absolute second differences of three rows, the known ones in front."""
+    known = 0
+    for n in range(changes.size):
+        change = abs(first[n] - 2 * second[n] + third[n])
+        if change < math.inf:
+            changes[known] = change
+            known += 1
+    return known
+
+
+@compiled(READ, READ, READ, READ)
+def products_in_time(
+    oldest: Array, older: Array, left: Array, tangent: Array
+) -> tuple[float, float, float, float]:
+    """Sums of products of what three frames running left."""
+    whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
+    for n in range(left.size):
+        product = left[n] * (older[n] * (4 / 3) - oldest[n] / 3)
+        share = tangent[n] * tangent[n]
+        alone = share - share * share
+        whole += product
+        wall += share * product
+        free += alone
+        chance += alone * alone
+    return whole, wall, free, chance

@@ -1,0 +1,413 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the analysis of a frame computes rotor by rotor, in numpy; `frame_kernels` compiles it.
+
+The functions of both modules are the same but for rounding. Frames are actual angles [rad],
+shape (N,), NaN where unknown, with their sines and cosines. Rows of springs are extensions [m]
+and levers A and B [m/rad], shape (3, springs).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from soliton_linkage.chain import Array, springs_between, staggered, wrapped
+
+Flags = NDArray[np.bool_]
+
+_LARGEST_ANGLE = 1e9
+_LEAST_LEVER = 1e-9
+_LEAST_LOGARITHM = -600.0
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class FrameSines:
+    """Actual angles of a frame [rad], NaN where unknown, sines and cosines, shape (N,) each."""
+
+    angles: Array
+    sines: Array
+    cosines: Array
+
+
+def sines_of(angles: Array) -> FrameSines:
+    """Sines and cosines of the angles of a frame [rad], shape (N,)."""
+    return FrameSines(angles, np.sin(angles), np.cos(angles))
+
+
+@cache
+def frame_loops() -> Any:
+    """Return the module `frame_kernels` or, where numba is absent, this one."""
+    try:
+        from soliton_linkage import frame_kernels
+    except ImportError:
+        from soliton_linkage import frame_arrays
+
+        return frame_arrays
+    return frame_kernels
+
+
+def median(values: Array) -> float:
+    """Median of numbers of which none is NaN, whose order is lost: numpy's takes far longer."""
+    half = len(values) // 2
+    values.partition(half)
+    middle = float(values[half])
+    return middle if len(values) % 2 else (float(values[:half].max()) + middle) / 2
+
+
+def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
+    """Angles as read without jumps [rad], as seen; NaN where they are not finite or too large.
+
+    The last that were read [rad] and their turns, each of shape (N,), are brought up to date.
+    """
+    readable = np.isfinite(angles) & (np.abs(angles) < _LARGEST_ANGLE)
+    read = np.where(readable, angles, np.nan)
+    jumps = np.rint((read - last) / (2 * math.pi))
+    turns -= np.where(np.isfinite(jumps), jumps, 0.0)
+    last[readable] = read[readable]
+    seen[:] = read + 2 * math.pi * turns
+
+
+def all_within(values: Array, limit: float) -> bool:
+    """Whether the absolute values of a row are all known, finite and no more than a limit."""
+    largest = float(np.abs(values).max())
+    return largest <= limit and largest < math.inf
+
+
+def compare(
+    angles: Array,
+    corrections: Array,
+    upside_down: bool,
+    before: Array,
+    about: Array,
+    beyond: Array,
+    first: int,
+    differences: Array,
+) -> None:
+    """Differences of angles less corrections from those of a wall, -pi to pi [rad], shape (N,).
+
+    The wall has angles about it from the first of its rotors on, and before and beyond them
+    those of a background, shape (N,) each.
+    """
+    end = first + len(about)
+    expected = np.concatenate([before[:first], about, beyond[end:]])
+    read = angles - corrections
+    differences[:] = wrapped((math.pi - read if upside_down else read) - expected)
+
+
+def look(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    limit: float,
+    spread: float,
+    least: float,
+    doubtful: Flags,
+    outlying: Flags,
+    used: Flags,
+    left: Array,
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float]]:
+    """Find the arc that a frame shows, and what it leaves; see `FrameView`.
+
+    Takes what the arc explains off the differences [rad], shape (N,). Outlying are those whose
+    square is above the limit and spread t^2 [rad^2], and the doubtful, shape (N,) or (0,). Of
+    the rotors about the wall those are used, shape (n,), that are known and not outlying, unless
+    these hold no more than the least share of t^2; of them something is left [rad], shape (n,).
+    Returns the numbers known, outlying and used about the wall; whether any is outlying at all;
+    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2].
+    """
+    window = slice(first, first + len(tangent))
+    about = differences[window]
+    squares = differences * differences
+    squares[window] -= spread * tangent**2
+    outlying[:] = squares > limit
+    if len(doubtful):
+        outlying |= doubtful
+    used[:] = np.isfinite(about)
+    known, excluded = int(np.count_nonzero(used)), int(np.count_nonzero(outlying[window]))
+    if excluded:
+        kept = used & ~outlying[window]
+        if np.sum(tangent[kept] ** 2) > least * np.sum(tangent[used] ** 2):
+            used[:] = kept
+    weights = np.where(used, tangent, 0.0)
+    information = float(weights @ weights)
+    ahead = float(weights @ np.where(used, about, 0.0)) / information if information else 0.0
+    about -= ahead * tangent
+    left[:] = np.where(used, about, 0.0)
+    counted = int(np.count_nonzero(used))
+    squared = float(left @ left)
+    return (known, excluded, counted), bool(outlying.any()), (information, ahead, squared)
+
+
+def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:
+    """Values of B-splines with knots in common, shape (M,); coefficients of shape (K, M)."""
+    values[:] = BSpline.construct_fast(knots, coefficients, degree)(at)
+
+
+def bond_of_wall(sines: Array) -> tuple[int, float, float]:
+    """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
+
+    There the means of sin(theta) before and beyond differ the most.
+    """
+    known = np.where(np.isfinite(sines), sines, 0.0)
+    if not len(known):
+        return 0, 0.0, 0.0
+    before = known.cumsum()
+    bond = int(np.abs(before - before[-1] / 2).argmax()) + 1
+    if bond == len(known):
+        return bond, 0.0, 0.0
+    return bond, float(known[bond - 1]), float(known[bond])
+
+
+def uniform_part(
+    angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
+) -> tuple[int, float, float, float, float]:
+    """Outer half of the rotors from the nearest to a wall to that at an edge, which is left out.
+
+    Returns how many of them are known, the sums of sin(theta) and cos(theta), their mean angle
+    theta [rad] and the sum of squares of what they differ from it [rad^2].
+    """
+    way = 1 if edge > nearest else -1
+    inner, outer = sorted((nearest + way * (abs(edge - nearest) // 2), edge - way))
+    half = slice(inner, outer + 1)
+    known = np.isfinite(sines[half])
+    signs = 1.0 - 2.0 * (np.arange(inner, outer + 1) % 2)
+    sine = float(sines[half][known].sum())
+    cosine = float((signs * cosines[half])[known].sum())
+    mean = math.atan2(sine, cosine)
+    apart = wrapped(staggered(angles)[half] - mean)[known]
+    return int(np.count_nonzero(known)), sine, cosine, mean, float(apart @ apart)
+
+
+def tail_products(
+    angles: Array,
+    nearest: int,
+    edge: int,
+    mean: float,
+    handed: float,
+    rest_angle: float,
+    flat: float,
+    sums: Array,
+) -> None:
+    """Add up products of (e, e^2, e' - F(e)) outwards from a wall, shape (3, 3).
+
+    The deviation e of a rotor is handed (theta - mean) [rad]; they count from the middle of the
+    wall on, as far as they are not flat, in the inner half of the rotors up to an edge.
+    """
+    way, half = (1 if edge > nearest else -1), abs(edge - nearest) // 2
+    first, last = sorted((nearest, nearest + way * half))
+    theta = staggered(angles)[first : last + 1][::way]
+    near = handed * wrapped(theta - mean)
+    core = (near <= -rest_angle).nonzero()[0]
+    begin = int(core[-1]) + 1 if len(core) else 0
+    calm = (~(np.abs(near[begin:-1]) > flat)).nonzero()[0]
+    end = begin + int(calm[0]) if len(calm) else max(half, begin)
+    inner, outer = near[begin:end], near[begin + 1 : end + 1]
+    known = np.isfinite(outer)
+    inner, outer = inner[known], outer[known]
+    following, _ = next_deviation(inner, rest_angle, 2 * math.sin(rest_angle))
+    rows = np.array((inner, inner * inner, outer - following))
+    sums += rows @ rows.T
+
+
+def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
+    """Rows of springs; parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`.
+
+    They are of shape (4, N), of which those of springs count as far as there are springs.
+    """
+    count = rows.shape[1]
+    lengths, of_springs = parameters[0], parameters[1:, :count]
+    h, v = lengths * sines, lengths * cosines
+    after = np.arange(1, count + 1)
+    following = h.take(after, mode='wrap'), v.take(after, mode='wrap')
+    rows[:] = springs_between((h[:count], v[:count]), following, *of_springs)
+
+
+def elastic(
+    rows: Array,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    periodic: bool,
+    variance: float,
+    energies: Array,
+) -> tuple[float, float, float]:
+    """Energies of springs [J] less that of the noise, (springs,); three sums of `_elastic`.
+
+    Half of the stiffnesses [N/m], and the same for noise of rotors on the left and the right of
+    each spring, are of shape (springs,). The sums are the energy V [J], |H|^2 / 4 [N^2 m^2] and
+    tau H tau in the same units with the energy, |tau|^2 / 4.
+    """
+    extensions, firsts, seconds = rows[0], lefts * rows[1] ** 2, rights * rows[2] ** 2
+    levers, pulls = firsts + seconds, half * extensions
+    stretched = pulls * extensions
+    energies[:] = stretched - variance * levers
+    squares = float(levers @ levers) + 2 * _joint(seconds, firsts, periodic)
+    of_next = lefts * extensions * rows[1]
+    pulling = float(stretched @ levers) + 2 * _joint(pulls * rows[2], of_next, periodic)
+    return float(energies.sum()), squares, pulling
+
+
+def kinetic(
+    half: Array, noisy: Array, rates: Array, variance: float, energies: Array
+) -> tuple[float, float, float]:
+    """Energies of rotors [J] less that of the noise, shape (N,).
+
+    Returns their sum, that of their products with the inertia of those that are noisy, and that
+    of the squares of these.
+    """
+    energies[:] = half * (rates * rates) - variance * noisy
+    return float(energies.sum()), float(energies @ noisy), float(noisy @ noisy)
+
+
+def total(values: Array, begin: int, end: int) -> float:
+    """Sum of some of a row of numbers."""
+    return float(values[begin:end].sum())
+
+
+def topology(
+    rows: Array, before: int, beyond: int, domain: float
+) -> tuple[float, float, int, int, float]:
+    """Sums of (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and where the mode sits.
+
+    Between the sums and the centre of t_n^2 [rotor spacings] are the signs of the first and the
+    last bond that are above the domain, 0 where there is none.
+    """
+    first, second = rows[1] ** 2, rows[2] ** 2
+    strengths = (first - second) / np.maximum(first + second, _TINY)
+    domains = np.sign(strengths[np.abs(strengths) > domain])
+    ends = (int(domains[0]), int(domains[-1])) if len(domains) else (0, 0)
+    logarithms = np.zeros(len(first) + 1)
+    np.log(np.maximum(first, _TINY) / np.maximum(second, _TINY)).cumsum(out=logarithms[1:])
+    logarithms -= logarithms.max()
+    squares = np.exp(np.maximum(logarithms, _LEAST_LOGARITHM))
+    centre = float(np.arange(len(squares)) @ squares) / float(squares.sum())
+    return float(strengths[:before].sum()), float(strengths[beyond:].sum()), *ends, centre
+
+
+def contraction_sums(
+    angles: Array,
+    table: Array,
+    offsets: Array,
+    begin: int,
+    end: int,
+    centre: float,
+    gamma: float,
+    step: float,
+    half: float,
+) -> tuple[float, float, float, float, float]:
+    """Sums of f'^2, f' g, g^2, f' x and g x over rotors that are known, g = u f'; see `step`.
+
+    The table has f, f' and f'' in steps [rotor spacings] up to a half on either side of 0,
+    which is at the offset of each rotor, shape (N,); x is what f leaves of an angle [rad].
+    """
+    rotors = np.arange(begin, end)[np.isfinite(angles[begin:end])]
+    distances = np.clip(gamma * (centre - rotors), -half * step, half * step)
+    steps = distances * (1 / step)
+    nearest = np.rint(steps)
+    beyond = (steps - nearest) * step
+    values, slopes, curvatures = table[:, (nearest + offsets[rotors]).astype(np.intp)]
+    bent = beyond * curvatures
+    left = wrapped(angles[rotors] - (values + beyond * (slopes + 0.5 * bent)))
+    slopes = slopes + bent
+    by_log = distances * slopes
+    return (
+        float(slopes @ slopes),
+        float(slopes @ by_log),
+        float(by_log @ by_log),
+        float(slopes @ left),
+        float(by_log @ left),
+    )
+
+
+def beside_wall(
+    angles: Array,
+    at_rest: Array,
+    first: int,
+    low: int,
+    middle: int,
+    high: int,
+    spins: bool,
+    rest_angle: float,
+    expected: Array,
+    measured: Array,
+) -> None:
+    """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
+
+    They are of the rotors from low to high, before and beyond the middle, where the wall at
+    rest, with the angles of its rotors from the first on, has them and as they are measured.
+    """
+    rotors = np.arange(low, high)
+    odd, beyond = rotors % 2, rotors >= middle
+    handed = (1.0 - 2.0 * odd) * np.where(beyond & (not spins), -1.0, 1.0)
+    phases = math.pi * odd - rest_angle + math.pi * (beyond & spins)
+    there, seen = at_rest[low - first : high - first], angles[low:high]
+    apart = wrapped((math.pi - seen if np.cos(seen) @ np.cos(there) < 0 else seen) - there)
+    expected[:] = wrapped(handed * there + phases)
+    measured[:] = expected + handed * apart
+    for each in (expected, measured):
+        each[: middle - low] = each[: middle - low][::-1].copy()
+
+
+def next_deviation(inner: Array, rest_angle: float, k: float) -> tuple[Array, Array]:
+    """Deviation F of the outer neighbour on relaxed bars [rad], k = a / r, and its slope [1].
+
+    See `motion_class.next_deviation`.
+    """
+    lean, up = np.sin(rest_angle + inner), np.cos(rest_angle + inner)
+    across = k + lean
+    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
+    outer = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0)) - np.arctan2(across, up)
+    sine = np.sin(rest_angle + inner + outer)
+    lever = k * np.cos(outer) + sine
+    # A bar in line with the outer rotor makes the slope infinite.
+    slopes = (k * up - sine) / np.where(lever == 0, _LEAST_LEVER, lever)
+    return outer - rest_angle, slopes
+
+
+def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
+    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
+    sizes = np.abs(expected)
+    inside = (sizes > large).nonzero()[0]
+    begin = int(inside[-1]) + 1 if len(inside) else 0
+    low = (sizes[begin:] <= small).nonzero()[0]
+    return begin, begin + int(low[0]) if len(low) else len(sizes)
+
+
+def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
+    """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
+
+    Without wobble, for calm > 0, it is the last rotor where none is calm.
+    """
+    if calm == 0:
+        return int(np.sin(rest_angle + expected).argmax())
+    at_rest = np.abs(expected) < calm
+    return int(at_rest.argmax()) if at_rest.any() else len(expected) - 1
+
+
+def tail_sums(
+    measured: Array, begin: int, end: int, rest_angle: float, k: float
+) -> tuple[float, float, float, float, float]:
+    """Sums over a tail of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e times e before."""
+    e, outer = measured[begin:end], measured[begin + 1 : end + 1]
+    following, slopes = next_deviation(e, rest_angle, k)
+    shares = slopes * e
+    return (
+        float(e @ e),
+        float(e @ (outer - following)),
+        float(slopes.sum()),
+        float(shares @ shares),
+        float(shares[1:] @ e[:-1]),
+    )
+
+
+def _joint(lefts: Array, rights: Array, periodic: bool) -> float:
+    """Sum over the rotors between two springs of a number of each."""
+    inner = float(lefts[:-1] @ rights[1:])
+    return inner + float(lefts[-1] * rights[0]) if periodic else inner

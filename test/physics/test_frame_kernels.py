@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops of the analysis against their twins in numpy."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from soliton_linkage import filter_arrays, filter_kernels, frame_arrays, frame_kernels
+from soliton_linkage.chain import Array, Chain
+
+SEEDS = range(6)
+ROTORS, WALL = 60, 27
+BASE, KICKS = 26, 8
+MODULES = [(filter_kernels, filter_arrays), (frame_kernels, frame_arrays)]
+NO_FLAGS = np.zeros(0, dtype=np.bool_)
+
+Case = tuple[str, tuple[Any, ...]]
+
+
+def angles_of(random: np.random.Generator) -> Array:
+    """A wall between leaning rotors, with noise, whole turns and gaps."""
+    signs = 1.0 - 2.0 * (np.arange(ROTORS) % 2)
+    theta = -0.97 * np.tanh((np.arange(ROTORS) - WALL) / 3)
+    angles = np.where(signs > 0, theta, math.pi - theta) + 0.03 * random.standard_normal(ROTORS)
+    angles += 2 * math.pi * random.integers(-2, 3, ROTORS)
+    angles[random.random(ROTORS) < 0.1] = math.nan
+    return np.asarray(angles)
+
+
+def flags(random: np.random.Generator, share: float, count: int = ROTORS) -> frame_arrays.Flags:
+    return np.asarray(random.random(count) < share)
+
+
+def filters(random: np.random.Generator) -> tuple[Array, Array, Array]:
+    """States, spreads and weights."""
+    factors = random.standard_normal((BASE + KICKS, 3, 3))
+    spreads = factors @ factors.transpose(0, 2, 1)
+    rows = spreads[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]].T
+    weights = random.random(BASE + KICKS)
+    states = random.standard_normal((3, BASE + KICKS))
+    return states, np.ascontiguousarray(rows), weights / weights.sum()
+
+
+def of_filters(random: np.random.Generator) -> list[Case]:
+    states, spreads, weights = filters(random)
+    shares = weights[1:BASE] / weights[1:BASE].sum()
+    odds = np.append(random.standard_normal(KICKS - 1), -math.inf)
+    errors = random.random(BASE + KICKS)
+    freedoms = 7.0 if random.random() < 0.5 else math.inf
+    likelihoods = random.standard_normal(BASE - 1)
+    return [
+        ('predict', (states, spreads, errors, errors[::-1].copy(), 0.01, 0.9, 3.0)),
+        ('expected_measurement', (states, spreads, weights)),
+        (
+            'take_in',
+            (states, spreads, weights, shares, likelihoods, odds, 0.3, 0.1, freedoms),
+        ),
+        ('weigh', (weights, shares, odds, 1.2, 9.0, 1.0)),
+        ('mixture', (weights, states, spreads, BASE, 0.02)),
+        ('suppose_kick', (states, spreads, errors, odds, weights, 3, 0.01, 0.2)),
+        *of_offsets(random),
+    ]
+
+
+def of_offsets(random: np.random.Generator) -> list[Case]:
+    weights, sums = random.random((2, ROTORS)), random.standard_normal((2, ROTORS))
+    sides, rows = random.integers(-1, 2, ROTORS).astype(float), np.zeros((2, ROTORS))
+    return [
+        ('gather', (weights, sums, np.zeros(ROTORS), angles_of(random), sides, 0.3)),
+        ('solve', (weights, sums, 0.2, 3.0, np.zeros((5, ROTORS)))),
+        ('expect', (random.random((5, ROTORS)), sides, *rows)),
+    ]
+
+
+def of_angles(random: np.random.Generator) -> list[Case]:
+    angles, others = angles_of(random), angles_of(random)
+    whole = np.nan_to_num(others)
+    tangent = random.standard_normal(12)
+    differences = np.where(random.random(ROTORS) < 0.1, math.nan, random.standard_normal(ROTORS))
+    found = np.zeros(ROTORS, np.bool_), np.zeros(12, np.bool_), np.zeros(12)
+    limited = 20, tangent, random.choice([0.5, 2.0, 9.0]), 0.1, 0.2
+    sines, cosines = np.sin(angles), np.cos(angles)
+    lean = math.asin(0.8)
+    knots = np.cumsum(random.random(30))
+    last = np.append(others[:-1], math.nan)
+    return [
+        ('unwrap', (np.append(angles[:-1], 1e10), last, np.zeros(ROTORS), np.zeros(ROTORS))),
+        ('all_within', (whole, 40.0)),
+        ('all_within', (angles, math.inf)),
+        ('known_changes', (angles, whole, others, np.zeros(ROTORS))),
+        ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
+        ('look', (differences, *limited, NO_FLAGS, *found)),
+        ('look', (differences, *limited, flags(random, 0.2), *found)),
+        ('look', (np.full(ROTORS, math.nan), *limited, NO_FLAGS, *found)),
+        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4)),
+        ('spline', (knots, random.standard_normal((22, 5)), 7, knots[12] + 0.01, np.zeros(5))),
+        ('bond_of_wall', (sines,)),
+        ('bond_of_wall', (np.array([]),)),
+        ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),
+        ('uniform_part', (angles, sines, cosines, WALL, ROTORS - 1)),
+        ('uniform_part', (angles, sines, cosines, WALL - 1, 0)),
+        ('tail_products', (angles, WALL, ROTORS - 1, -lean, -1.0, lean, 0.05, np.ones((3, 3)))),
+        ('tail_products', (angles, WALL - 1, 0, lean, 1.0, lean, 0.01, np.ones((3, 3)))),
+    ]
+
+
+def of_springs(random: np.random.Generator) -> list[Case]:
+    cases: list[Case] = []
+    for periodic in (False, True):
+        chain = Chain(number_of_rotors=ROTORS, periodic=periodic)
+        angles = np.nan_to_num(angles_of(random))
+        sines, cosines = np.sin(angles), np.cos(angles)
+        springs = chain.number_of_springs
+        rows, half = np.array(chain.springs(angles)), random.random(springs)
+        seen = half * flags(random, 0.8, springs)
+        empty, energies = np.zeros((3, springs)), np.zeros(springs)
+        cases += [
+            ('springs', (sines, cosines, chain.spring_parameters, periodic, empty)),
+            ('elastic', (rows, half, seen, half, periodic, 1e-4, energies)),
+        ]
+    rates = random.standard_normal(ROTORS)
+    rows = rows * np.where(np.arange(springs) // 4 == 5, [[1.0], [1e-200], [1e200]], 1.0)
+    far = np.exp(np.cumsum(random.standard_normal(2000)))
+    long = np.array([far, far, far * np.where(np.arange(2000) % 700 < 350, 8.0, 0.125)])
+    return [
+        *cases,
+        ('kinetic', (rates**2, np.abs(rates), rates, 0.1, np.zeros(ROTORS))),
+        ('total', (rates, 5, 20)),
+        ('total', (rates, 5, 5)),
+        ('topology', (np.ascontiguousarray(rows[:, :-1]), 20, 33, 0.4)),
+        ('topology', (long, 900, 900, 0.4)),
+        ('topology', (np.zeros((3, 5)), 2, 3, 0.4)),
+    ]
+
+
+def of_walls(random: np.random.Generator) -> list[Case]:
+    angles = angles_of(random)
+    whole = np.nan_to_num(angles)
+    table, offsets = random.standard_normal((3, 402)), 100.0 + 201 * (np.arange(ROTORS) % 2)
+    wall = 10, 20, WALL + 1, 40
+    tail = 0.6 ** np.arange(15) * (-1) ** np.arange(15) + 0.01 * random.standard_normal(15)
+    sides = np.zeros(20), np.zeros(20)
+    return [
+        ('contraction_sums', (angles, table, offsets, 15, 40, 27.3, 1.2, 0.1, 100.0)),
+        *[
+            ('beside_wall', (image, whole[10:45] + 0.01, *wall, spins, 0.97, *sides))
+            for image in (whole, math.pi - whole)
+            for spins in (False, True)
+        ],
+        *[('tail_of_side', (tail, 0.5, small)) for small in (0.0, 0.05, 0.7)],
+        *[('overshooting', (tail, 0.97, calm)) for calm in (0.0, 1e-9, 0.1)],
+        ('tail_sums', (tail, 1, 9, 0.97, 2.0)),
+        ('tail_sums', (tail, 3, 2, 0.97, 2.0)),
+    ]
+
+
+CASES = [of_filters, of_angles, of_springs, of_walls]
+
+
+def twins(name: str) -> tuple[Any, Any]:
+    """A kernel and the same in numpy."""
+    kernels, arrays = next(each for each in MODULES if hasattr(each[0], name))
+    return getattr(kernels, name), getattr(arrays, name)
+
+
+def same(one: Any, other: Any) -> bool:
+    return np.allclose(one, other, rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+def numbers(found: Any) -> list[float]:
+    """All numbers of nested tuples."""
+    if isinstance(found, tuple):
+        return [number for each in found for number in numbers(each)]
+    return [] if found is None else [float(found)]
+
+
+def ran(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, list[Any]]:
+    """What a function returns, and what it leaves in its arguments."""
+    given = [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+    with np.errstate(all='ignore'):
+        return numbers(function(*given)), given
+
+
+@pytest.mark.parametrize('cases', CASES)
+@pytest.mark.parametrize('seed', SEEDS)
+def test_kernels_compute_what_numpy_does(
+    cases: Callable[[np.random.Generator], list[Case]], seed: int
+) -> None:
+    for name, arguments in cases(np.random.default_rng(seed)):
+        found, expected = (ran(function, arguments) for function in twins(name))
+        assert same(found[0], expected[0]), name
+        for left, right in zip(found[1], expected[1], strict=True):
+            assert same(left, right), name
+
+
+def test_every_kernel_is_compared_and_is_called_as_its_twin() -> None:
+    random = np.random.default_rng(0)
+    cases = [case for each in CASES for case in each(random)]
+    public = {
+        name
+        for kernels, _ in MODULES
+        for name, value in vars(kernels).items()
+        if hasattr(value, 'py_func') and not name.startswith('_')
+    }
+    assert {name for name, _ in cases} == public
+    for name in public:
+        kernel, twin = twins(name)
+        assert inspect.signature(kernel.py_func) == inspect.signature(twin)
+
+
+def test_nothing_is_compiled_in_a_frame() -> None:
+    # Another type than those compiled for is refused, not compiled.
+    with pytest.raises(TypeError):
+        frame_kernels.total(np.zeros(4, dtype=np.float32), 0, 4)
+    frozen = np.ones(4)
+    frozen.flags.writeable = False
+    assert frame_kernels.total(frozen, 0, 4) == 4
