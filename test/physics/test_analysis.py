@@ -144,6 +144,16 @@ def test_velocities_are_not_needed(name: str) -> None:
         assert other.energies.kinetic == pytest.approx(one.energies.kinetic, rel=0.25)
 
 
+def test_frames_may_be_views_that_cannot_be_written() -> None:
+    frames, rates = noisy('flipper')[:60], record('flipper').rates[:60]
+    views = [np.repeat(each, 2, axis=1)[:, ::2] for each in (frames, rates)]
+    for each in views:
+        each.flags.writeable = False
+    assert str(analysed(CHAINS['flipper'], *views)) == str(
+        analysed(CHAINS['flipper'], frames, rates)
+    )
+
+
 @pytest.mark.parametrize('name', CHAINS)
 def test_wrapped_angles_are_as_good(name: str) -> None:
     whole = analysed(CHAINS[name], noisy(name))
