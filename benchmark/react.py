@@ -139,7 +139,7 @@ class Reactions:
         shown = first(self._joints, lambda come: abs(norm_of_rates(come) - before) > SPEED / 2)
         stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
         state = first(self._states, lambda come: stamp_of_state(come) >= stamp)
-        (impulses,) = self._impulses.take()
+        impulses = first(self._impulses, lambda _: True)
         return {
             'rotor_impulses': impulses.sent - published,
             'joint_states': shown.received - published,

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 from collections.abc import Callable
 
@@ -190,43 +189,24 @@ def test_stop_ends_a_long_wait() -> None:
     assert loop.failure is None
 
 
-class Scheduler:
-    """Stands in for what the module os has of scheduling."""
-
-    SCHED_FIFO, SCHED_OTHER, SCHED_RESET_ON_FORK = (
-        os.SCHED_FIFO, os.SCHED_OTHER, os.SCHED_RESET_ON_FORK
-    )  # fmt: skip
-    sched_param = os.sched_param
-
-    def __init__(self, forbidden: bool = False) -> None:
-        self.forbidden = forbidden
-        self.policies: list[int] = []
-
-    def sched_setscheduler(self, thread: int, policy: int, param: os.sched_param) -> None:
-        assert thread == 0
-        if self.forbidden:
-            raise PermissionError
-        assert (param.sched_priority > 0) is (policy & ~self.SCHED_RESET_ON_FORK == os.SCHED_FIFO)
-        self.policies.append(policy & ~self.SCHED_RESET_ON_FORK)
+@pytest.fixture
+def goes_first(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """What a loop asked for."""
+    asked: list[bool] = []
+    monkeypatch.setattr(pacing, 'go_first', asked.append)
+    return asked
 
 
-@pytest.mark.parametrize('forbidden', [True, False])
 def test_it_goes_before_others_unless_it_cannot_keep_up(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, forbidden: bool
+    clock: Clock, goes_first: list[bool]
 ) -> None:
-    scheduler = Scheduler(forbidden)
-    monkeypatch.setattr(pacing, 'os', scheduler)
     stall = {10: SECOND // 20}
-    seen, _ = instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
-    assert len(seen) == 40
-    expected = [os.SCHED_FIFO, os.SCHED_OTHER, os.SCHED_FIFO]
-    assert scheduler.policies == ([] if forbidden else expected)
+    instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
+    assert goes_first == [True, False, True]
 
 
 def test_without_a_limit_of_its_rate_it_is_like_others(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
+    clock: Clock, goes_first: list[bool]
 ) -> None:
-    scheduler = Scheduler()
-    monkeypatch.setattr(pacing, 'os', scheduler)
     instants(clock, math.inf, 40)
-    assert scheduler.policies == []
+    assert goes_first == []

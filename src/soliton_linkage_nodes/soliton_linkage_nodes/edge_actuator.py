@@ -390,4 +390,4 @@ class EdgeActuator(Node):
 
 def main() -> None:
     """Run the actuator until it is told to stop."""
-    run(EdgeActuator)
+    run(EdgeActuator, first=True)

@@ -47,12 +47,6 @@ class _StampedArrays:
         """Size of the message in bytes."""
         return len(self._bytes)
 
-    def _fill(self, stamp: int, *arrays: Array) -> bytearray:
-        self._stamp[0], self._stamp[1] = divmod(stamp, _NANOSECONDS)
-        for place, values in zip(self._arrays, arrays, strict=True):
-            place[...] = values
-        return self._bytes
-
 
 class JointStateBuffer(_StampedArrays):
     """Joint states of named joints as CDR bytes, of which only what changes is written anew."""
@@ -63,17 +57,22 @@ class JointStateBuffer(_StampedArrays):
         zeros = np.zeros(joints)
         template = frame_to_msg(named, Frame(zeros, zeros), zeros, Time())
         super().__init__(serialize_message(template), joints, arrays=3)
+        self._position, self._velocity, self._effort = self._arrays
 
     def fill(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytearray:
         """Return the message for a frame: stamp [ns], angles [rad], rates [rad/s], [N m].
 
         It is the same object each time: the next frame overwrites this one.
         """
-        return self._fill(stamp, angles, rates, torques)
+        self._stamp[0], self._stamp[1] = divmod(stamp, _NANOSECONDS)
+        self._position[...] = angles
+        self._velocity[...] = rates
+        self._effort[...] = torques
+        return self._bytes
 
     def write(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytes:
         """Return the same as `fill`, as a message of its own."""
-        return bytes(self._fill(stamp, angles, rates, torques))
+        return bytes(self.fill(stamp, angles, rates, torques))
 
 
 class ImpulseBuffer(_StampedArrays):
@@ -84,10 +83,13 @@ class ImpulseBuffer(_StampedArrays):
         zeros = np.zeros(named.rotors)
         template = impulses_to_msg(named, zeros, Time())
         super().__init__(serialize_message(template), named.rotors, arrays=1)
+        (self._impulse,) = self._arrays
 
     def fill(self, stamp: int, impulses: Array) -> bytearray:
         """Return the message: stamp [ns], impulses [N m s]; the next one overwrites it."""
-        return self._fill(stamp, impulses)
+        self._stamp[0], self._stamp[1] = divmod(stamp, _NANOSECONDS)
+        self._impulse[...] = impulses
+        return self._bytes
 
 
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:

@@ -3,20 +3,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from soliton_linkage_nodes.scheduling import go_first
 
 _NANOSECONDS = 10**9
 _LONGEST_LAG = 10**8
 _LONGEST_SLEEP = 0.1
 _IDLE = 0.005
 _HOPELESSLY_LATE = 10**7
-_LOWEST_PRIORITY = 1
 
 
 @dataclass(frozen=True)
@@ -31,28 +30,6 @@ class Punctuality:
     """The latest that it acted after an instant that was due [s]."""
     lag: float
     """By how much time it has fallen behind for good [s]."""
-
-
-class Urgency:
-    """Whether the calling thread goes before all ordinary ones, where the system allows that.
-
-    It asks for the lowest real-time priority (SCHED_FIFO), for which a user needs the limit
-    rtprio. Without it, nothing changes.
-    """
-
-    def __init__(self) -> None:
-        """Begin as an ordinary thread."""
-        self._urgent = False
-
-    def set(self, urgent: bool) -> None:
-        """Go before others from now on, or no longer."""
-        if urgent is self._urgent:
-            return
-        self._urgent = urgent
-        policy = os.SCHED_FIFO if urgent else os.SCHED_OTHER
-        priority = os.sched_param(_LOWEST_PRIORITY if urgent else 0)
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, priority)
 
 
 class PacedLoop:
@@ -76,7 +53,7 @@ class PacedLoop:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
         self._punctuality = Punctuality(0, 0, 0.0, 0.0)
-        self._urgency = Urgency()
+        self._first = False
         self.failure: Exception | None = None
 
     @property
@@ -106,7 +83,7 @@ class PacedLoop:
 
     def _race(self) -> None:
         """Act without a pause until a finite rate is set."""
-        self._urgency.set(False)
+        self._go_first(False)
         while math.isinf(self.rate) and not self._stopping.is_set():
             if self._act() is False:
                 time.sleep(_IDLE)
@@ -123,7 +100,7 @@ class PacedLoop:
             if not self._reach(due, rate):
                 return
             late = time.monotonic_ns() - due
-            self._urgency.set(late < _HOPELESSLY_LATE)
+            self._go_first(late < _HOPELESSLY_LATE)
             self._act()
             ticks += 1
             put_off = late if late > _LONGEST_LAG else 0
@@ -138,6 +115,11 @@ class PacedLoop:
                 return True
             time.sleep(min(early, _LONGEST_SLEEP))
         return False
+
+    def _go_first(self, first: bool) -> None:
+        if first is not self._first:
+            self._first = first
+            go_first(first)
 
     def _note(self, late: int, missed: int, put_off: int) -> None:
         before = self._punctuality

@@ -15,6 +15,8 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from soliton_linkage_nodes.scheduling import go_first
+
 _LONGEST_WAIT = 0.1
 
 
@@ -41,11 +43,16 @@ def initialise(arguments: list[str] | None = None) -> None:
         raise ValueError(f'wrong ROS arguments: {str(error).splitlines()[0]}') from error
 
 
-def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
+def run(
+    create_node: Callable[[], Node],
+    finished: Callable[[Any], bool] | None = None,
+    first: bool = False,
+) -> None:
     """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
 
     `finished` may raise what the node has failed of: executors print the trace of what callbacks
-    raise.
+    raise. A node that is to be `first` has its callbacks called before ordinary threads go on, as
+    far as the system allows that.
 
     The exit code is 0, or 1 after one line where the node could not start or go on.
     """
@@ -58,6 +65,8 @@ def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None 
             # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
             executor = EventsExecutor()
             executor.add_node(node)
+            if first:
+                go_first(True)
             while not (stopping.is_set() or (finished and finished(node))):
                 executor.spin_once(timeout_sec=_LONGEST_WAIT)
         finally:

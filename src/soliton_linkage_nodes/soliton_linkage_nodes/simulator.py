@@ -249,4 +249,4 @@ def main() -> None:
     sys.setswitchinterval(_SWITCH_INTERVAL)
     gc.collect()
     gc.freeze()
-    run(Simulator, _finished)
+    run(Simulator, _finished, first=True)
