@@ -39,8 +39,11 @@ if ! run colcon --log-level error build --base-paths src --merge-install \
 fi
 mv install/building install/built
 
-# Compiled now, once, rather than when the first node starts.
+# Compiled now, once, rather than when the first node starts; without numba there is nothing to do.
 . setup/environment.sh
-python3 -c '
-from soliton_linkage import filter_arrays, frame_arrays
-filter_arrays.filter_loops(), frame_arrays.frame_loops()'
+if python3 -c 'import numba' 2>/dev/null; then
+    echo 'Compiling loops.'
+    python3 -c '
+from soliton_linkage import filter_arrays, frame_arrays, nystrom_steps
+nystrom_steps.load_loops(), filter_arrays.filter_loops(), frame_arrays.frame_loops()'
+fi

@@ -23,6 +23,7 @@ from soliton_linkage.nystrom_steps import (
     Checks,
     NumpySteps,
     Steps,
+    load_loops,
     steps_of,
 )
 
@@ -327,6 +328,19 @@ def _linear(motion: ChainMotion, rest: Array) -> Array:
     return np.block(
         [[np.zeros((number, number)), np.eye(number)], [_stiffness(motion, rest), decay]]
     )
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_loaded_loops_leave_nothing_to_compile(name: str) -> None:
+    kernels = pytest.importorskip('soliton_linkage.nystrom_kernels')
+    load_loops()
+    loops = kernels.advance, kernels.interpolate
+    before = [len(loop.signatures) for loop in loops]
+    state = np.zeros(2 * MOTIONS[name].rotors + MOTIONS[name].damped)
+    steps = steps_of(MOTIONS[name], True)
+    states, _ = steps.advance(state, 1e-3, 2, Checks(np.ones(len(state)), 1e-3))
+    steps.interpolated(states, 1e-3, np.array([0.5, 1.5]))
+    assert [len(loop.signatures) for loop in loops] == before
 
 
 def test_numpy_steps_in_when_numba_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.integrate import OdeSolver
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
 from soliton_linkage.nystrom import SymplecticNystrom
+from soliton_linkage.nystrom_steps import load_loops
 from soliton_linkage.recording import Recording
 from soliton_linkage.simulation import Simulation
 
@@ -35,6 +37,9 @@ class ElasticSimulation(Simulation):
             raise ValueError(f'integrator = {integrator!r} must be one of {INTEGRATORS}')
         self.integrator = integrator
         self._length: float | None = None
+        if integrator == 'symplectic':
+            with suppress(ImportError):  # of which the first step will tell
+                load_loops()
         super().__init__(*arguments, **others)
 
     @property

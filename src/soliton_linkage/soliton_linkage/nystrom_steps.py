@@ -27,7 +27,7 @@ from typing import Protocol
 
 import numpy as np
 
-from soliton_linkage.chain import Array
+from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
 from soliton_linkage.deviations import NO_DEVIATIONS
 
@@ -132,6 +132,16 @@ def steps_of(motion: ChainMotion, compiled: bool | None) -> Steps:
             stacklevel=2,
         )
         return NumpySteps(motion)
+
+
+def load_loops() -> None:
+    """Compile the loops, or load what was compiled, so that no step has to wait for that.
+
+    Raises ImportError where numba is absent.
+    """
+    steps, state = CompiledSteps(ChainMotion(Chain(number_of_rotors=2))), np.zeros(4)
+    states, _ = steps.advance(state, 1e-3, 1)
+    steps.interpolated(states, 1e-3, np.zeros(1))
 
 
 class NumpySteps:
