@@ -206,14 +206,17 @@ def test_motion_played_backwards_returns_to_its_start(example: tuple[float, floa
 def test_a_held_torque_does_the_work_torque_times_angle(example: tuple[float, float]) -> None:
     chain = deviating(chain_of(example, 6), 3, 0.01)
     simulation = pushed(chain)
+    # The books round at the size of the largest energy that they have held.
+    largest = 0.0
     for torques in (TORQUES, -TORQUES, np.zeros(6), 3 * TORQUES[::-1]):
         simulation.hold(torques)
         energy, angles = simulation.energy, simulation.angles
         for _ in range(20):
             simulation.advance()
             work = torques @ (simulation.angles - angles)
-            size = float(np.abs(torques) @ np.abs(simulation.angles)) + energy
-            assert simulation.energy - energy == pytest.approx(work, rel=0, abs=64 * EPS * size)
+            largest = max(largest, simulation.energy)
+            size = float(np.abs(torques) @ np.abs(simulation.angles)) + largest
+            assert simulation.energy - energy == pytest.approx(work, rel=0, abs=8 * EPS * size)
             assert abs(simulation.energy_drift) <= 64 * EPS
             assert stretch(simulation) <= 1e-12
 
