@@ -6,6 +6,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -221,3 +222,19 @@ def test_nothing_is_compiled_in_a_frame() -> None:
     frozen = np.ones(4)
     frozen.flags.writeable = False
     assert frame_kernels.total(frozen, 0, 4) == 4
+
+
+@pytest.mark.parametrize('loops', MODULES[0])
+def test_a_filter_without_a_share_may_be_the_likeliest_by_any_amount(loops: ModuleType) -> None:
+    # The steady filter and one with all shares expect 0, one without a share and a kick expect 1.
+    states, spreads = np.zeros((3, 4)), np.zeros((6, 4))
+    states[0, 2:] = 1.0
+    spreads[0] = variance = 1e-12
+    shares, odds = np.array([1.0, 0.0]), np.zeros(1)
+    weights, likelihoods = np.array([0.5, 0.5, 0.0, 0.0]), np.array([0.0, -2000.0])
+    against, largest = loops.take_in(
+        states, spreads, weights, shares, likelihoods, odds, 1.0, variance, math.inf
+    )
+    assert against == pytest.approx(0.0, abs=1e-9)
+    assert largest == odds[0] == pytest.approx(1 / (4 * variance))
+    assert shares == pytest.approx([0.0, 1.0])

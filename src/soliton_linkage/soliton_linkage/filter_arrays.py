@@ -232,6 +232,8 @@ def products_in_time(
 
 def _together(shares: Array, likelihoods: Array) -> float:
     """Logarithm of the mean of likelihoods [logarithm] by their shares."""
-    top = float(likelihoods.max())
-    mean = float(shares @ np.exp(likelihoods - top)) / float(shares.sum())
+    # One without a share may be likelier than all others by more than exponentials can tell.
+    counting, weighed = shares[shares > 0], likelihoods[shares > 0]
+    top = float(weighed.max())
+    mean = float(counting @ np.exp(weighed - top)) / float(counting.sum())
     return top + math.log(mean)

@@ -80,11 +80,15 @@ def _corrected(
 @compiled(READ, READ)
 def _together(shares: Array, likelihoods: Array) -> float:
     """Logarithm of the mean of likelihoods [logarithm] by their shares."""
-    top = likelihoods.max()
+    top = -math.inf
+    for n in range(shares.size):
+        if shares[n] > 0:
+            top = max(top, likelihoods[n])
     mean, whole = 0.0, 0.0
     for n in range(shares.size):
-        mean += shares[n] * math.exp(likelihoods[n] - top)
-        whole += shares[n]
+        if shares[n] > 0:
+            mean += shares[n] * math.exp(likelihoods[n] - top)
+            whole += shares[n]
     return float(top + math.log(mean / whole))
 
 
