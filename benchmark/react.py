@@ -81,7 +81,6 @@ def main() -> None:
     options.add_argument('--nudges', type=int, help='in each round')
     arguments = options.parse_args()
     rounds = arguments.rounds or (1 if arguments.quick else 3)
-    go_first(True)
     nudges = arguments.nudges or (20 if arguments.quick else 200)
     with own_domain(), ExitStack() as processes:
         settings = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
@@ -91,6 +90,7 @@ def main() -> None:
             ('soliton_analyser', {}),
         ):
             processes.enter_context(running(node_command(name, given)))
+        go_first(True)
         node = rclpy.create_node('benchmark')
         reactions = [Reactions(node).measure(nudges, turn, rounds) for turn in range(rounds)]
         node.destroy_node()

@@ -209,4 +209,4 @@ def test_without_a_limit_of_its_rate_it_is_like_others(
     clock: Clock, goes_first: list[bool]
 ) -> None:
     instants(clock, math.inf, 40)
-    assert goes_first == []
+    assert goes_first == [False]

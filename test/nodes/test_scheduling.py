@@ -8,7 +8,8 @@ import threading
 
 import pytest
 
-from soliton_linkage_nodes.scheduling import go_first
+from soliton_linkage_nodes import scheduling
+from soliton_linkage_nodes.scheduling import FirstAsLongAsIdle, go_first
 
 
 def policies_of_a_thread() -> list[int]:
@@ -16,7 +17,7 @@ def policies_of_a_thread() -> list[int]:
     seen: list[int] = []
 
     def note() -> None:
-        seen.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+        seen.append(os.sched_getscheduler(0))
 
     def run() -> None:
         note()
@@ -38,11 +39,11 @@ def allowed() -> bool:
     return os.geteuid() == 0 and policies_of_a_thread()[1] == os.SCHED_FIFO
 
 
-def test_a_thread_goes_first_and_those_that_it_begins_do_not() -> None:
+def test_a_thread_goes_first_and_so_do_those_that_it_begins() -> None:
     if not allowed():
         pytest.skip('this user may not go first')
     ordinary = os.SCHED_OTHER
-    assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, ordinary, ordinary]
+    assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, os.SCHED_FIFO, ordinary]
 
 
 def test_where_it_is_not_allowed_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,3 +52,18 @@ def test_where_it_is_not_allowed_nothing_changes(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(os, 'sched_setscheduler', forbid)
     assert len(set(policies_of_a_thread())) == 1
+
+
+def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    now = busy = 0.0
+    monkeypatch.setattr(scheduling, 'go_first', asked.append)
+    monkeypatch.setattr(scheduling.time, 'monotonic', lambda: now)
+    monkeypatch.setattr(scheduling.time, 'thread_time', lambda: busy)
+    place = FirstAsLongAsIdle()
+    for share in (0.5, 1.0, 1.0, 0.1):
+        for _ in range(100):
+            now += 0.001
+            busy += 0.001 * share
+            place.look()
+    assert asked == [True, False, True]

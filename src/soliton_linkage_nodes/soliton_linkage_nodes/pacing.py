@@ -53,7 +53,7 @@ class PacedLoop:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
         self._punctuality = Punctuality(0, 0, 0.0, 0.0)
-        self._first = False
+        self._first: bool | None = None
         self.failure: Exception | None = None
 
     @property

@@ -15,7 +15,7 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from soliton_linkage_nodes.scheduling import go_first
+from soliton_linkage_nodes.scheduling import FirstAsLongAsIdle
 
 _LONGEST_WAIT = 0.1
 
@@ -51,8 +51,8 @@ def run(
     """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
 
     `finished` may raise what the node has failed of: executors print the trace of what callbacks
-    raise. A node that is to be `first` has its callbacks called before ordinary threads go on, as
-    far as the system allows that.
+    raise. A node that is to be `first` goes before ordinary threads, as far as the system allows
+    that, while it mostly waits.
 
     The exit code is 0, or 1 after one line where the node could not start or go on.
     """
@@ -60,15 +60,17 @@ def run(
     code = 0
     try:
         initialise()
+        # Before the node, whose middleware starts threads of its own.
+        place = FirstAsLongAsIdle() if first else None
         node = create_node()
         try:
             # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
             executor = EventsExecutor()
             executor.add_node(node)
-            if first:
-                go_first(True)
             while not (stopping.is_set() or (finished and finished(node))):
                 executor.spin_once(timeout_sec=_LONGEST_WAIT)
+                if place:
+                    place.look()
         finally:
             node.destroy_node()
     except (ValueError, OSError) as error:

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 
 _LOWEST_PRIORITY = 1
+_INTERVAL = 0.05
+_MOST_OF_A_CORE = 0.8
 
 
 def go_first(first: bool) -> None:
-    """Let the calling thread go before all ordinary ones, or no longer.
+    """Let the calling thread, and those that it starts, go before ordinary ones, or no longer.
 
     It asks for the lowest real-time priority (SCHED_FIFO), for which a user needs the limit
     rtprio. Where the system does not allow that, nothing changes.
@@ -18,4 +21,25 @@ def go_first(first: bool) -> None:
     policy = os.SCHED_FIFO if first else os.SCHED_OTHER
     priority = os.sched_param(_LOWEST_PRIORITY if first else 0)
     with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, priority)
+        os.sched_setscheduler(0, policy, priority)
+
+
+class FirstAsLongAsIdle:
+    """Lets a thread go first while it mostly waits, so that overload takes nothing from others."""
+
+    def __init__(self) -> None:
+        """Let the calling thread go first."""
+        self._first = True
+        self._since = (time.monotonic(), time.thread_time())
+        go_first(True)
+
+    def look(self) -> None:
+        """Change the thread's place where its share of a core of late asks for that."""
+        now, (then, busy) = time.monotonic(), self._since
+        if now - then < _INTERVAL:
+            return
+        self._since = (now, time.thread_time())
+        first = self._since[1] - busy < _MOST_OF_A_CORE * (now - then)
+        if first is not self._first:
+            self._first = first
+            go_first(first)

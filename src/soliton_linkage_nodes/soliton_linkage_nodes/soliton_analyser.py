@@ -172,4 +172,4 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
 
 def main() -> None:
     """Run the analyser until it is told to stop."""
-    run(SolitonAnalyser)
+    run(SolitonAnalyser, first=True)
