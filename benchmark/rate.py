@@ -128,12 +128,12 @@ class Bench:
 
         held, failed = least, most * FINEST_STEP
         value = math.sqrt(least * most)
-        while failed / held > FINEST_STEP:
+        while held < most and failed / held > FINEST_STEP:
             if holds(value, self._seconds):
                 held = value
             else:
                 failed = value
-            value = math.sqrt(held * failed)
+            value = min(math.sqrt(held * failed), most)
         while held >= least:
             if holds(held, self._confirming):
                 return [float(round(held))]

@@ -14,7 +14,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
 
-from rate import Bench, Run, judged
+from rate import MOST_ROTORS, Bench, Run, judged
 
 FOLDER = Path(__file__).parents[2] / 'benchmark'
 RATE = 1000.0
@@ -102,6 +102,12 @@ def test_the_largest_size_that_holds_is_found_and_confirmed(limit: int) -> None:
     assert limit / 1.2 <= found <= limit
     (lasting,) = Imagined(limit, limit / 1.5 + 1).most_rotors('ours', lambda *_: [])
     assert limit / 2 <= lasting <= limit / 1.5 + 1
+
+
+def test_nobody_is_asked_for_more_than_the_most() -> None:
+    bench = Imagined(10 * MOST_ROTORS, 10 * MOST_ROTORS)
+    assert bench.most_rotors('ours', lambda *_: []) == [MOST_ROTORS]
+    assert bench.longest == MOST_ROTORS
 
 
 def test_where_nothing_holds_nothing_is_found() -> None:
