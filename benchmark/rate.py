@@ -2,11 +2,12 @@
 """How many rotors and how high a rate a simulator holds: ours, and a node with an rclpy timer.
 
 A simulator with a soliton on its way runs as a process; this one takes every joint_states and
-notes when it was published and its number in the sequence. It holds where the real-time factor
-is 1 to a thousandth and no deadline is missed, an interval of more than two periods, beyond those
-that a loop misses which does nothing but sleep, in a third process at the same time. The largest
-number of rotors at 1000 Hz and the largest rate of 40 rotors are searched for in runs of a few
-seconds, and confirmed by a long one, in smaller and smaller steps down until one holds.
+notes when it was published and its number in the sequence. It holds where the real-time factor is
+1 to a thousandth and no deadline is missed, an interval of more than two periods, beyond those
+that a loop misses which does nothing but sleep, in a third process at the same time; n of those
+may as well have been n + 2 sqrt(n). The largest number of rotors at 1000 Hz and the largest rate
+of 40 rotors are searched for in runs of a few seconds, and confirmed by a long one, in smaller and
+smaller steps down until one holds.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ MOST_ROTORS, MOST_RATE = 20_000, 10_000.0
 FINEST_STEP = 1.15
 STEP_DOWN = 0.9
 PACE = 1e-3
+CHANCE = 2.0
 SETTLING = 1.5
 POLL = 0.005
 LONGEST_START = 60.0
@@ -62,9 +64,10 @@ class Run:
 
     @property
     def holds(self) -> bool:
-        """Whether it kept pace, as well as this machine can."""
+        """Whether it kept pace, as well as this machine can, but for chance."""
         in_pace = abs(self.real_time_factor - 1) < PACE
-        return in_pace and self.missed <= self.missed_by_sleeping
+        chance = CHANCE * math.sqrt(self.missed_by_sleeping)
+        return in_pace and self.missed <= self.missed_by_sleeping + chance
 
 
 class Bench:
