@@ -37,7 +37,7 @@ Command = Callable[[int, float], list[str | Path]]
 
 ROTORS, RATE = 40, 1000.0
 PLACE, VELOCITY = 1.5, 0.3
-MOST_ROTORS, MOST_RATE = 20_000, 10_000.0
+FEWEST_ROTORS, MOST_ROTORS, MOST_RATE = 3, 20_000, 10_000.0
 FINEST_STEP = 1.15
 STEP_DOWN = 0.9
 PACE = 1e-3
@@ -86,7 +86,9 @@ class Bench:
 
     def most_rotors(self, name: str, command: Command) -> list[float]:
         """Largest number of rotors that is held; empty where none is."""
-        return self._largest(name, command, lambda value: (round(value), RATE), 2, MOST_ROTORS)
+        return self._largest(
+            name, command, lambda value: (round(value), RATE), FEWEST_ROTORS, MOST_ROTORS
+        )
 
     def highest_rate(self, name: str, command: Command) -> list[float]:
         """Largest rate that is held [Hz]; empty where none is."""

@@ -96,7 +96,7 @@ class Imagined(Bench):
         return Run(rotors, rate, factor, 1000, 0, 0, (0.0, 0.0, 0.0), 0.1)
 
 
-@pytest.mark.parametrize('limit', [2, 30, 1234, 20_000])
+@pytest.mark.parametrize('limit', [3, 30, 1234, 20_000])
 def test_the_largest_size_that_holds_is_found_and_confirmed(limit: int) -> None:
     (found,) = Imagined(limit, limit).most_rotors('ours', lambda *_: [])
     assert limit / 1.2 <= found <= limit
