@@ -13,19 +13,14 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-import os
-import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
-import domain_coordinator
 import numpy as np
 import rclpy
-from ament_index_python.packages import get_package_prefix
 from comparison import Comparison, Figure, Part, parser, write
+from processes import node_command, own_domain, processor_time, running
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -174,17 +169,11 @@ class Heard:
 
 def main() -> None:
     arguments = parse_arguments()
-    with domain_coordinator.domain_id() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-        rclpy.init()
+    with own_domain():
         node = rclpy.create_node('benchmark')
-        try:
-            runs = {rotors: compared(node, rotors, arguments) for rotors in arguments.rotors}
-            used = in_use(node, arguments.seconds)
-        finally:
-            node.destroy_node()
-            rclpy.try_shutdown()
+        runs = {rotors: compared(node, rotors, arguments) for rotors in arguments.rotors}
+        used = in_use(node, arguments.seconds)
+        node.destroy_node()
     write(part(runs, used), arguments.output)
 
 
@@ -248,16 +237,13 @@ def run(take: Callable[[bytes], None], heard: Heard, given: list[tuple[bytes, fl
 
 def in_use(node: Node, seconds: float) -> dict[str, float]:
     """Send frames to the node as a process, first for a second that does not count."""
-    program = Path(get_package_prefix('soliton_linkage_nodes'), 'lib', 'soliton_linkage_nodes')
-    settings = ['chain_from:=parameters', f'chain.number_of_rotors:={IN_USE}']
-    options = [part for setting in settings for part in ('-p', setting)]
+    settings = {'chain_from': 'parameters', 'chain.number_of_rotors': IN_USE}
     heard = Heard(node, interfaces.SOLITON_STATE.name)
     topic = interfaces.JOINT_STATES
     publisher = node.create_publisher(topic.type, topic.name, topic.qos)
     warm, count = round(RATE), round(seconds * RATE)
     coming = iter(Frames(IN_USE, warm + count))
-    process = subprocess.Popen([str(program / 'soliton_analyser'), '--ros-args', *options])
-    try:
+    with running(node_command('soliton_analyser', settings)) as process:
         while not (publisher.get_subscription_count() and heard.matched()):
             if process.poll() is not None:
                 raise RuntimeError(f'the analyser ended with exit code {process.returncode}')
@@ -266,9 +252,6 @@ def in_use(node: Node, seconds: float) -> dict[str, float]:
         start, cpu = time.perf_counter(), processor_time(process.pid)
         analysed = send(publisher, heard, coming, count, f'{IN_USE} rotors at {RATE:g} Hz')
         cpu, wall = processor_time(process.pid) - cpu, heard.last - start
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait()
     return {'sent': count, 'analysed': analysed, 'seconds': wall, 'cpu': cpu}
 
 
@@ -290,11 +273,6 @@ def send(
     analysed += len(heard.wait_for(count - analysed))
     progress.end(f'{title}: {analysed} of {count} frames analysed')
     return analysed
-
-
-def processor_time(process: int) -> float:
-    fields = Path(f'/proc/{process}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def part(runs: dict[int, dict[str, list[Run]]], used: dict[str, float]) -> Part:

@@ -272,15 +272,16 @@ def compilation() -> list[Figure]:
 
 def draw(curves: dict[str, dict[str, list[dict[str, Any]]]], path: Path) -> None:
     colours = {peer.name: f'C{place}' for place, peer in enumerate((OURS, *PEERS))}
-    figure, axes = plt.subplots(1, len(curves), figsize=(4 * len(curves), 4), squeeze=False)
+    size = 4 * len(curves), 4
+    figure, axes = plt.subplots(1, len(curves), figsize=size, squeeze=False, layout='constrained')
     for axis, (work, by_method) in zip(axes[0], curves.items(), strict=True):
         for name, curve in by_method.items():
             points = np.array([[s['error'], min(s['seconds'])] for s in curve if s['seconds']])
             axis.loglog(*points.T, 'o-', color=colours[name], label=name)
         axis.set(title=work, xlabel='largest error of an angle [rad]', ylabel='wall time [s]')
         axis.invert_xaxis()
-    axes[0][0].legend()
-    figure.tight_layout()
+    lines = axes[0][0].get_legend_handles_labels()
+    figure.legend(*lines, loc='outside lower center', ncols=len(colours))
     figure.savefig(path, dpi=120)
 
 
