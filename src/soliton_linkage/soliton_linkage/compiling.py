@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiles the loops of the analysis when they are imported; imports numba.
+"""Compiles loops; imports numba.
 
-Types are given, so that nothing is compiled later, while frames wait; what an earlier process has
-compiled is taken from its folder.
+Where types are given it does so when they are imported, so that nothing is compiled later, while
+frames wait. What an earlier process has compiled is taken from its folder.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from numba import types
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
+FREEDOMS = frozenset({'contract', 'nsz'})
+"""Products and sums may contract, but no sum is reordered."""
+
 NUMBER, COUNT, YES = types.float64, types.int64, types.boolean
 READ = types.Array(types.float64, 1, 'C', readonly=True)
 ROW = types.float64[::1]
@@ -25,23 +28,36 @@ FLAGS = types.boolean[::1]
 
 
 def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
-    """Compile for arguments of these types; sums may contract, but none is reordered."""
+    """Compile for arguments of these types."""
 
-    def compile_or_load(function: Kernel) -> Kernel:
-        try:
-            return _compiled(function, arguments, cache=True)
-        except RuntimeError:  # no folder to cache in can be written
-            return _compiled(function, arguments, cache=False)
+    def compile_for(function: Kernel) -> Kernel:
+        return compile_loop(function, arguments)
 
-    return compile_or_load
+    return compile_for
 
 
-def _compiled(function: Kernel, arguments: tuple[Any, ...], cache: bool) -> Kernel:
-    compiler = numba.njit(
-        arguments,
-        cache=cache,
-        fastmath={'contract', 'nsz'},
-        error_model='numpy',
-        nogil=True,
-    )
-    return cast(Kernel, compiler(function))
+def compile_loop(
+    function: Kernel,
+    arguments: tuple[Any, ...] | None = None,
+    freedoms: frozenset[str] = FREEDOMS,
+    inlined: bool = False,
+) -> Kernel:
+    """Compile for arguments of these types, or for those that it is first called with.
+
+    `inlined` puts it into the functions that call it, as they are compiled.
+    """
+
+    def compiler(cache: bool) -> Any:
+        return numba.njit(
+            arguments,
+            cache=cache,
+            fastmath=set(freedoms),
+            error_model='numpy',
+            forceinline=inlined,
+            nogil=True,
+        )
+
+    try:
+        return cast(Kernel, compiler(cache=True)(function))
+    except RuntimeError:  # no folder to cache in can be written
+        return cast(Kernel, compiler(cache=False)(function))

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
-import numba
 import numpy as np
 from numba.core import types
 from numba.extending import intrinsic
 
 from soliton_linkage.chain import Array
+from soliton_linkage.compiling import FREEDOMS, Kernel, compile_loop
 from soliton_linkage.nystrom_steps import LARGEST_TURN
 
 ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS = range(7)
@@ -32,44 +32,17 @@ Of the angular accelerations by springs, spring n has that of rotor n at place n
 that of rotor n+1 at place n+1 of ON_RIGHT.
 """
 
-Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 Coefficients = tuple[float, float, float, float, float]
 
 
-def compiled(function: Kernel) -> Kernel:
-    """Compile when first called, or take what an earlier process has compiled.
-
-    Products and sums may contract, but no sum is reordered.
-    """
-    return _cached(function, {'contract', 'nsz'}, inlined=False)
-
-
 def inlined(function: Kernel) -> Kernel:
-    """Compile as `compiled` does, into the functions that call it."""
-    return _cached(function, {'contract', 'nsz'}, inlined=True)
+    """Compile a loop into the functions that call it."""
+    return compile_loop(function, inlined=True)
 
 
 def estimating(function: Kernel) -> Kernel:
     """Compile as `inlined` does, but roots and inverses may be estimated."""
-    return _cached(function, {'contract', 'nsz', 'arcp', 'afn'}, inlined=True)
-
-
-def _cached(function: Kernel, freedoms: set[str], inlined: bool) -> Kernel:
-    try:
-        return _compiled(function, freedoms, inlined, cache=True)
-    except RuntimeError:  # no folder to cache in can be written
-        return _compiled(function, freedoms, inlined, cache=False)
-
-
-def _compiled(function: Kernel, freedoms: set[str], inlined: bool, cache: bool) -> Kernel:
-    compiler = numba.njit(
-        cache=cache,
-        fastmath=freedoms,
-        error_model='numpy',
-        forceinline=inlined,
-        nogil=True,
-    )
-    return cast(Kernel, compiler(function))
+    return compile_loop(function, freedoms=FREEDOMS | {'arcp', 'afn'}, inlined=True)
 
 
 @inlined
@@ -232,7 +205,7 @@ def kick(work: Array, number: int, time: float) -> None:
         work[RATES, n] += time * (work[ON_LEFT, n] + work[ON_RIGHT, n])
 
 
-@compiled
+@compile_loop
 def take_step(
     work: Array,
     number: int,
@@ -302,7 +275,7 @@ def error(before: Array, whole: Array, halves: Array, absolute: Array, relative:
     return math.sqrt(squares / whole.size)
 
 
-@compiled
+@compile_loop
 def advance(
     work: Array,
     springs: tuple[Coefficients, Array, bool],
@@ -346,7 +319,7 @@ def advance(
     return len(states) - 1, largest_error
 
 
-@compiled
+@compile_loop
 def interpolate(
     work: Array,
     springs: tuple[Coefficients, Array, bool],
@@ -397,7 +370,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
         work[SINES, n] = circular[1, n]
 
 
-@compiled
+@compile_loop
 def put_knot(
     work: Array,
     springs: tuple[Coefficients, Array, bool],
