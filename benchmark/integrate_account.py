@@ -10,8 +10,11 @@ from collections.abc import Callable
 import numpy as np
 from integrate_peers import Problem
 
-from soliton_linkage import nystrom_kernels as kernels
+from soliton_linkage import multistep_kernels, nystrom_kernels
+from soliton_linkage.chain import Array
 from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.multistep import SymmetricMultistep
+from soliton_linkage.multistep_steps import MultistepSteps
 from soliton_linkage.nystrom_steps import KICKS, CompiledSteps
 
 REPEATS = 7
@@ -19,32 +22,57 @@ BUDGET = 2e6
 """Rotors and forces in a timed call: some milliseconds."""
 
 WHOLE = 'integrating'
+STEP = 0.1
 
 
 def account(sizes: list[int]) -> dict[str, dict[str, list[float]]]:
     """Nanoseconds of a rotor and force in long runs, and of its loops called on their own."""
-    return {str(size): {WHOLE: whole(size), **loops(size)} for size in sizes}
+    return {
+        str(size): {WHOLE: multistep(size), 'SymplecticNystrom': symplectic(size), **loops(size)}
+        for size in sizes
+    }
 
 
-def whole(size: int) -> list[float]:
-    problem = Problem('flipper', size, 1.0, 0.5, 0.97, 0.1)
-    steps = CompiledSteps(ChainMotion(problem.chain))
-    state = np.concatenate([problem.angles, problem.rates])
+def multistep(size: int) -> list[float]:
+    motion, state = moving(size)
+    together = SymmetricMultistep(motion, 0.0, state, 1.0).together
+    steps = MultistepSteps(motion, together, compiled=True)
+    given = np.full(len(state), 1.0), 0.0
+    steps.begin(state, STEP, *given)
+    calls = max(2, math.ceil(BUDGET / size / together))
+
+    def run() -> None:
+        for _ in range(calls):
+            steps.advance(together, *given)
+
+    return nanoseconds(run, calls * together * size)
+
+
+def symplectic(size: int) -> list[float]:
+    motion, state = moving(size)
+    steps = CompiledSteps(motion)
     count = max(4, math.ceil(BUDGET / size / len(KICKS)))
-    return nanoseconds(lambda: steps.advance(state, 0.1, count), count * len(KICKS) * size)
+    return nanoseconds(lambda: steps.advance(state, STEP, count), count * len(KICKS) * size)
+
+
+def moving(size: int) -> tuple[ChainMotion, Array]:
+    problem = Problem('flipper', size, 1.0, 0.5, 0.97, 0.1)
+    return ChainMotion(problem.chain), np.concatenate([problem.angles, problem.rates])
 
 
 def loops(size: int) -> dict[str, list[float]]:
     """Over rows long enough to drown the call, as many times as there is a budget."""
     longer = max(size, 8000)
     work = np.random.default_rng(1).uniform(-0.1, 0.1, (4, longer + 1))
-    rows = list(work)
+    kicks, turns, memory = (np.zeros((16, longer)) for _ in range(3))
     coefficients = (1.1, 0.2, 0.3, 0.4, 0.5)
-    calls: dict[str, Callable[[], None]] = {
-        'spring, kick and turn': lambda: kernels.kick_and_turn(
-            *rows, longer, coefficients, (1e-9, 1e-9)
+    calls: dict[str, Callable[[], object]] = {
+        'springs': lambda: multistep_kernels.pull_even(work, longer, coefficients, kicks, 10),
+        'turns from kicks': lambda: multistep_kernels.recall(kicks, turns, memory, 9),
+        'turning': lambda: multistep_kernels.turn(work, turns, 9),
+        'spring, kick and turn of SymplecticNystrom': lambda: nystrom_kernels.kick_and_turn(
+            *work, longer, coefficients, (1e-9, 1e-9)
         ),
-        'turn alone': lambda: kernels.turn(work, kernels.RATES, longer, 1e-9),
     }
     repeats = math.ceil(BUDGET / longer)
     return {
@@ -53,7 +81,7 @@ def loops(size: int) -> dict[str, list[float]]:
     }
 
 
-def repeated(call: Callable[[], None], times: int) -> None:
+def repeated(call: Callable[[], object], times: int) -> None:
     for _ in range(times):
         call()
 

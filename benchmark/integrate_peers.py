@@ -21,6 +21,8 @@ from scipy.integrate import solve_ivp
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.chain_solver import ChainSolver
+from soliton_linkage.multistep import SymmetricMultistep
 from soliton_linkage.nystrom import SymplecticNystrom
 
 Run = Callable[[], Array]
@@ -65,13 +67,21 @@ class Peer:
     """Whether a part of the duration takes that part of the time."""
 
 
-def ours(problem: Problem, tolerance: float) -> Ready:
+def multistep(problem: Problem, tolerance: float) -> Ready:
+    return chain_solver(SymmetricMultistep, problem, tolerance)
+
+
+def symplectic(problem: Problem, tolerance: float) -> Ready:
+    return chain_solver(SymplecticNystrom, problem, tolerance)
+
+
+def chain_solver(method: type[ChainSolver], problem: Problem, tolerance: float) -> Ready:
     motion = ChainMotion(problem.chain)
     state = motion.state(problem.angles, problem.rates)
     absolute = tolerance / math.sqrt(len(state))
 
     def ready() -> Run:
-        solver = SymplecticNystrom(
+        solver = method(
             motion, 0.0, state, problem.duration, rtol=0.0, atol=absolute, compiled=True
         )
 
@@ -198,10 +208,11 @@ def mujoco_model(chain: Chain, integrator: str) -> mujoco.MjModel:
     )
 
 
-OURS = Peer('ours', ours, tuple(10.0**-n for n in range(4, 12)))
+OURS = Peer('ours', multistep, tuple(10.0**-n for n in range(4, 13)))
 PEERS = (
     Peer('heyoka', heyoka_taylor, (1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
     Peer('MuJoCo RK4', mujoco_rk4, (0.2, 0.1, 0.05, 0.025, 0.0125), constant_step=True),
     Peer('MuJoCo implicitfast', mujoco_implicit, (0.1, 0.02, 0.005), constant_step=True),
     Peer('scipy DOP853', plain_scipy, tuple(10.0**-n for n in range(4, 13))),
+    Peer('our SymplecticNystrom', symplectic, tuple(10.0**-n for n in range(4, 12))),
 )

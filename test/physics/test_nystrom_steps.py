@@ -2,18 +2,16 @@
 from __future__ import annotations
 
 import builtins
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import mpmath
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER
+from chain_motions import MOTIONS, lively_state, unit_chain
 from scipy.linalg import expm
 
-from soliton_linkage.chain import Array, Chain
+from soliton_linkage.chain import Array
 from soliton_linkage.chain_motion import ChainMotion
-from soliton_linkage.deviations import Deviations
 from soliton_linkage.gravity import Gravity
 from soliton_linkage.nystrom_steps import (
     DRIFTS,
@@ -26,50 +24,6 @@ from soliton_linkage.nystrom_steps import (
     load_loops,
     steps_of,
 )
-
-
-def unit_chain(rotors: int, example: tuple[float, float] = FLIPPER, **others: object) -> Chain:
-    ratio, rest_angle = example
-    chain = Chain(rotors, 1.0, ratio, rest_angle, 1.0, 1.0)
-    return dataclasses.replace(chain, **others)
-
-
-def deviating(rotors: int, springs: int) -> Deviations:
-    rng = np.random.default_rng(5)
-    lengths = {'spacing': springs, 'rotor_length': rotors, 'mass': rotors, 'damping': rotors}
-    lengths |= {'stiffness': springs, 'rest_length': springs}
-    return Deviations(**{n: tuple(rng.normal(0, 0.03, count)) for n, count in lengths.items()})
-
-
-def motions() -> Mapping[str, ChainMotion]:
-    torques = np.random.default_rng(6).normal(0, 0.02, 11)
-    rough = unit_chain(11, deviations=deviating(11, 10))
-    return {
-        'flipper': ChainMotion(unit_chain(11)),
-        'whole vectors': ChainMotion(unit_chain(12)),
-        'two rotors': ChainMotion(unit_chain(2)),
-        'spinner': ChainMotion(unit_chain(13, SPINNER)),
-        'ring': ChainMotion(unit_chain(12, periodic=True)),
-        'ring, padded': ChainMotion(unit_chain(10, periodic=True)),
-        'deviating': ChainMotion(rough),
-        'deviating ring': ChainMotion(unit_chain(10, periodic=True, deviations=deviating(10, 10))),
-        'gravity and torques': ChainMotion(unit_chain(11), torques, Gravity(0.1, 0.4)),
-        'damped': ChainMotion(unit_chain(11, damping=0.03)),
-        'fixed': ChainMotion(unit_chain(11), torques, fixed=(0, 4)),
-        'all at once': ChainMotion(
-            dataclasses.replace(rough, damping=0.02), torques, Gravity(0.1, -0.4), (3,)
-        ),
-    }
-
-
-MOTIONS = motions()
-
-
-def lively_state(motion: ChainMotion, seed: int = 1, speed: float = 0.2) -> Array:
-    rng = np.random.default_rng(seed)
-    angles = motion.chain.uniform_state(1) + rng.normal(0, 0.1, motion.rotors)
-    rates = rng.normal(0, speed, motion.rotors) * (motion.inverse_inertias > 0)
-    return motion.state(angles, rates)
 
 
 @pytest.fixture(params=[False, True], ids=['numpy', 'compiled'])

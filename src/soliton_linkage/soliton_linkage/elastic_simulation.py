@@ -12,13 +12,17 @@ from scipy.integrate import OdeSolver
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.chain_solver import ChainSolver
+from soliton_linkage.multistep import SymmetricMultistep
+from soliton_linkage.multistep_steps import load_loops
 from soliton_linkage.nystrom import SymplecticNystrom
-from soliton_linkage.nystrom_steps import load_loops
 from soliton_linkage.recording import Recording
 from soliton_linkage.simulation import Simulation
 
-INTEGRATORS = ('DOP853', 'symplectic')
-"""Of springs: scipy's explicit Runge-Kutta method, and `SymplecticNystrom`."""
+INTEGRATORS = ('DOP853', 'symplectic', 'multistep')
+"""Of springs: scipy's explicit Runge-Kutta method, `SymplecticNystrom`, `SymmetricMultistep`."""
+
+_SOLVERS = {'symplectic': SymplecticNystrom, 'multistep': SymmetricMultistep}
 
 # In units of the fastest rate; DOP853 is stable in steps of 6. A chain at rest asks for no
 # accuracy, and longer steps would make a motion of rounding errors.
@@ -37,10 +41,15 @@ class ElasticSimulation(Simulation):
             raise ValueError(f'integrator = {integrator!r} must be one of {INTEGRATORS}')
         self.integrator = integrator
         self._length: float | None = None
-        if integrator == 'symplectic':
+        if integrator in _SOLVERS:
             with suppress(ImportError):  # of which the first step will tell
                 load_loops()
         super().__init__(*arguments, **others)
+        if integrator == 'multistep' and self._damped:
+            raise ValueError(
+                f"integrator = 'multistep' takes no damping, and the chain has "
+                f"{self.chain.damping:g} kg m^2/s; take 'symplectic' or 'DOP853'"
+            )
 
     @property
     def link_torques(self) -> Array:
@@ -70,10 +79,10 @@ class ElasticSimulation(Simulation):
         return np.concatenate([rates, accelerations, [friction @ rates]])
 
     def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
-        if self.integrator != 'symplectic':
+        if self.integrator not in _SOLVERS:
             return super()._new_solver(state, tolerances, longest_step)
         motion = ChainMotion(self.chain, self.torques, self.gravity, self.fixed)
-        return SymplecticNystrom(
+        return _SOLVERS[self.integrator](
             motion,
             0.0,
             state,
@@ -104,7 +113,7 @@ class ElasticSimulation(Simulation):
 
     def _after_step(self) -> None:
         """Let the longer steps together the longer nothing happens; the state stays as it is."""
-        if isinstance(self._solver, SymplecticNystrom):
+        if isinstance(self._solver, ChainSolver):
             most = max(1, _ROTORS_TOGETHER // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
             self._length = self._solver.length

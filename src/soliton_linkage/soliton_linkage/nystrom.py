@@ -13,11 +13,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.integrate import DenseOutput, OdeSolver
+from scipy.integrate import DenseOutput
 
 from soliton_linkage.chain import Array
-from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.chain_solver import ChainSolver
 from soliton_linkage.nystrom_steps import (
     DRIFTS,
     KICKS,
@@ -30,18 +29,14 @@ from soliton_linkage.nystrom_steps import (
 )
 
 _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-_ROTORS_TOGETHER = 16000
-_FEWEST_TOGETHER = 8
 _SAFETY = 0.8
 _AIM = 0.3
 _WORTH_GROWING = 1.25
 _WORTH_SHRINKING = 0.95
 _TRIED = 4
-_TRIALS = 60
-_SHORTEST = 1e-6
 
 
-class SymplecticNystrom(OdeSolver):
+class SymplecticNystrom(ChainSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `ChainMotion`.
 
     The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
@@ -51,67 +46,16 @@ class SymplecticNystrom(OdeSolver):
     since it was last measured are taken back and the step is shortened; where it is several times
     too small, the step is made longer, but never so long that the fastest vibration could grow.
 
-    One step of this solver is as many of the method, of length `length` [s], as make it worth a
-    call, or `together`.
     Dense output interpolates in each of these with angles, rates and accelerations at its ends
-    and its middle, degree 8 in the angles. `compiled` chooses between loops compiled by numba
-    and numpy; None takes numpy, with a RuntimeWarning, where numba is absent.
-
-    Raises TypeError for a right-hand side that is no `ChainMotion` and ValueError for a state
-    or options that do not fit.
+    and its middle, degree 8 in the angles. Options and errors are those of `ChainSolver`.
     """
 
-    n: int
-    t: float
-    t_bound: float
-    t_old: float
-    y: Array
-    direction: float
-
-    def __init__(
-        self,
-        fun: ChainMotion,
-        t0: float,
-        y0: ArrayLike,
-        t_bound: float,
-        vectorized: bool = False,
-        rtol: float = 1e-3,
-        atol: ArrayLike = 1e-6,
-        first_step: float | None = None,
-        max_step: float = math.inf,
-        together: int | None = None,
-        compiled: bool | None = None,
-    ) -> None:
-        if not isinstance(fun, ChainMotion):
-            raise TypeError(
-                f'SymplecticNystrom integrates a ChainMotion, not {fun!r}; take DOP853 for others'
-            )
-        super().__init__(fun, t0, y0, t_bound, vectorized)
-        self._motion = fun
-        self._check_state()
-        self._relative, self._absolute = _checked_tolerances(rtol, atol, self.n)
-        self._max_step = _checked_positive('max_step', max_step)
-        if first_step is not None:
-            _checked_positive('first_step', first_step)
-        if together is not None and together < 1:
-            raise ValueError(f'together = {together} must be a number of steps, 1 or more')
-        self.together = together or max(_FEWEST_TOGETHER, _ROTORS_TOGETHER // fun.rotors)
-        self._steps = steps_of(fun, compiled)
-        self._longest = self._longest_from(self.y)
-        self.length = min(first_step or self._longest, self._longest)
+    def _prepare(self, compiled: bool | None) -> None:
+        self._steps = steps_of(self._motion, compiled)
         self._trying = True
         self._since_change = 0
-        self._even_from, self._even_steps = float(t0), 0
+        self._even_from, self._even_steps = float(self.t), 0
         self._states = self.y[np.newaxis]
-
-    def _step_impl(self) -> tuple[bool, str | None]:
-        for _ in range(_TRIALS):
-            self._change_to(min(self.length, self._longest))
-            if self.length < _SHORTEST * self._longest:
-                break
-            if self._advance():
-                return True, None
-        return False, 'no step is short enough for the tolerances'
 
     def _advance(self) -> bool:
         """Take steps of the method together; return whether any was good."""
@@ -138,7 +82,7 @@ class SymplecticNystrom(OdeSolver):
         return done > 0
 
     def _dense_output_impl(self) -> DenseOutput:
-        return _NystromOutput(self.t_old, self.t, self._states, self._steps)
+        return NystromOutput(self.t_old, self.t, self._states, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
         """States and largest error of steps, up to the last good one that was measured."""
@@ -177,22 +121,14 @@ class SymplecticNystrom(OdeSolver):
 
     def _longest_from(self, state: Array) -> float:
         """Longest step that is stable and turns no rotor too far in a drift [s]."""
-        number = self._motion.rotors
-        fastest = float(np.abs(state[number : 2 * number]).max())
-        turning = _LONGEST_DRIFT * fastest / (_SAFETY * LARGEST_TURN)
+        turning = _LONGEST_DRIFT * self._fastest(state) / (_SAFETY * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
         return min(self._max_step, 1 / limit)
 
-    def _check_state(self) -> None:
-        expected = 2 * self._motion.rotors + self._motion.damped
-        if self.n != expected:
-            raise ValueError(
-                f'a state of {self.n} numbers does not fit the motion of {self._motion.rotors} '
-                f'rotors, which has {expected}; take ChainMotion.state'
-            )
 
+class NystromOutput(DenseOutput):
+    """Interpolation between the states of steps of one length."""
 
-class _NystromOutput(DenseOutput):
     def __init__(self, t_old: float, t: float, states: Array, steps: Steps) -> None:
         super().__init__(t_old, t)
         self._states, self._steps = states, steps
@@ -203,20 +139,3 @@ class _NystromOutput(DenseOutput):
         places = (times - self.t_old) / self.length
         values = self._steps.interpolated(self._states, self.length, places).T
         return values if np.ndim(t) else values[:, 0]
-
-
-def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float, Array]:
-    absolute = np.asarray(atol, dtype=np.float64)
-    if absolute.ndim and absolute.shape != (size,):
-        raise ValueError(f'atol of shape {absolute.shape} must be a number or of shape ({size},)')
-    if not (rtol >= 0 and (absolute >= 0).all()):
-        raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
-    if rtol == 0 and not (absolute > 0).all():
-        raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
-    return rtol, np.full(size, absolute) if absolute.ndim == 0 else absolute
-
-
-def _checked_positive(name: str, value: float) -> float:
-    if not value > 0:
-        raise ValueError(f'{name} = {value} s must be above 0')
-    return value

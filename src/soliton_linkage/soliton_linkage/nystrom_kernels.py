@@ -114,6 +114,16 @@ def tension(w: float) -> float:
 
 
 @inlined
+def cross_and_pull(
+    c: float, s: float, c_next: float, s_next: float, coefficients: Coefficients
+) -> tuple[float, float]:
+    """The f and q of `kick_and_turn` of a spring."""
+    offset, slope, product, lever, cross = coefficients
+    pull = tension(offset + slope * (s_next - s) - product * (s * s_next + c * c_next))
+    return lever * pull, cross * pull * (s * c_next - c * s_next)
+
+
+@inlined
 def kick_and_turn(
     angles: Array,
     rates: Array,
@@ -199,6 +209,22 @@ def add_field(work: Array, field: Array) -> None:
 
 
 @inlined
+def pull_all(
+    work: Array, number: int, springs: tuple[Coefficients, Array, bool], field: Array
+) -> None:
+    """Put the accelerations by springs that each have their own parameters, and a field."""
+    _, rows, periodic = springs
+    if periodic:
+        work[COSINES, number], work[SINES, number] = work[COSINES, 0], work[SINES, 0]
+    pull(work, rows.shape[1], rows)
+    if periodic:
+        work[ON_RIGHT, 0] = work[ON_RIGHT, number]
+    else:
+        work[ON_LEFT, number - 1] = 0.0
+    add_field(work, field)
+
+
+@inlined
 def kick(work: Array, number: int, time: float) -> None:
     """Change the rates by the pulls for a time."""
     for n in range(number):
@@ -216,7 +242,7 @@ def take_step(
     length: int,
 ) -> float:
     """Take one step and return the energy that damping has taken out; see `advance`."""
-    coefficients, rows, periodic = springs
+    coefficients, rows, _ = springs
     decays, half_inertias = damping
     drifts, kicks = stages
     places, share, dissipated = work.shape[1] - 1, (1 + length) / 2, 0.0
@@ -235,14 +261,7 @@ def take_step(
             turn(work, RATES, places, share * drifts[stage])
         if stage == kicks.size:
             break
-        if periodic:
-            work[COSINES, number], work[SINES, number] = work[COSINES, 0], work[SINES, 0]
-        pull(work, places, rows)
-        if periodic:
-            work[ON_RIGHT, 0] = work[ON_RIGHT, number]
-        else:
-            work[ON_LEFT, number - 1] = 0.0
-        add_field(work, field)
+        pull_all(work, number, springs, field)
         kick(work, number, share * kicks[stage])
     return dissipated
 

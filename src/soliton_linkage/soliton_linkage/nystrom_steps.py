@@ -67,6 +67,8 @@ LARGEST_TURN = 0.5
 
 _VECTOR = 8
 
+Springs = tuple[tuple[float, float, float, float, float], Array, bool]
+
 
 @dataclass(frozen=True)
 class Checks:
@@ -81,15 +83,18 @@ class Checks:
     relative: float
     taken: int = 0
     """Steps of the same length that were taken before."""
+    every: int = 32
+    """Of how many steps one has its error measured."""
 
     def measured(self, count: int) -> list[int]:
         """Which of the next steps have their error measured; the next one is 1.
 
         Of the first step of a length, which says little of a motion that begins, of two soon
-        after it, and then of every 32nd.
+        after it, and then of every 32nd or as it is given.
         """
-        regular = range(32 * (self.taken // 32 + 1), self.taken + count + 1, 32)
-        steps = [number - self.taken for number in (1, 4, 16, *regular)]
+        every, end = self.every, self.taken + count
+        regular = range(every * (self.taken // every + 1), end + 1, every)
+        steps = [number - self.taken for number in sorted({1, 4, 16, *regular})]
         return [step for step in steps if 0 < step <= count]
 
 
@@ -236,13 +241,18 @@ class CompiledSteps:
 
         self._kernels = kernels
         self._motion = motion
-        self._places = -(-motion.rotors // _VECTOR) * _VECTOR
+        self.places = -(-motion.rotors // _VECTOR) * _VECTOR
         self._springs = self._coefficients()
         self._field = self._accelerations_of_field()
         self._prepared = math.nan
         half_inertias = motion.chain.moments_of_inertia / 2
         self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
-        self._work = np.zeros((11, self._places + 1))
+        self._work = np.zeros((11, self.places + 1))
+
+    @property
+    def forces(self) -> tuple[Springs, Array]:
+        """Springs and field as the loops take them."""
+        return self._springs, self._field
 
     def advance(
         self, state: Array, step: float, count: int, checks: Checks | None = None
@@ -294,7 +304,7 @@ class CompiledSteps:
             self._decays = self._decays_of(step)
             self._stages = step * DRIFTS, step * KICKS
 
-    def _coefficients(self) -> tuple[tuple[float, float, float, float, float], Array, bool]:
+    def _coefficients(self) -> Springs:
         chain, inverse = self._motion.chain, self._motion.inverse_inertias
         left = np.arange(chain.number_of_springs)
         right = (left + 1) % chain.number_of_rotors
@@ -344,7 +354,7 @@ class CompiledSteps:
         return self._padded(np.array(decays).swapaxes(1, 2))
 
     def _padded(self, values: Array) -> Array:
-        padded = np.zeros((*values.shape[:-1], self._places))
+        padded = np.zeros((*values.shape[:-1], self.places))
         padded[..., : values.shape[-1]] = values
         return padded
 

@@ -28,7 +28,7 @@ class WorldParameters:
     )
     integrator: str = quantity(
         'DOP853',
-        "solver of springs in motion: scipy's, or a compiled symplectic one",
+        "solver of springs in motion: scipy's, or compiled ones; multistep for no damping",
         choices=INTEGRATORS,
     )
     tolerance: float = quantity(

@@ -15,8 +15,14 @@ from scipy.special import ellipj, ellipk
 from soliton_linkage.actuation import Edge, edge_mode
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.chain_solver import ChainSolver
 from soliton_linkage.gravity import Gravity
+from soliton_linkage.multistep import SymmetricMultistep
+from soliton_linkage.multistep_coefficients import STABLE_STEP as LONGEST_OF_MULTISTEP
 from soliton_linkage.nystrom import SymplecticNystrom
+from soliton_linkage.nystrom_steps import STABLE_STEP as LONGEST_OF_NYSTROM
+
+Method = type[ChainSolver]
 
 
 @pytest.fixture(params=[False, True], ids=['numpy', 'compiled'], autouse=True)
@@ -24,6 +30,11 @@ def compiled(request: pytest.FixtureRequest) -> bool:
     if request.param:
         pytest.importorskip('numba')
     return bool(request.param)
+
+
+@pytest.fixture(params=[SymplecticNystrom, SymmetricMultistep], ids=['nystrom', 'multistep'])
+def method(request: pytest.FixtureRequest) -> Method:
+    return request.param
 
 
 def in_units(rotors: int, example: tuple[float, float] = FLIPPER, **others: object) -> Chain:
@@ -41,13 +52,14 @@ def solved(
     state: Array,
     times: Array | list[float],
     compiled: bool,
+    method: Method = SymplecticNystrom,
     **options: object,
 ) -> Array:
     solution = solve_ivp(
         motion,
         (times[0], times[-1]),
         state,
-        method=SymplecticNystrom,
+        method=method,
         t_eval=times,
         compiled=compiled,
         **options,
@@ -65,10 +77,12 @@ def energy(motion: ChainMotion, states: Array) -> Array:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_it_agrees_with_another_solver(example: tuple[float, float], compiled: bool) -> None:
+def test_it_agrees_with_another_solver(
+    example: tuple[float, float], method: Method, compiled: bool
+) -> None:
     motion = ChainMotion(in_units(12, example))
     state, times = kicked(motion, 0.2), np.linspace(0, 40, 81)
-    found = solved(motion, state, times, compiled, rtol=0, atol=1e-13)
+    found = solved(motion, state, times, compiled, method, rtol=0, atol=1e-13)
     other = solve_ivp(motion, (0, 40), state, method=DOP853, t_eval=times, rtol=3e-14, atol=1e-14)
     np.testing.assert_allclose(found, other.y, rtol=0, atol=1e-10)
 
@@ -96,21 +110,21 @@ def three_rotors_in_thirty_digits(duration: int) -> tuple[float, ...]:
         return tuple(map(float, mpmath.odefun(derivative, 0, start, tol=1e-20)(duration)))
 
 
-def test_it_agrees_with_a_taylor_series_in_thirty_digits(compiled: bool) -> None:
+def test_it_agrees_with_a_taylor_series_in_thirty_digits(method: Method, compiled: bool) -> None:
     motion = ChainMotion(in_units(3))
-    found = solved(motion, kicked(motion, 0.3), [0, 2], compiled, rtol=0, atol=1e-15)
+    found = solved(motion, kicked(motion, 0.3), [0, 2], compiled, method, rtol=0, atol=1e-15)
     exact = three_rotors_in_thirty_digits(2)
     np.testing.assert_allclose(found[:, -1], exact, rtol=0, atol=2e-14)
 
 
-def test_the_error_is_below_the_sum_of_those_tolerated(compiled: bool) -> None:
+def test_the_error_is_below_the_sum_of_those_tolerated(method: Method, compiled: bool) -> None:
     motion = ChainMotion(in_units(12, SPINNER))
     state = kicked(motion, 0.3)
     fixed = {'first_step': 0.02, 'max_step': 0.02, 'atol': 1.0}
     exact = solved(motion, state, [0, 50], compiled, **fixed)[:, -1]
     tolerances, errors = 10.0 ** -np.arange(6, 13), []
     for tolerance in tolerances:
-        solver = SymplecticNystrom(
+        solver = method(
             motion, 0.0, state, 50.0, rtol=0, atol=tolerance, together=1, compiled=compiled
         )
         steps = 0
@@ -120,7 +134,8 @@ def test_the_error_is_below_the_sum_of_those_tolerated(compiled: bool) -> None:
         errors.append(np.abs(solver.y - exact).max())
         assert errors[-1] < steps * tolerance * math.sqrt(len(state))
     slope = np.polyfit(np.log(tolerances[2:]), np.log(errors[2:]), 1)[0]
-    assert 6 / 7 - 0.15 < slope < 1.0
+    order = {SymplecticNystrom: 6, SymmetricMultistep: 10}[method]
+    assert order / (order + 1) - 0.15 < slope < 1.1
 
 
 def test_the_way_back_leads_to_the_start(compiled: bool) -> None:
@@ -156,14 +171,14 @@ def test_dissipated_energy_is_what_is_missing(compiled: bool) -> None:
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-10)
 
 
-def test_a_pendulum_swings_as_its_closed_form(compiled: bool) -> None:
+def test_a_pendulum_swings_as_its_closed_form(method: Method, compiled: bool) -> None:
     chain = in_units(2, stiffness=1e-9)
     gravity, amplitude = Gravity(1.0), 1.2
     motion = ChainMotion(chain, gravity=gravity)
     omega, modulus = math.sqrt(1.0 / chain.rotor_length), math.sin(amplitude / 2) ** 2
     state = motion.state(np.full(2, math.pi + amplitude), np.zeros(2))
     times = np.linspace(0, 20, 50)
-    found = solved(motion, state, times, compiled, rtol=0, atol=1e-12)[0] - math.pi
+    found = solved(motion, state, times, compiled, method, rtol=0, atol=1e-12)[0] - math.pi
     sine = ellipj(ellipk(modulus) - omega * times, modulus)[0]
     expected = 2 * np.arcsin(math.sqrt(modulus) * sine)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
@@ -184,31 +199,47 @@ def test_a_free_rotor_slows_down_as_its_closed_form(damping: float, compiled: bo
     np.testing.assert_allclose(found[4], lost, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize('damping', [0.0, 0.02])
-def test_dense_output_is_of_the_order_of_the_steps(damping: float, compiled: bool) -> None:
+@pytest.mark.parametrize(
+    ('method', 'damping', 'orders'),
+    [
+        (SymplecticNystrom, 0.0, (5.5, 9)),
+        (SymplecticNystrom, 0.02, (5.5, 9)),
+        (SymmetricMultistep, 0.0, (9, 12.5)),
+    ],
+)
+def test_dense_output_is_of_the_order_of_the_steps(
+    method: Method, damping: float, orders: tuple[float, float], compiled: bool
+) -> None:
     motion = ChainMotion(in_units(8, SPINNER, damping=damping))
     state = kicked(motion, 0.3)
     times = np.linspace(0, 8, 100)
     exact = solved(motion, state, times, compiled, first_step=0.02, max_step=0.02, atol=1.0)
     steps = np.array([0.5, 0.4, 0.25, 0.2])
+    steps *= {SymplecticNystrom: 1, SymmetricMultistep: 0.5}[method]
     errors = []
     for step in steps:
-        found = solved(motion, state, times, compiled, first_step=step, max_step=step, atol=1.0)
+        options = {'first_step': step, 'max_step': step, 'atol': 1.0}
+        found = solved(motion, state, times, compiled, method, **options)
         errors.append(np.linalg.norm(found - exact))
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert 5.5 < slope < 9
+    assert orders[0] < slope < orders[1]
 
 
-def test_dense_output_meets_the_steps_and_is_smooth_in_between(compiled: bool) -> None:
-    motion = ChainMotion(in_units(8, damping=0.02))
-    options = {'first_step': 0.5, 'max_step': 0.5, 'atol': 1.0, 'together': 3}
-    solver = SymplecticNystrom(motion, 0.0, kicked(motion), 100.0, compiled=compiled, **options)
-    solver.step()
+@pytest.mark.parametrize('steps_before', [0, 1, 4])
+def test_dense_output_meets_the_steps_and_is_smooth_in_between(
+    method: Method, steps_before: int, compiled: bool
+) -> None:
+    damping = {SymplecticNystrom: 0.02, SymmetricMultistep: 0.0}[method]
+    motion = ChainMotion(in_units(8, damping=damping))
+    options = {'first_step': 0.25, 'max_step': 0.25, 'atol': 1.0, 'together': 3}
+    solver = method(motion, 0.0, kicked(motion), 100.0, compiled=compiled, **options)
+    for _ in range(steps_before):
+        solver.step()
     start = solver.y.copy()
     solver.step()
     dense = solver.dense_output()
-    np.testing.assert_allclose(dense(solver.t_old), start, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(dense(solver.t), solver.y, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(dense(solver.t_old), start, rtol=0, atol=2e-15)
+    np.testing.assert_allclose(dense(solver.t), solver.y, rtol=0, atol=2e-15)
     times = np.linspace(solver.t_old, solver.t, 7)
     np.testing.assert_array_equal(dense(times)[:, 3], dense(times[3]))
     width = 1e-4
@@ -217,9 +248,9 @@ def test_dense_output_meets_the_steps_and_is_smooth_in_between(compiled: bool) -
     np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7)
 
 
-def test_steps_keep_their_length_and_end_at_the_bound(compiled: bool) -> None:
+def test_steps_keep_their_length_and_end_at_the_bound(method: Method, compiled: bool) -> None:
     motion = ChainMotion(in_units(20))
-    solver = SymplecticNystrom(
+    solver = method(
         motion, 5.0, kicked(motion), 205.3, rtol=0, atol=1e-8, together=1, compiled=compiled
     )
     lengths = []
@@ -232,56 +263,58 @@ def test_steps_keep_their_length_and_end_at_the_bound(compiled: bool) -> None:
     assert changes.sum() <= 3
 
 
-def test_how_many_steps_go_together_makes_no_difference(compiled: bool) -> None:
+def test_how_many_steps_go_together_makes_no_difference(method: Method, compiled: bool) -> None:
     motion = ChainMotion(in_units(20))
     state, times = kicked(motion), np.linspace(0, 30, 7)
     options = {'first_step': 0.5, 'max_step': 0.5, 'atol': 1.0}
-    alone = solved(motion, state, times, compiled, together=1, **options)
-    many = solved(motion, state, times, compiled, together=50, **options)
+    alone = solved(motion, state, times, compiled, method, together=1, **options)
+    many = solved(motion, state, times, compiled, method, together=50, **options)
     np.testing.assert_allclose(alone, many, rtol=0, atol=1e-13)
 
 
-def test_a_chain_at_rest_takes_the_longest_step(compiled: bool) -> None:
+def test_a_chain_at_rest_takes_the_longest_step(method: Method, compiled: bool) -> None:
     chain = chain_of(FLIPPER, 6)
     motion = ChainMotion(chain)
     state = motion.state(chain.uniform_state(1), np.zeros(6))
-    solver = SymplecticNystrom(motion, 0.0, state, np.inf, together=1, compiled=compiled)
+    solver = method(motion, 0.0, state, np.inf, together=1, compiled=compiled)
     for _ in range(100):
         solver.step()
-    assert solver.step_size * motion.fastest_rate == pytest.approx(3.14)
+    longest = {
+        SymplecticNystrom: LONGEST_OF_NYSTROM,
+        SymmetricMultistep: LONGEST_OF_MULTISTEP,
+    }[method]
+    assert solver.step_size * motion.fastest_rate == pytest.approx(longest)
     np.testing.assert_allclose(solver.y, state, rtol=0, atol=1e-11)
 
 
-def test_a_rotor_that_spins_fast_is_followed(compiled: bool) -> None:
+def test_a_rotor_that_spins_fast_is_followed(method: Method, compiled: bool) -> None:
     motion = ChainMotion(in_units(3, stiffness=1e-9))
     state = motion.state(np.zeros(3), np.array([0.0, 500.0, 0.0]))
-    found = solved(motion, state, [0, 1], compiled, rtol=0, atol=1e-3)
+    found = solved(motion, state, [0, 1], compiled, method, rtol=0, atol=1e-3)
     assert found[1, -1] == pytest.approx(500, abs=1e-3)
 
 
-def test_what_it_cannot_integrate_is_refused(compiled: bool) -> None:
+def test_what_it_cannot_integrate_is_refused(method: Method, compiled: bool) -> None:
     chain = in_units(4)
     motion, state = ChainMotion(chain), np.zeros(8)
     with pytest.raises(TypeError, match='take DOP853'):
-        SymplecticNystrom(lambda t, y: y, 0.0, state, 1.0)
+        method(lambda t, y: y, 0.0, state, 1.0)
     damped = ChainMotion(dataclasses.replace(chain, damping=1.0))
     with pytest.raises(ValueError, match='which has 9'):
-        SymplecticNystrom(damped, 0.0, state, 1.0, compiled=compiled)
+        method(damped, 0.0, state, 1.0, compiled=compiled)
     with pytest.raises(ValueError, match='not both be 0'):
-        SymplecticNystrom(motion, 0.0, state, 1.0, rtol=0.0, atol=0.0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, rtol=0.0, atol=0.0, compiled=compiled)
     with pytest.raises(ValueError, match='must be 0 or more'):
-        SymplecticNystrom(motion, 0.0, state, 1.0, rtol=-1.0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, rtol=-1.0, compiled=compiled)
     with pytest.raises(ValueError, match='first_step'):
-        SymplecticNystrom(motion, 0.0, state, 1.0, first_step=0.0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, first_step=0.0, compiled=compiled)
     with pytest.raises(ValueError, match='together'):
-        SymplecticNystrom(motion, 0.0, state, 1.0, together=0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, together=0, compiled=compiled)
 
 
-def test_tolerances_that_no_step_meets_are_reported(compiled: bool) -> None:
+def test_tolerances_that_no_step_meets_are_reported(method: Method, compiled: bool) -> None:
     motion = ChainMotion(in_units(10))
-    solver = SymplecticNystrom(
-        motion, 0.0, kicked(motion), 10.0, rtol=0.0, atol=1e-19, compiled=compiled
-    )
+    solver = method(motion, 0.0, kicked(motion), 10.0, rtol=0.0, atol=1e-19, compiled=compiled)
     while solver.status == 'running':
         complaint = solver.step()
     assert solver.status == 'failed'

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops of `multistep_steps`, which says what they compute; imports numba.
+
+Rotors are carried as those of `nystrom_kernels` are. Kicks, turns and memory are rings of rows:
+instant n has row n & (rows - 1).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from soliton_linkage.chain import Array
+from soliton_linkage.compiling import FREEDOMS, Kernel, compile_loop
+from soliton_linkage.multistep_coefficients import (
+    AHEAD,
+    DIFFERENCE,
+    ERROR,
+    MEMORY,
+    OF_KICKS,
+    OF_TURNS,
+    RECALLING,
+    RECURSION,
+    RESPONSE,
+    STARTING_STEPS,
+)
+from soliton_linkage.nystrom_kernels import (
+    ANGLES,
+    COSINES,
+    ON_LEFT,
+    ON_RIGHT,
+    RATES,
+    SINES,
+    Coefficients,
+    copy,
+    cross_and_pull,
+    faster,
+    inlined,
+    pull_all,
+    take_step,
+    take_widest_vectors,
+    turned,
+)
+from soliton_linkage.nystrom_kernels import (
+    error as difference,
+)
+from soliton_linkage.nystrom_steps import LARGEST_TURN
+
+Q1, Q2, Q3, Q4 = (float(q) for q in RECURSION[1:5])
+B0, B1, B2, B3, B4 = (float(b) for b in RESPONSE[:5])
+D0, D1, D2, D3, D4, D5 = (ERROR * float(d) for d in DIFFERENCE[:6])
+WRAP = MEMORY - 1
+
+
+def summing(function: Kernel) -> Kernel:
+    """Compile as `inlined` does, but sums may be taken in any order."""
+    return compile_loop(function, freedoms=FREEDOMS | {'reassoc'}, inlined=True)
+
+
+@inlined
+def pull_even(
+    work: Array, number: int, coefficients: Coefficients, kicks: Array, row: int
+) -> None:
+    """Kicks of springs that are all alike, as `nystrom_kernels.kick_and_turn` has them."""
+    take_widest_vectors()
+    f_before = q_before = 0.0
+    for n in range(kicks.shape[1]):
+        c, c_next = work[COSINES, n], work[COSINES, n + 1]
+        s, s_next = work[SINES, n], work[SINES, n + 1]
+        f, q = cross_and_pull(c, s, c_next, s_next, coefficients)
+        f, q = (f, q) if n < number - 1 else (0.0, 0.0)
+        kicks[row, n] = (f - f_before) * c - (q - q_before)
+        f_before, q_before = f, q
+
+
+@inlined
+def pull_each(
+    work: Array,
+    number: int,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    square: float,
+    kicks: Array,
+    row: int,
+) -> None:
+    """Kicks of springs that each have their own parameters, and of a field."""
+    pull_all(work, number, springs, field)
+    for n in range(number):
+        kicks[row, n] = square * (work[ON_LEFT, n] + work[ON_RIGHT, n])
+
+
+@inlined
+def scaled(coefficients: Coefficients, square: float) -> Coefficients:
+    """Coefficients of springs whose accelerations are to be kicks."""
+    offset, slope, product, lever, cross = coefficients
+    return offset, slope, product, square * lever, square * cross
+
+
+@inlined
+def recall(kicks: Array, turns: Array, memory: Array, instant: int) -> int:
+    """Put the turns of an instant into their row; return how many rotors turn too far."""
+    take_widest_vectors()
+    wrap = kicks.shape[0] - 1
+    now, before = instant & wrap, (instant - 1) & wrap
+    w0, w1, w2 = instant & WRAP, (instant - 1) & WRAP, (instant - 2) & WRAP
+    w3, w4, w5 = (instant - 3) & WRAP, (instant - 4) & WRAP, (instant - 5) & WRAP
+    w6, w7, w8 = (instant - 6) & WRAP, (instant - 7) & WRAP, (instant - 8) & WRAP
+    too_far = 0
+    kick, last, turned_now = kicks[now], turns[before], turns[now]
+    for n in range(kick.size):
+        first, second = memory[w1, n] + memory[w7, n], memory[w2, n] + memory[w6, n]
+        third, fourth = memory[w3, n] + memory[w5, n], memory[w4, n]
+        newest = (kick[n] - memory[w8, n]) - Q1 * first - Q2 * second - Q3 * third
+        newest -= Q4 * fourth
+        response = B0 * (newest + memory[w8, n]) + B1 * first + B2 * second + B3 * third
+        turn = last[n] + (response + B4 * fourth)
+        memory[w0, n] = newest
+        turned_now[n] = turn
+        too_far += not abs(turn) <= LARGEST_TURN
+    return too_far
+
+
+@inlined
+def turn(work: Array, turns: Array, row: int) -> None:
+    """Turn the rotors."""
+    take_widest_vectors()
+    for n in range(turns.shape[1]):
+        x = turns[row, n]
+        work[ANGLES, n] += x
+        work[COSINES, n], work[SINES, n] = turned(work[COSINES, n], work[SINES, n], x)
+
+
+@inlined
+def put_state(
+    work: Array, kicks: Array, turns: Array, told: int, last: int, step: float, state: Array
+) -> None:
+    """Write down the angles and the rates of an instant before the last one."""
+    wrap, number = kicks.shape[0] - 1, state.size // 2
+    for n in range(number):
+        state[n] = work[ANGLES, n]
+        state[number + n] = 0.0
+    for instant in range(told, last):
+        row = instant & wrap
+        for n in range(number):
+            state[n] -= turns[row, n]
+    for part in range(2):
+        scale, first = (1.0, 1 / step)[part], part * number
+        for j in range(2 * AHEAD):
+            row, weight = (told + j - AHEAD) & wrap, scale * OF_TURNS[part, j]
+            for n in range(number):
+                state[first + n] += weight * turns[row, n]
+        for j in range(2 * AHEAD + 1):
+            row, weight = (told + j - AHEAD) & wrap, scale * OF_KICKS[part, j]
+            for n in range(number):
+                state[first + n] += weight * kicks[row, n]
+
+
+@summing
+def error(
+    work: Array,
+    kicks: Array,
+    turns: Array,
+    instant: int,
+    step: float,
+    absolute: Array,
+    relative: float,
+) -> float:
+    """Root mean square of what the step to an instant missed in units of what is tolerated."""
+    wrap = kicks.shape[0] - 1
+    before, k0, k1 = (instant - 1) & wrap, instant & wrap, (instant - 1) & wrap
+    k2, k3, k4 = (instant - 2) & wrap, (instant - 3) & wrap, (instant - 4) & wrap
+    k5, k6, k7 = (instant - 5) & wrap, (instant - 6) & wrap, (instant - 7) & wrap
+    k8, k9, k10 = (instant - 8) & wrap, (instant - 9) & wrap, (instant - 10) & wrap
+    number, squares = absolute.size // 2, 0.0
+    for n in range(number):
+        missed = D0 * (kicks[k0, n] + kicks[k10, n]) + D1 * (kicks[k1, n] + kicks[k9, n])
+        missed += D2 * (kicks[k2, n] + kicks[k8, n]) + D3 * (kicks[k3, n] + kicks[k7, n])
+        missed += D4 * (kicks[k4, n] + kicks[k6, n]) + D5 * kicks[k5, n]
+        rate = turns[before, n] / step
+        of_angle = absolute[n] + relative * abs(work[ANGLES, n])
+        of_rate = absolute[number + n] + relative * abs(rate)
+        squares += (missed / of_angle) ** 2 + (missed / step / of_rate) ** 2
+    return math.sqrt(squares / (2 * number))
+
+
+@compile_loop
+def begin(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    stages: tuple[Array, Array],
+    step: float,
+    rings: tuple[Array, Array, Array],
+    tolerances: tuple[Array, float],
+    states: Array,
+) -> tuple[int, float]:
+    """Take steps of `nystrom_kernels` until the rings are filled; return how many, and the error.
+
+    States are those of instants 0 to 9; it stops before a step that turns a rotor too far. The
+    error is measured in the last step, against two halves.
+    """
+    kicks, turns, memory = rings
+    number, even, found = states.shape[1] // 2, scaled(springs[0], step * step), 0.0
+    undamped = np.empty((2, 2, 1, 0)), np.empty(0)
+    halves = np.empty(2 * number)
+    for n in range(number):
+        states[0, n], states[0, number + n] = work[ANGLES, n], work[RATES, n]
+    for instant in range(STARTING_STEPS + 1):
+        if springs[1].size:
+            pull_each(work, number, springs, field, step * step, kicks, instant)
+        else:
+            pull_even(work, number, even, kicks, instant)
+        if instant == STARTING_STEPS or faster(work, number, LARGEST_TURN / abs(step)):
+            break
+        for n in range(number):
+            work[ANGLES, n] = 0.0  # so that turns are not rounded as differences of angles are
+        if instant == STARTING_STEPS - 1:
+            copy(work, 0, 7)
+            for _ in range(2):
+                take_step(work, number, springs, field, undamped, stages, 0)
+            put_turned(work, states[instant], halves)
+            copy(work, 7, 0)
+        take_step(work, number, springs, field, undamped, stages, 1)
+        put_turned(work, states[instant], states[instant + 1])
+        for n in range(number):
+            turns[instant, n] = work[ANGLES, n]
+    for n in range(number):
+        work[ANGLES, n] = states[instant, n]
+    if instant == STARTING_STEPS:
+        before, whole = states[instant - 1], states[instant]
+        found = difference(before, whole, halves, tolerances[0], tolerances[1])
+        remember(kicks, turns, memory, number)
+    return instant, found
+
+
+@inlined
+def put_turned(work: Array, before: Array, after: Array) -> None:
+    """Write down a state whose angles are counted from those before."""
+    number = before.size // 2
+    for n in range(number):
+        after[n] = before[n] + work[ANGLES, n]
+        after[number + n] = work[RATES, n]
+
+
+@inlined
+def remember(kicks: Array, turns: Array, memory: Array, number: int) -> None:
+    """Put w_1 to w_8 into the memory."""
+    for row in range(1, STARTING_STEPS):
+        for n in range(number):
+            memory[row, n] = 0.0
+        for instant in range(1, STARTING_STEPS):
+            of_change = RECALLING[row - 1, instant - 1]
+            of_kick = RECALLING[row - 1, instant + 7]
+            for n in range(number):
+                change = turns[instant, n] - turns[instant - 1, n]
+                memory[row, n] += of_change * change + of_kick * kicks[instant, n]
+
+
+@compile_loop
+def advance(
+    work: Array,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    rings: tuple[Array, Array, Array],
+    instants: tuple[int, int, int],
+    step: float,
+    tolerances: tuple[Array, float],
+    measured: Array,
+    state: Array,
+) -> tuple[int, int, float]:
+    """Take steps and write down the state that is told; return its instant, the last, the error.
+
+    Springs and field are those of `nystrom_kernels.advance`; rings are kicks, turns and memory;
+    instants are that told, the last one, and how many steps to take. Tolerances are those of
+    `error`, measured after the steps whose numbers are given.
+    """
+    kicks, turns, memory = rings
+    told, last, count = instants
+    number, wrap = state.size // 2, kicks.shape[0] - 1
+    even = scaled(springs[0], step * step)
+    largest, good, next_measured = 0.0, told, 0
+    for done in range(1, count + 1):
+        if recall(kicks, turns, memory, last):
+            break
+        turn(work, turns, last & wrap)
+        last += 1
+        if springs[1].size:
+            pull_each(work, number, springs, field, step * step, kicks, last & wrap)
+        else:
+            pull_even(work, number, even, kicks, last & wrap)
+        if next_measured < measured.size and done == measured[next_measured]:
+            next_measured += 1
+            found = error(work, kicks, turns, last, step, tolerances[0], tolerances[1])
+            largest = max(largest, found)
+            if not found <= 1:
+                put_state(work, kicks, turns, good, last, step, state)
+                return good, last, found
+            good = max(good, last - AHEAD)
+    told = max(told, last - AHEAD)
+    put_state(work, kicks, turns, told, last, step, state)
+    return told, last, largest

@@ -1,0 +1,342 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps of a symmetric multistep method along the motion of a chain of springs.
+
+The turns x_(n+1) - x_n of the rotors between instants, a step h apart, are a filter's response to
+the kicks h^2 x''_n = h^2 a(x_n), one force a step:
+
+    w_n = h^2 a(x_n) - sum_(j=1)^8 q_j w_(n-j),
+    x_(n+1) - x_n = x_n - x_(n-1) + sum_(j=0)^8 b_j w_(n-j),
+
+where both palindromes come from the roots of sum_j q_j z^j, which lie on the unit circle at
+e^(+-i psi_k): these say how the method could vibrate besides the motion that it approximates. The
+b_j make it exact for polynomials of degree 11 in the time, order 10. It is the same forth and
+back, so that vibrations are neither damped nor fed as long as they are slow enough: J. D. Lambert
+and I. A. Watson, J. Inst. Maths Applics 18 (1976) 189; G. D. Quinlan and S. Tremaine, Astron. J.
+100 (1990) 1694. The psi_k were chosen for a small error and stable long steps.
+
+The state that is told is five steps behind the last, from turns and kicks on both sides, so
+weighted that the method's own vibrations vanish from it. Where these grow, as they may in long
+runs, the error shows them, and the solver begins anew without them. Damping would feed some of
+them; chains that have it need a method of one step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.chain import Array, Chain
+from soliton_linkage.chain_motion import ChainMotion
+from soliton_linkage.multistep_coefficients import (
+    AHEAD,
+    DIFFERENCE,
+    ERROR,
+    MEMORY,
+    OF_KICKS,
+    OF_TURNS,
+    RECALLING,
+    RECURSION,
+    REMEMBERED,
+    RESPONSE,
+    STARTING_STEPS,
+    interpolating,
+)
+from soliton_linkage.nystrom_steps import (
+    DRIFTS,
+    KICKS,
+    LARGEST_TURN,
+    Checks,
+    CompiledSteps,
+    Steps,
+    steps_of,
+)
+from soliton_linkage.nystrom_steps import load_loops as load_starting_loops
+
+_FEWEST_PLACES = 32
+"""Loops over less are not vectorised."""
+_MEASURED = 16
+"""Of so many steps one has its error measured."""
+_STEPS_UNTIL_EXACT = 1000
+"""Cosines and sines drift away from the angles by a rounding a step, at random."""
+
+
+def load_loops() -> None:
+    """Compile the loops, of the steps that begin too, or load what was compiled.
+
+    Raises ImportError where numba is absent.
+    """
+    load_starting_loops()
+    steps = MultistepSteps(ChainMotion(Chain(number_of_rotors=2)), 1, compiled=True)
+    steps.begin(np.zeros(4), 1e-3, np.ones(4), 0.0)
+    steps.advance(1, np.ones(4), 0.0)
+
+
+class Past:
+    """What steps have left behind: kicks and turns of some last instants, and w.
+
+    Instants are counted from the first of the steps that begin. Row n & (rows - 1) of kicks and
+    turns is that of instant n, row n & 15 of the memory is w_n. `told` is that of the state that
+    was told.
+    """
+
+    def __init__(self, places: int, instants: int) -> None:
+        """Have room for so many instants."""
+        rows = 1 << (instants - 1).bit_length()
+        # Filled now, so that the system does not have to find the room later, page by page.
+        self.kicks = np.full((rows, places), 0.0)
+        self.turns = np.full((rows, places), 0.0)
+        self.memory = np.full((MEMORY, places), 0.0)
+        self.last = self.told = STARTING_STEPS
+
+    def rows(self, first: int, end: int) -> NDArray[np.intp]:
+        """Rows of the instants from first to before end."""
+        return np.arange(first, end) & (len(self.kicks) - 1)
+
+
+class MultistepSteps:
+    """Takes steps of the method.
+
+    Compiled loops or numpy: as `nystrom_steps.steps_of` chooses. Raises ValueError for a motion
+    with damping.
+    """
+
+    def __init__(self, motion: ChainMotion, together: int, compiled: bool | None = None) -> None:
+        """Take steps along a motion, so many at once at most."""
+        if motion.damped:
+            raise ValueError(
+                f'damping = {motion.chain.damping:g} of the chain must be 0 in a symmetric '
+                'multistep method; take SymplecticNystrom'
+            )
+        self.starting = steps_of(motion, compiled)
+        self._loops = (
+            CompiledLoops(motion, self.starting)
+            if isinstance(self.starting, CompiledSteps)
+            else NumpyLoops(motion, self.starting)
+        )
+        self._number = motion.rotors
+        self._past = Past(self._loops.places, together + REMEMBERED + 2 * AHEAD)
+        self._step = math.nan
+
+    def begin(
+        self, state: Array, step: float, absolute: Array, relative: float
+    ) -> tuple[Array, float]:
+        """Take the steps [s] before the first one of the method.
+
+        Their states, shape (10, 2N), and the error of the last one in units of what is tolerated,
+        as in `advance`. They are fewer where a rotor turns by more than half a radian.
+        """
+        self._step = step
+        self._past.last = self._past.told = STARTING_STEPS
+        checks = Checks(absolute, relative, Checks.every - STARTING_STEPS)
+        return self._loops.begin(self._past, state, step, checks)
+
+    def advance(self, count: int, absolute: Array, relative: float) -> tuple[Array, int, float]:
+        """State after count steps, how many they are, and the largest error that was measured.
+
+        Errors are in units of absolute + relative abs(state). Where one exceeds 1 it stops where
+        the last good one was measured, or where it began; it also stops before a rotor turns by
+        more than half a radian in a step. If it took less than count steps it has to begin anew.
+        """
+        past = self._past
+        checks = Checks(absolute, relative, past.last - STARTING_STEPS, _MEASURED)
+        told, steps = past.told, past.told + count + AHEAD - past.last
+        state, error = self._loops.advance(past, self._step, steps, checks)
+        return state, past.told - told, error
+
+    def recorded(self, before: Array, state: Array, count: int) -> Recorded:
+        """The last count steps, from the state before them to that told last."""
+        past, number = self._past, self._number
+        first, end = past.told - count - AHEAD, past.told + AHEAD
+        return Recorded(
+            before,
+            state,
+            past.turns[past.rows(first, end), :number],
+            past.kicks[past.rows(first, end + 1), :number],
+            self._step,
+        )
+
+
+class Recorded:
+    """Steps between which one can interpolate.
+
+    The accelerations are polynomials of degree 9 through those of ten instants; a cubic added
+    makes angles and rates meet those that were told, or would have been, at both ends.
+    """
+
+    def __init__(
+        self, before: Array, state: Array, turns: Array, kicks: Array, step: float
+    ) -> None:
+        """Steps [s] between two states, with five more turns and kicks on each side."""
+        number, count = turns.shape[1], len(turns) - 2 * AHEAD
+        self._step, self._kicks = step, kicks
+        told = np.array(
+            [
+                [
+                    OF_TURNS[part] @ turns[n : n + 2 * AHEAD]
+                    + OF_KICKS[part] @ kicks[n : n + 2 * AHEAD + 1]
+                    for n in range(count + 1)
+                ]
+                for part in range(2)
+            ]
+        )
+        turned = np.vstack([np.zeros(number), np.cumsum(turns[AHEAD:-AHEAD], axis=0)])
+        angles = turned - turned[-1] + told[0] - told[0, -1] + state[:number]
+        self._knots = np.array([angles, told[1]])
+        self._knots[:, 0] = before[:number], step * before[number:]
+
+    def interpolated(self, places: Array) -> Array:
+        """States at places, counted in steps, shape (places, 2N)."""
+        found = np.clip(np.floor(places), 0, self._knots.shape[1] - 2).astype(int)
+        values = np.empty((len(places), 2 * self._kicks.shape[1]))
+        for number in np.unique(found):
+            here = found == number
+            values[here] = self._within(number, places[here] - number)
+        return values
+
+    def _within(self, number: int, places: Array) -> Array:
+        """States at places from 0 to 1 in a step."""
+        (start, end), (rate, last_rate) = self._knots[:, number : number + 2]
+        kicks = self._kicks[number + 1 : number + 1 + 2 * AHEAD]
+        s = np.concatenate([places, [0.0, 1.0]])
+        of_angles, of_rates = interpolating(s, 1 - AHEAD)
+        slopes = end - start + of_rates @ kicks
+        missing = np.array([rate, last_rate]) - slopes[-2:]
+        column = places[:, np.newaxis]
+        cubics = np.hstack([column * (1 - column) ** 2, column**2 * (column - 1)])
+        cubic_slopes = np.hstack([(1 - column) * (1 - 3 * column), column * (3 * column - 2)])
+        angles = start + column * (end - start) + of_angles[:-2] @ kicks + cubics @ missing
+        return np.hstack([angles, (slopes[:-2] + cubic_slopes @ missing) / self._step])
+
+
+class NumpyLoops:
+    """Steps as the equations have them."""
+
+    def __init__(self, motion: ChainMotion, starting: Steps) -> None:
+        """Along a motion."""
+        self._motion, self._starting = motion, starting
+        self.places = motion.rotors
+        self._angles = np.zeros(motion.rotors)
+
+    def begin(self, past: Past, state: Array, step: float, checks: Checks) -> tuple[Array, float]:
+        """See `MultistepSteps.begin`."""
+        states, error = self._starting.advance(state, step, STARTING_STEPS, checks)
+        turns = np.diff(states[:, : self.places], axis=0)
+        too_far = ~(np.abs(turns) <= LARGEST_TURN).all(axis=1)
+        states = states[: 1 + int(np.argmax(np.append(too_far, True)))]
+        if len(states) > STARTING_STEPS:
+            angles, square = states[:, : self.places], step**2
+            kicks = np.array([square * self._motion.accelerations(each) for each in angles])
+            past.turns[:STARTING_STEPS], past.kicks[: STARTING_STEPS + 1] = turns, kicks
+            known = np.concatenate([np.diff(turns, axis=0), kicks[1:STARTING_STEPS]])
+            past.memory[1:STARTING_STEPS] = RECALLING @ known
+            self._angles = angles[-1].copy()
+        return states, error
+
+    def advance(self, past: Past, step: float, count: int, checks: Checks) -> tuple[Array, float]:
+        """State and largest error of steps, whose last one that is good is told."""
+        measured, largest, good = checks.measured(count), 0.0, past.told
+        for done in range(1, count + 1):
+            if not self._turned(past):
+                break
+            past.last += 1
+            kick = step**2 * self._motion.accelerations(self._angles)
+            past.kicks[past.rows(past.last, past.last + 1)] = kick
+            if done in measured:
+                error = self._error(past, step, checks)
+                largest = max(largest, error)
+                if not error <= 1:
+                    past.told = good
+                    return self._state(past, step), error
+                good = max(good, past.last - AHEAD)
+        past.told = max(past.told, past.last - AHEAD)
+        return self._state(past, step), largest
+
+    def _turned(self, past: Past) -> bool:
+        """Turn the rotors unless one would turn too far."""
+        n = past.last
+        remembered = past.memory[(n - np.arange(1, 9)) & (MEMORY - 1)]
+        newest = past.kicks[past.rows(n, n + 1)][0] - RECURSION[1:] @ remembered
+        turn = past.turns[past.rows(n - 1, n)][0]
+        turn = turn + (RESPONSE[0] * newest + RESPONSE[1:] @ remembered)
+        near = bool(np.abs(turn).max() <= LARGEST_TURN)
+        if near:
+            past.memory[n & (MEMORY - 1)] = newest
+            past.turns[past.rows(n, n + 1)] = turn
+            self._angles += turn
+        return near
+
+    def _state(self, past: Past, step: float) -> Array:
+        n = past.told
+        turns = past.turns[past.rows(n - AHEAD, n + AHEAD)]
+        kicks = past.kicks[past.rows(n - AHEAD, n + AHEAD + 1)]
+        angles, rates = OF_TURNS @ turns + OF_KICKS @ kicks
+        angles += self._angles - past.turns[past.rows(n, past.last)].sum(axis=0)
+        return np.concatenate([angles, rates / step])
+
+    def _error(self, past: Past, step: float, checks: Checks) -> float:
+        n = past.last
+        missed = ERROR * DIFFERENCE @ past.kicks[past.rows(n - REMEMBERED, n + 1)]
+        errors = np.concatenate([missed, missed / step])
+        turn = past.turns[past.rows(n - 1, n)][0]
+        tolerated = checks.absolute + checks.relative * np.abs([*self._angles, *(turn / step)])
+        return math.sqrt(float(np.mean((errors / tolerated) ** 2)))
+
+
+class CompiledLoops:
+    """Steps in the loops of `multistep_kernels`; raises ImportError where numba is absent."""
+
+    def __init__(self, motion: ChainMotion, starting: CompiledSteps) -> None:
+        """Along a motion."""
+        from soliton_linkage import multistep_kernels as kernels
+
+        self._kernels = kernels
+        self._number = motion.rotors
+        self._forces = starting.forces
+        self.places = max(starting.places, _FEWEST_PLACES)
+        self._work = np.zeros((11, self.places + 1))
+        self._since_load = 0
+
+    def begin(self, past: Past, state: Array, step: float, checks: Checks) -> tuple[Array, float]:
+        """See `MultistepSteps.begin`."""
+        number = self._number
+        self._load(state[:number])
+        self._work[1, :number] = state[number:]
+        states = np.empty((STARTING_STEPS + 1, 2 * number))
+        done, error = self._kernels.begin(
+            self._work,
+            *self._forces,
+            (step * DRIFTS, step * KICKS),
+            step,
+            (past.kicks, past.turns, past.memory),
+            (checks.absolute, checks.relative),
+            states,
+        )
+        return states[: done + 1], error
+
+    def advance(self, past: Past, step: float, count: int, checks: Checks) -> tuple[Array, float]:
+        """State and largest error of steps, whose last one that is good is told."""
+        number, state = self._number, np.empty(2 * self._number)
+        self._since_load += count
+        if self._since_load > _STEPS_UNTIL_EXACT:
+            self._load(self._work[0, :number].copy())
+        past.told, past.last, error = self._kernels.advance(
+            self._work,
+            *self._forces,
+            (past.kicks, past.turns, past.memory),
+            (past.told, past.last, count),
+            step,
+            (checks.absolute, checks.relative),
+            np.array(checks.measured(count), dtype=np.int64),
+            state,
+        )
+        return state, error
+
+    def _load(self, angles: Array) -> None:
+        """Put angles, cosines and sines into work."""
+        self._since_load = 0
+        rows = self._work[:, : self._number]
+        rows[0] = angles
+        np.cos(angles, out=rows[2])
+        np.sin(angles, out=rows[3])
