@@ -98,18 +98,24 @@ def test_what_is_remembered_is_recalled_from_turns_and_kicks() -> None:
     np.testing.assert_allclose(RECALLING @ known, memory[8:], rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize('first', [-8, -4, 0])
-def test_polynomials_are_interpolated_exactly(first: int) -> None:
-    places, nodes = np.linspace(0, 1, 7), first + np.arange(10.0)
+def test_polynomials_are_interpolated_exactly() -> None:
+    places, instants = np.linspace(0, 1, 7), np.arange(1.0 - AHEAD, 1 + AHEAD)
     for power in range(12):
-        kicks = power * (power - 1) * nodes ** max(power - 2, 0) if power >= 2 else 0 * nodes
-        of_angles, of_rates = interpolating(places, first)
+        kicks = power * (power - 1) * instants ** max(power - 2, 0)
+        ends = [0.0**power, 1.0, float(power == 1), float(power)]
+        known = np.concatenate([ends, kicks])
+        angles, rates = (weights @ known for weights in interpolating(places))
         scale = max(1.0, np.abs(kicks).max())
-        turn = 1.0 if power else 0.0
-        angles = 0.0**power + places * turn + of_angles @ kicks
-        np.testing.assert_allclose(angles, places**power, rtol=0, atol=1e-12 * scale)
+        np.testing.assert_allclose(angles, places**power, rtol=0, atol=1e-14 * scale)
         slopes = power * places ** max(power - 1, 0)
-        np.testing.assert_allclose(turn + of_rates @ kicks, slopes, rtol=0, atol=1e-12 * scale)
+        np.testing.assert_allclose(rates, slopes, rtol=0, atol=1e-14 * scale)
+
+
+def test_interpolation_meets_angles_and_rates_at_both_ends_whatever_the_kicks() -> None:
+    angles, rates = interpolating(np.array([0.0, 1.0]))
+    both_ends = np.eye(4, 14)
+    np.testing.assert_allclose(angles, both_ends[:2], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(rates, both_ends[2:], rtol=0, atol=1e-14)
 
 
 def test_what_is_told_of_polynomials_is_exact() -> None:
@@ -144,6 +150,19 @@ def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
             assert done == plain_done == count
             assert error == pytest.approx(plain_error, rel=1e-4, abs=1e-9)
             np.testing.assert_allclose(state, expected, rtol=0, atol=1e-11)
+
+
+def test_compiled_loops_and_numpy_interpolate_alike() -> None:
+    pytest.importorskip('numba')
+    motion, found = UNDAMPED['deviating'], []
+    places = np.array([0.0, 0.3, 1.0, 11.5, 20.0, 3.2])
+    for compiled in (True, False):
+        steps, start = begun(motion, 0.15, compiled)
+        state, _, _ = steps.advance(20, *tolerances(motion))
+        states = steps.recorded(start, 20).interpolated(places)
+        np.testing.assert_allclose(states[[0, 4]], [start, state], rtol=0, atol=2e-14)
+        found.append(states)
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize('name', UNDAMPED)

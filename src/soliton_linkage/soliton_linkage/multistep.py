@@ -132,9 +132,7 @@ class SymmetricMultistep(ChainSolver):
         values, steps = self._output
         if not steps:
             return NystromOutput(self.t_old, self.t, values, self._steps.starting)
-        return _MultistepOutput(
-            self.t_old, self.t, self._steps.recorded(values, self.y, steps), steps
-        )
+        return _MultistepOutput(self.t_old, self.t, self._steps.recorded(values, steps), steps)
 
 
 class _MultistepOutput(DenseOutput):

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from functools import lru_cache
 
 import numpy as np
 
@@ -117,33 +116,39 @@ RECALLING = _recalling()
 """w_1 to w_8 from the changes of the turns 1 to 8 and the kicks 1 to 8."""
 
 
-@lru_cache(maxsize=32)
-def _lagrange(first: int) -> Array:
-    """Coefficients of 1 to x^9 of polynomials that are 1 at one of ten places, first the first."""
-    nodes = np.arange(first, first + 2 * AHEAD, dtype=np.float64)
-    rows = []
+def _bubbles() -> Array:
+    """Coefficients of 1 to s^11 of the W_j of `interpolating`, shape (12, 10)."""
+    nodes = np.arange(1 - AHEAD, 1 + AHEAD, dtype=np.float64)
+    polynomials = []
     for node in nodes:
         others = nodes[nodes != node]
-        rows.append(np.poly(others)[::-1] / np.prod(node - others))
-    return np.array(rows).T
+        acceleration = np.poly1d(np.poly(others) / np.prod(node - others))
+        whole = acceleration.integ(2)
+        # Its first integrals vanish at 0; the cubic takes its value and slope at 1 away.
+        value, slope = whole(1), whole.deriv()(1)
+        polynomials.append((whole - np.poly1d([slope - 2 * value, 3 * value - slope, 0, 0])).c)
+    return np.array(polynomials).T[::-1]
 
 
-def interpolating(places: Array, first: int) -> tuple[Array, Array]:
-    """What kicks give to angles and, times h, to rates at places from 0 to 1 between instants.
+_BUBBLES = _bubbles()
 
-    The accelerations are the polynomial of degree 9 through those of ten instants, of which the
-    first is so many before the interval; integrated twice they meet the angles at both ends,
 
-        x(s) = x_0 + s (x_1 - x_0) + sum_j K_j(s) h^2 a_j,    K_j(0) = K_j(1) = 0.
+def interpolating(places: Array) -> tuple[Array, Array]:
+    """Weights for angles and, times h, for rates at places from 0 to 1 between instants.
 
-    Two arrays of shape (places, 10).
+    Columns are of the angles at both ends, of h times the rates there, and of the kicks of ten
+    instants around. But for a cubic, accelerations are the polynomial of degree 9 through these,
+
+        x(s) = cubic that meets angles and rates + sum_j W_j(s) h^2 a_j,
+
+    whose W_j vanish at both ends with their slopes. Two arrays of shape (places, 14).
     """
-    powers = np.arange(2 * AHEAD)
-    divisors = (powers + 1) * (powers + 2)
-    column = places[:, np.newaxis]
-    angles = (column ** (powers + 2) - column) / divisors
-    rates = ((powers + 2) * column ** (powers + 1) - 1) / divisors
-    return angles @ _lagrange(first), rates @ _lagrange(first)
+    s = places[:, np.newaxis]
+    powers = np.arange(12)
+    slopes = powers[1:] * s ** powers[:-1]
+    angles = (1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s), s * (1 - s) ** 2, s**2 * (s - 1)
+    rates = 6 * s * (s - 1), 6 * s * (1 - s), (1 - s) * (1 - 3 * s), s * (3 * s - 2)
+    return np.hstack([*angles, s**powers @ _BUBBLES]), np.hstack([*rates, slopes @ _BUBBLES[1:]])
 
 
 def _smoothing() -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
 from soliton_linkage.compiling import FREEDOMS, Kernel, compile_loop
@@ -51,6 +52,8 @@ Q1, Q2, Q3, Q4 = (float(q) for q in RECURSION[1:5])
 B0, B1, B2, B3, B4 = (float(b) for b in RESPONSE[:5])
 D0, D1, D2, D3, D4, D5 = (ERROR * float(d) for d in DIFFERENCE[:6])
 WRAP = MEMORY - 1
+
+Numbers = NDArray[np.int64]
 
 
 def summing(function: Kernel) -> Kernel:
@@ -133,27 +136,82 @@ def turn(work: Array, turns: Array, row: int) -> None:
 
 @inlined
 def put_state(
-    work: Array, kicks: Array, turns: Array, told: int, last: int, step: float, state: Array
+    angles: Array, kicks: Array, turns: Array, instant: int, step: float, state: Array
 ) -> None:
-    """Write down the angles and the rates of an instant before the last one."""
+    """Write down the angles, once they are smooth, and the rates of an instant."""
     wrap, number = kicks.shape[0] - 1, state.size // 2
     for n in range(number):
-        state[n] = work[ANGLES, n]
+        state[n] = angles[n]
         state[number + n] = 0.0
-    for instant in range(told, last):
-        row = instant & wrap
-        for n in range(number):
-            state[n] -= turns[row, n]
     for part in range(2):
         scale, first = (1.0, 1 / step)[part], part * number
         for j in range(2 * AHEAD):
-            row, weight = (told + j - AHEAD) & wrap, scale * OF_TURNS[part, j]
+            row, weight = (instant + j - AHEAD) & wrap, scale * OF_TURNS[part, j]
             for n in range(number):
                 state[first + n] += weight * turns[row, n]
         for j in range(2 * AHEAD + 1):
-            row, weight = (told + j - AHEAD) & wrap, scale * OF_KICKS[part, j]
+            row, weight = (instant + j - AHEAD) & wrap, scale * OF_KICKS[part, j]
             for n in range(number):
                 state[first + n] += weight * kicks[row, n]
+
+
+@inlined
+def turn_back(angles: Array, turns: Array, row: int) -> None:
+    """Undo the turns of a row."""
+    for n in range(angles.size):
+        angles[n] -= turns[row, n]
+
+
+@compile_loop
+def tell(
+    work: Array,
+    rings: tuple[Array, Array, Array],
+    told: int,
+    last: int,
+    step: float,
+    states: Array,
+) -> None:
+    """Write down the states of instants up to that which is told."""
+    kicks, turns, _ = rings
+    angles = work[ANGLES, : states.shape[1] // 2].copy()
+    for instant in range(last - 1, told - len(states), -1):
+        turn_back(angles, turns, instant & (turns.shape[0] - 1))
+        row = len(states) - 1 + instant - told
+        if row < len(states):
+            put_state(angles, kicks, turns, instant, step, states[row])
+
+
+@compile_loop
+def interpolate(
+    knots: Array, kicks: Array, found: Numbers, weights: tuple[Array, Array], output: Array
+) -> None:
+    """Fill output with the states in steps that were found, by the weights of `interpolating`.
+
+    Knots are states with h times the rates; kicks are those of the same instants and of five
+    more on each side.
+    """
+    for frame in range(found.size):
+        ends = knots[found[frame] : found[frame] + 2]
+        around = kicks[found[frame] + 1 : found[frame] + 1 + 2 * AHEAD]
+        for part in range(2):
+            combine(ends, around, weights[part][frame], output[frame], part)
+
+
+@inlined
+def combine(ends: Array, kicks: Array, weights: Array, output: Array, part: int) -> None:
+    """Weighted sum of angles, and of rates, at both ends, and of ten rows of kicks."""
+    take_widest_vectors()
+    number = kicks.shape[1]
+    a0, a1, r0, r1 = weights[0], weights[1], weights[2], weights[3]
+    k0, k1, k2, k3, k4 = weights[4], weights[5], weights[6], weights[7], weights[8]
+    k5, k6, k7, k8, k9 = weights[9], weights[10], weights[11], weights[12], weights[13]
+    for n in range(number):
+        cubic = a0 * ends[0, n] + a1 * ends[1, n]
+        cubic += r0 * ends[0, number + n] + r1 * ends[1, number + n]
+        early = k0 * kicks[0, n] + k1 * kicks[1, n] + k2 * kicks[2, n] + k3 * kicks[3, n]
+        late = k6 * kicks[6, n] + k7 * kicks[7, n] + k8 * kicks[8, n] + k9 * kicks[9, n]
+        between = k4 * kicks[4, n] + k5 * kicks[5, n]
+        output[part * number + n] = cubic + (early + between + late)
 
 
 @summing
@@ -267,17 +325,17 @@ def advance(
     step: float,
     tolerances: tuple[Array, float],
     measured: Array,
-    state: Array,
+    states: Array,
 ) -> tuple[int, int, float]:
-    """Take steps and write down the state that is told; return its instant, the last, the error.
+    """Take steps and write down what is told; return its instant, the last, and the error.
 
     Springs and field are those of `nystrom_kernels.advance`; rings are kicks, turns and memory;
     instants are that told, the last one, and how many steps to take. Tolerances are those of
-    `error`, measured after the steps whose numbers are given.
+    `error`, measured after the steps whose numbers are given. States have one row.
     """
     kicks, turns, memory = rings
     told, last, count = instants
-    number, wrap = state.size // 2, kicks.shape[0] - 1
+    number, wrap = states.shape[1] // 2, kicks.shape[0] - 1
     even = scaled(springs[0], step * step)
     largest, good, next_measured = 0.0, told, 0
     for done in range(1, count + 1):
@@ -294,9 +352,9 @@ def advance(
             found = error(work, kicks, turns, last, step, tolerances[0], tolerances[1])
             largest = max(largest, found)
             if not found <= 1:
-                put_state(work, kicks, turns, good, last, step, state)
+                tell(work, rings, good, last, step, states)
                 return good, last, found
             good = max(good, last - AHEAD)
     told = max(told, last - AHEAD)
-    put_state(work, kicks, turns, told, last, step, state)
+    tell(work, rings, told, last, step, states)
     return told, last, largest

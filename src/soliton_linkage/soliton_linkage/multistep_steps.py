@@ -23,6 +23,7 @@ them; chains that have it need a method of one step.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ from soliton_linkage.nystrom_steps import (
 )
 from soliton_linkage.nystrom_steps import load_loops as load_starting_loops
 
+Numbers = NDArray[np.int64]
+
 _FEWEST_PLACES = 32
 """Loops over less are not vectorised."""
 _MEASURED = 16
@@ -71,6 +74,7 @@ def load_loops() -> None:
     steps = MultistepSteps(ChainMotion(Chain(number_of_rotors=2)), 1, compiled=True)
     steps.begin(np.zeros(4), 1e-3, np.ones(4), 0.0)
     steps.advance(1, np.ones(4), 0.0)
+    steps.recorded(np.zeros(4), 1).interpolated(np.zeros(1))
 
 
 class Past:
@@ -90,7 +94,7 @@ class Past:
         self.memory = np.full((MEMORY, places), 0.0)
         self.last = self.told = STARTING_STEPS
 
-    def rows(self, first: int, end: int) -> NDArray[np.intp]:
+    def rows(self, first: int, end: int) -> Numbers:
         """Rows of the instants from first to before end."""
         return np.arange(first, end) & (len(self.kicks) - 1)
 
@@ -145,69 +149,35 @@ class MultistepSteps:
         state, error = self._loops.advance(past, self._step, steps, checks)
         return state, past.told - told, error
 
-    def recorded(self, before: Array, state: Array, count: int) -> Recorded:
-        """The last count steps, from the state before them to that told last."""
-        past, number = self._past, self._number
-        first, end = past.told - count - AHEAD, past.told + AHEAD
-        return Recorded(
-            before,
-            state,
-            past.turns[past.rows(first, end), :number],
-            past.kicks[past.rows(first, end + 1), :number],
-            self._step,
-        )
+    def recorded(self, before: Array, count: int) -> Recorded:
+        """The last count steps, from the state before them."""
+        past = self._past
+        knots = self._loops.told(past, self._step, count + 1)
+        knots[0] = before
+        knots[:, self._number :] *= self._step
+        kicks = past.kicks[past.rows(past.told - count - AHEAD, past.told + AHEAD + 1)]
+        kicks = np.ascontiguousarray(kicks[:, : self._number])
+        return Recorded(knots, kicks, self._step, self._loops)
 
 
+@dataclass(frozen=True, eq=False)
 class Recorded:
-    """Steps between which one can interpolate.
+    """Steps between which one can interpolate."""
 
-    The accelerations are polynomials of degree 9 through those of ten instants; a cubic added
-    makes angles and rates meet those that were told, or would have been, at both ends.
-    """
-
-    def __init__(
-        self, before: Array, state: Array, turns: Array, kicks: Array, step: float
-    ) -> None:
-        """Steps [s] between two states, with five more turns and kicks on each side."""
-        number, count = turns.shape[1], len(turns) - 2 * AHEAD
-        self._step, self._kicks = step, kicks
-        told = np.array(
-            [
-                [
-                    OF_TURNS[part] @ turns[n : n + 2 * AHEAD]
-                    + OF_KICKS[part] @ kicks[n : n + 2 * AHEAD + 1]
-                    for n in range(count + 1)
-                ]
-                for part in range(2)
-            ]
-        )
-        turned = np.vstack([np.zeros(number), np.cumsum(turns[AHEAD:-AHEAD], axis=0)])
-        angles = turned - turned[-1] + told[0] - told[0, -1] + state[:number]
-        self._knots = np.array([angles, told[1]])
-        self._knots[:, 0] = before[:number], step * before[number:]
+    knots: Array
+    """States between them, and on both sides, with h times the rates, shape (steps + 1, 2N)."""
+    kicks: Array
+    """Of the same instants and of five more on each side."""
+    step: float
+    loops: CompiledLoops | NumpyLoops
 
     def interpolated(self, places: Array) -> Array:
-        """States at places, counted in steps, shape (places, 2N)."""
-        found = np.clip(np.floor(places), 0, self._knots.shape[1] - 2).astype(int)
-        values = np.empty((len(places), 2 * self._kicks.shape[1]))
-        for number in np.unique(found):
-            here = found == number
-            values[here] = self._within(number, places[here] - number)
-        return values
-
-    def _within(self, number: int, places: Array) -> Array:
-        """States at places from 0 to 1 in a step."""
-        (start, end), (rate, last_rate) = self._knots[:, number : number + 2]
-        kicks = self._kicks[number + 1 : number + 1 + 2 * AHEAD]
-        s = np.concatenate([places, [0.0, 1.0]])
-        of_angles, of_rates = interpolating(s, 1 - AHEAD)
-        slopes = end - start + of_rates @ kicks
-        missing = np.array([rate, last_rate]) - slopes[-2:]
-        column = places[:, np.newaxis]
-        cubics = np.hstack([column * (1 - column) ** 2, column**2 * (column - 1)])
-        cubic_slopes = np.hstack([(1 - column) * (1 - 3 * column), column * (3 * column - 2)])
-        angles = start + column * (end - start) + of_angles[:-2] @ kicks + cubics @ missing
-        return np.hstack([angles, (slopes[:-2] + cubic_slopes @ missing) / self._step])
+        """States at places, counted in steps, shape (places, 2N); see `interpolating`."""
+        found = np.clip(np.floor(places), 0, len(self.knots) - 2).astype(np.int64)
+        weights = interpolating(places - found)
+        states = self.loops.interpolated(self.knots, self.kicks, found, weights)
+        states[:, self.kicks.shape[1] :] /= self.step
+        return states
 
 
 class NumpyLoops:
@@ -248,10 +218,10 @@ class NumpyLoops:
                 largest = max(largest, error)
                 if not error <= 1:
                     past.told = good
-                    return self._state(past, step), error
+                    return self.told(past, step, 1)[0], error
                 good = max(good, past.last - AHEAD)
         past.told = max(past.told, past.last - AHEAD)
-        return self._state(past, step), largest
+        return self.told(past, step, 1)[0], largest
 
     def _turned(self, past: Past) -> bool:
         """Turn the rotors unless one would turn too far."""
@@ -267,13 +237,28 @@ class NumpyLoops:
             self._angles += turn
         return near
 
-    def _state(self, past: Past, step: float) -> Array:
-        n = past.told
-        turns = past.turns[past.rows(n - AHEAD, n + AHEAD)]
-        kicks = past.kicks[past.rows(n - AHEAD, n + AHEAD + 1)]
-        angles, rates = OF_TURNS @ turns + OF_KICKS @ kicks
-        angles += self._angles - past.turns[past.rows(n, past.last)].sum(axis=0)
-        return np.concatenate([angles, rates / step])
+    def told(self, past: Past, step: float, count: int) -> Array:
+        """States of so many instants up to that which is told, shape (count, 2N)."""
+        angles, states = self._angles.copy(), np.empty((count, 2 * self.places))
+        for n in range(past.last - 1, past.told - count, -1):
+            angles -= past.turns[past.rows(n, n + 1)][0]
+            if n <= past.told:
+                turns = past.turns[past.rows(n - AHEAD, n + AHEAD)]
+                kicks = past.kicks[past.rows(n - AHEAD, n + AHEAD + 1)]
+                of_angles, rates = OF_TURNS @ turns + OF_KICKS @ kicks
+                states[count - 1 + n - past.told] = *(angles + of_angles), *(rates / step)
+        return states
+
+    def interpolated(
+        self, knots: Array, kicks: Array, found: Numbers, weights: tuple[Array, Array]
+    ) -> Array:
+        """See `Recorded.interpolated`."""
+        number, states = self.places, []
+        for row, step in enumerate(found):
+            ends = knots[step : step + 2].reshape(2, 2, number).swapaxes(0, 1).reshape(4, number)
+            around = np.vstack([ends, kicks[step + 1 : step + 1 + 2 * AHEAD]])
+            states.append(np.concatenate([weights[0][row] @ around, weights[1][row] @ around]))
+        return np.array(states)
 
     def _error(self, past: Past, step: float, checks: Checks) -> float:
         n = past.last
@@ -317,10 +302,10 @@ class CompiledLoops:
 
     def advance(self, past: Past, step: float, count: int, checks: Checks) -> tuple[Array, float]:
         """State and largest error of steps, whose last one that is good is told."""
-        number, state = self._number, np.empty(2 * self._number)
+        states = np.empty((1, 2 * self._number))
         self._since_load += count
         if self._since_load > _STEPS_UNTIL_EXACT:
-            self._load(self._work[0, :number].copy())
+            self._load(self._work[0, : self._number].copy())
         past.told, past.last, error = self._kernels.advance(
             self._work,
             *self._forces,
@@ -329,9 +314,24 @@ class CompiledLoops:
             step,
             (checks.absolute, checks.relative),
             np.array(checks.measured(count), dtype=np.int64),
-            state,
+            states,
         )
-        return state, error
+        return states[0], error
+
+    def told(self, past: Past, step: float, count: int) -> Array:
+        """States of so many instants up to that which is told, shape (count, 2N)."""
+        states = np.empty((count, 2 * self._number))
+        rings = past.kicks, past.turns, past.memory
+        self._kernels.tell(self._work, rings, past.told, past.last, step, states)
+        return states
+
+    def interpolated(
+        self, knots: Array, kicks: Array, found: Numbers, weights: tuple[Array, Array]
+    ) -> Array:
+        """See `Recorded.interpolated`."""
+        states = np.empty((len(found), 2 * self._number))
+        self._kernels.interpolate(knots, kicks, found, weights, states)
+        return states
 
     def _load(self, angles: Array) -> None:
         """Put angles, cosines and sines into work."""
