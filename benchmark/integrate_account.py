@@ -71,7 +71,7 @@ def loops(size: int) -> dict[str, list[float]]:
         'turns from kicks': lambda: multistep_kernels.recall(kicks, turns, memory, 9),
         'turning': lambda: multistep_kernels.turn(work, turns, 9),
         'spring, kick and turn of SymplecticNystrom': lambda: nystrom_kernels.kick_and_turn(
-            *work, longer, coefficients, (1e-9, 1e-9)
+            *work, 0, longer, longer, coefficients, (1e-9, 1e-9), (0.0, 0.0)
         ),
     }
     repeats = math.ceil(BUDGET / longer)

@@ -55,6 +55,16 @@ def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
         np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
 
 
+@pytest.mark.parametrize('beyond', [-1, 0, 1, 5, 700])
+def test_chains_that_are_taken_in_blocks_take_the_same_steps(beyond: int) -> None:
+    kernels = pytest.importorskip('soliton_linkage.nystrom_kernels')
+    motion = ChainMotion(unit_chain(2 * kernels.ROTORS_IN_CACHE + beyond))
+    state = lively_state(motion)
+    fast, _ = steps_of(motion, True).advance(state, 0.4, 3)
+    plain, _ = NumpySteps(motion).advance(state, 0.4, 3)
+    np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
+
+
 @pytest.mark.parametrize('name', MOTIONS)
 def test_compiled_loops_and_numpy_interpolate_alike(name: str) -> None:
     pytest.importorskip('numba')

@@ -32,6 +32,12 @@ Of the angular accelerations by springs, spring n has that of rotor n at place n
 that of rotor n+1 at place n+1 of ON_RIGHT.
 """
 
+ROTORS_IN_CACHE = 1024
+"""Of which 32 kB are carried from stage to stage."""
+
+ONE = np.uintp(1)
+"""Numbers that could be below 0 would count from the end, and no loop over them is vectorised."""
+
 Coefficients = tuple[float, float, float, float, float]
 
 
@@ -85,10 +91,10 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
 
 
 @inlined
-def turn(work: Array, rates: int, places: int, time: float) -> None:
+def turn(work: Array, rates: int, start: int, end: int, time: float) -> None:
     """Turn rotors at their rates for a time."""
     take_widest_vectors()
-    for n in range(places):
+    for n in range(np.uintp(start), np.uintp(end)):
         x = time * work[rates, n]
         work[ANGLES, n] += x
         work[COSINES, n], work[SINES, n] = turned(work[COSINES, n], work[SINES, n], x)
@@ -129,10 +135,13 @@ def kick_and_turn(
     rates: Array,
     cosines: Array,
     sines: Array,
+    start: int,
+    end: int,
     number: int,
     coefficients: Coefficients,
     times: tuple[float, float],
-) -> None:
+    before: tuple[float, float],
+) -> tuple[float, float]:
     """Kick and then turn rotors (c, s) between springs, all the same, to the next (c', s').
 
     x = l^2 / lbar^2 = offset + slope (s' - s) - product (s s' + c c'),
@@ -141,23 +150,67 @@ def kick_and_turn(
     acceleration = (f - f of the spring before) c - (q - q of the spring before),
 
     slope = 2 a r / lbar^2, product = 2 r^2 / lbar^2, lever = k a r / I, cross = k r^2 / I.
+
+    It begins with f and q of the spring before rotor start, and returns those before rotor end.
     """
     take_widest_vectors()
-    offset, slope, product, lever, cross = coefficients
     kick_time, turn_time = times
-    f_before = q_before = 0.0
-    for n in range(angles.size - 1):
-        c, c_next = cosines[n], cosines[n + 1]
-        s, s_next = sines[n], sines[n + 1]
-        pull = tension(offset + slope * (s_next - s) - product * (s * s_next + c * c_next))
-        pull = pull if n < number - 1 else 0.0
-        f = lever * pull
-        q = cross * pull * (s * c_next - c * s_next)
+    f_before, q_before = before
+    for n in range(np.uintp(start), np.uintp(end)):
+        c, c_next = cosines[n], cosines[n + ONE]
+        s, s_next = sines[n], sines[n + ONE]
+        f, q = cross_and_pull(c, s, c_next, s_next, coefficients)
+        f, q = (f, q) if n < np.uintp(number - 1) else (0.0, 0.0)
         rate = rates[n] + kick_time * ((f - f_before) * c - (q - q_before))
         f_before, q_before = f, q
         rates[n] = rate
         angles[n] += turn_time * rate
         cosines[n], sines[n] = turned(c, s, turn_time * rate)
+    return f_before, q_before
+
+
+@inlined
+def take_even_step(
+    work: Array,
+    number: int,
+    coefficients: Coefficients,
+    stages: tuple[Array, Array],
+    share: float,
+) -> None:
+    """Take a share of a step between springs that are all alike.
+
+    So that rotors stay in the cache, all stages take some rotors on before they take the next:
+    each one rotor less than the stage before it, whose work on its right neighbour it needs.
+    """
+    drifts, kicks = stages
+    places = work.shape[1] - 1
+    angles, rates, cosines, sines = work[ANGLES], work[RATES], work[COSINES], work[SINES]
+    if places <= ROTORS_IN_CACHE:
+        turn(work, RATES, 0, places, share * drifts[0])
+        for stage in range(kicks.size):
+            times = share * kicks[stage], share * drifts[stage + 1]
+            kick_and_turn(
+                angles, rates, cosines, sines, 0, places, number, coefficients, times, (0.0, 0.0)
+            )
+        return
+    before = np.zeros((kicks.size, 2))
+    for block in range(0, places, ROTORS_IN_CACHE):
+        end = block + ROTORS_IN_CACHE
+        last = end >= places
+        turn(work, RATES, block + min(block, 1), places if last else end + 1, share * drifts[0])
+        for stage in range(kicks.size):
+            before[stage] = kick_and_turn(
+                angles,
+                rates,
+                cosines,
+                sines,
+                max(block - stage, 0),
+                places if last else end - stage,
+                number,
+                coefficients,
+                (share * kicks[stage], share * drifts[stage + 1]),
+                (before[stage, 0], before[stage, 1]),
+            )
 
 
 @inlined
@@ -247,18 +300,14 @@ def take_step(
     drifts, kicks = stages
     places, share, dissipated = work.shape[1] - 1, (1 + length) / 2, 0.0
     if not rows.size:
-        turn(work, RATES, places, share * drifts[0])
-        angles, rates, cosines, sines = work[ANGLES], work[RATES], work[COSINES], work[SINES]
-        for stage in range(kicks.size):
-            times = share * kicks[stage], share * drifts[stage + 1]
-            kick_and_turn(angles, rates, cosines, sines, number, coefficients, times)
+        take_even_step(work, number, coefficients, stages, share)
         return dissipated
     for stage in range(drifts.size):
         if half_inertias.size:
             dissipated += decay(work, places, decays, length, stage, half_inertias)
-            turn(work, TURNS, places, 1.0)
+            turn(work, TURNS, 0, places, 1.0)
         else:
-            turn(work, RATES, places, share * drifts[stage])
+            turn(work, RATES, 0, places, share * drifts[stage])
         if stage == kicks.size:
             break
         pull_all(work, number, springs, field)
