@@ -159,6 +159,22 @@ def test_the_energy_does_not_drift(compiled: bool) -> None:
     assert late < 2 * early
 
 
+def test_vibrations_of_the_method_itself_do_not_get_out_of_hand(compiled: bool) -> None:
+    if not compiled:
+        pytest.skip('takes too long without compiled loops')
+    motion = ChainMotion(in_units(10, SPINNER))
+    state = kicked(motion, 0.3)
+    solver = SymmetricMultistep(motion, 0.0, state, 10_000.0, rtol=0, atol=1e-8)
+    start, errors = energy(motion, state[:, np.newaxis]), []
+    while solver.status == 'running':
+        assert solver.step() is None
+        errors.append(abs(energy(motion, solver.y[:, np.newaxis]) / start - 1))
+    forces_of_steps_alone = solver.t / solver.length
+    assert solver.nfev < 2 * forces_of_steps_alone
+    early, late = np.max(errors[: len(errors) // 4]), np.max(errors[-len(errors) // 4 :])
+    assert late < 10 * early < 1e-3
+
+
 def test_dissipated_energy_is_what_is_missing(compiled: bool) -> None:
     chain = in_units(10, damping=0.01)
     torques = np.zeros(10)
