@@ -13,13 +13,21 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from soliton_linkage import filter_arrays, filter_kernels, frame_arrays, frame_kernels
+from soliton_linkage import (
+    filter_arrays,
+    filter_kernels,
+    frame_arrays,
+    frame_kernels,
+    tail_arrays,
+    tail_kernels,
+)
 from soliton_linkage.analysis import Analyser, Analysis
 from soliton_linkage.chain import Chain
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.filter_arrays import filter_loops
 from soliton_linkage.frame_arrays import frame_loops
+from soliton_linkage.tail_arrays import tail_loops
 
 LOOPS = [frame_arrays, frame_kernels]
 
@@ -88,13 +96,14 @@ def told(value: object) -> list[object]:
 
 
 def forget_loops() -> None:
-    frame_loops.cache_clear()
-    filter_loops.cache_clear()
+    for loops in (frame_loops, filter_loops, tail_loops):
+        loops.cache_clear()
 
 
 def test_numpy_steps_in_when_numba_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:
     chain, real_import = Chain(number_of_rotors=16), builtins.__import__
-    assert (frame_loops(), filter_loops()) == (frame_kernels, filter_kernels)
+    compiled = frame_kernels, filter_kernels, tail_kernels
+    assert (frame_loops(), filter_loops(), tail_loops()) == compiled
     quick = analyses(chain, 0.01)
 
     def without_kernels(
@@ -104,14 +113,15 @@ def test_numpy_steps_in_when_numba_is_absent(monkeypatch: pytest.MonkeyPatch) ->
         fromlist: Sequence[str] = (),
         level: int = 0,
     ) -> object:
-        if {'frame_kernels', 'filter_kernels'} & set(fromlist or ()):
+        if {'frame_kernels', 'filter_kernels', 'tail_kernels'} & set(fromlist or ()):
             raise ImportError('No module named numba')
         return real_import(name, globals_, locals_, fromlist, level)
 
     monkeypatch.setattr(builtins, '__import__', without_kernels)
     forget_loops()
     try:
-        assert (frame_loops(), filter_loops()) == (frame_arrays, filter_arrays)
+        in_numpy = frame_arrays, filter_arrays, tail_arrays
+        assert (frame_loops(), filter_loops(), tail_loops()) == in_numpy
         slow = analyses(chain, 0.01)
     finally:
         forget_loops()

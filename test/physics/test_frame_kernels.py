@@ -12,13 +12,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soliton_linkage import filter_arrays, filter_kernels, frame_arrays, frame_kernels
-from soliton_linkage.chain import Array, Chain
+from soliton_linkage import (
+    filter_arrays,
+    filter_kernels,
+    frame_arrays,
+    frame_kernels,
+    tail_arrays,
+    tail_kernels,
+)
+from soliton_linkage.chain import Array, Chain, staggered
 
 SEEDS = range(6)
 ROTORS, WALL = 60, 27
 BASE, KICKS = 26, 8
-MODULES = [(filter_kernels, filter_arrays), (frame_kernels, frame_arrays)]
+MODULES = [
+    (filter_kernels, filter_arrays),
+    (frame_kernels, frame_arrays),
+    (tail_kernels, tail_arrays),
+]
 NO_FLAGS = np.zeros(0, dtype=np.bool_)
 
 Case = tuple[str, tuple[Any, ...]]
@@ -86,8 +97,6 @@ def of_angles(random: np.random.Generator) -> list[Case]:
     differences = np.where(random.random(ROTORS) < 0.1, math.nan, random.standard_normal(ROTORS))
     found = np.zeros(ROTORS, np.bool_), np.zeros(12, np.bool_), np.zeros(12)
     limited = 20, tangent, random.choice([0.5, 2.0, 9.0]), 0.1, 0.2
-    sines, cosines = np.sin(angles), np.cos(angles)
-    lean = math.asin(0.8)
     knots = np.cumsum(random.random(30))
     last = np.append(others[:-1], math.nan)
     return [
@@ -101,13 +110,6 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('look', (np.full(ROTORS, math.nan), *limited, NO_FLAGS, *found)),
         ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4)),
         ('spline', (knots, random.standard_normal((22, 5)), 7, knots[12] + 0.01, np.zeros(5))),
-        ('bond_of_wall', (sines,)),
-        ('bond_of_wall', (np.array([]),)),
-        ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),
-        ('uniform_part', (angles, sines, cosines, WALL, ROTORS - 1)),
-        ('uniform_part', (angles, sines, cosines, WALL - 1, 0)),
-        ('tail_products', (angles, WALL, ROTORS - 1, -lean, -1.0, lean, 0.05, np.ones((3, 3)))),
-        ('tail_products', (angles, WALL - 1, 0, lean, 1.0, lean, 0.01, np.ones((3, 3)))),
     ]
 
 
@@ -147,6 +149,10 @@ def of_walls(random: np.random.Generator) -> list[Case]:
     wall = 10, 20, WALL + 1, 40
     tail = 0.6 ** np.arange(15) * (-1) ** np.arange(15) + 0.01 * random.standard_normal(15)
     sides = np.zeros(20), np.zeros(20)
+    beyond = np.arange(ROTORS) - WALL - 0.3
+    wave = 0.6 ** np.abs(beyond) * np.cos(math.pi * np.abs(beyond))
+    wobbling = staggered(-np.sign(beyond) * (0.97 + wave))
+    wave = wave[WALL + 1 :] * (1 + 0.1 * random.random())
     return [
         ('contraction_sums', (angles, table, offsets, 15, 40, 27.3, 1.2, 0.1, 100.0)),
         *[
@@ -158,10 +164,50 @@ def of_walls(random: np.random.Generator) -> list[Case]:
         *[('overshooting', (tail, 0.97, calm)) for calm in (0.0, 1e-9, 0.1)],
         ('tail_sums', (tail, 1, 9, 0.97, 2.0)),
         ('tail_sums', (tail, 3, 2, 0.97, 2.0)),
+        *[('half_wavelength', (wave, begin, 12, 0.97, 0.01)) for begin in (0, 3, 10, 12, 13)],
+        *[
+            ('wobble', (seen, at_rest, *wall, spins, 0.97, 0.05, 2.0, calm, noise, 0.04))
+            for seen, noise in ((whole, 0.03), (wobbling + 0.003 * np.sin(whole), 0.003))
+            for at_rest in (whole[10:45] + 0.01, wobbling[10:45], np.repeat(whole[10:45:5], 7))
+            for spins, calm in ((False, 0.0), (False, 0.03), (True, 0.0))
+        ],
+        ('wobble', (whole, whole[:9] + 0.1, 0, 1, 1, 9, False, 0.97, 0.05, 2.0, 0.1, 0.1, 0.1)),
     ]
 
 
-CASES = [of_filters, of_angles, of_springs, of_walls]
+def of_motion(random: np.random.Generator) -> list[Case]:
+    angles, flat = angles_of(random), np.zeros((2, 3, 3))
+    sines, cosines = np.sin(angles), np.cos(angles)
+    turned = 0.97 + math.pi / 2 * (1 + np.tanh((np.arange(ROTORS) - WALL) / 3))
+    spun = staggered(turned + 0.02 * random.standard_normal(ROTORS))
+    lean = math.asin(0.8)
+    factors = random.standard_normal((2, 3, 5))
+    one = factors @ factors.transpose(0, 2, 1)
+    other = one * [[[0.3]], [[0.0]]]
+    return [
+        ('bond_of_wall', (sines,)),
+        ('bond_of_wall', (np.array([]),)),
+        ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),
+        ('uniform_part', (angles, sines, cosines, WALL, ROTORS - 1)),
+        ('uniform_part', (angles, sines, cosines, WALL - 1, 0)),
+        ('tail_products', (angles, WALL, ROTORS - 1, -lean, -1.0, lean, 0.05, np.ones((3, 3)))),
+        ('tail_products', (angles, WALL - 1, 0, lean, 1.0, lean, 0.01, np.ones((3, 3)))),
+        *[
+            ('evidence', (each, np.sin(each), np.cos(each), noise, flat))
+            for each in (angles, spun, math.pi - spun, angles[:30], angles[WALL:], angles[:6])
+            for noise in (0.0, 0.2)
+        ],
+        ('add_evidence', (3.0, 0.9, one, 29.0, 1.1, other, flat)),
+        ('add_evidence', (-3.0, math.nan, one, -29.0, 1.1, other, flat)),
+        ('add_evidence', (-3.0, 0.9, one, 0.5, math.nan, flat, flat)),
+        ('add_evidence', (0.0, math.nan, flat, 0.5, math.nan, flat, flat)),
+        ('tail_ratio', (one, 0.97)),
+        ('tail_ratio', (other, 0.97)),
+        ('tail_ratio', (flat, math.nan)),
+    ]
+
+
+CASES = [of_filters, of_angles, of_springs, of_walls, of_motion]
 
 
 def twins(name: str) -> tuple[Any, Any]:

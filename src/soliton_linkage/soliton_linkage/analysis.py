@@ -367,7 +367,7 @@ class Analyser:
             return None
         about = self._filter.cycle.stretch(estimate.arc)
         wall = Wall(about.first, about.angles, estimate.place)
-        return self._wobbles.wobble(frame.angles, wall, *_errors(estimate))
+        return self._wobbles.of_frame(frame.angles, wall, *_errors(estimate))
 
 
 class UnknownChainAnalyser:

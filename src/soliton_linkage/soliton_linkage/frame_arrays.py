@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from soliton_linkage.chain import Array, springs_between, staggered, wrapped
+from soliton_linkage.chain import Array, springs_between, wrapped
 
 Flags = NDArray[np.bool_]
 
@@ -150,72 +150,6 @@ def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Ar
     values[:] = BSpline.construct_fast(knots, coefficients, degree)(at)
 
 
-def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
-
-    There the means of sin(theta) before and beyond differ the most.
-    """
-    known = np.where(np.isfinite(sines), sines, 0.0)
-    if not len(known):
-        return 0, 0.0, 0.0
-    before = known.cumsum()
-    bond = int(np.abs(before - before[-1] / 2).argmax()) + 1
-    if bond == len(known):
-        return bond, 0.0, 0.0
-    return bond, float(known[bond - 1]), float(known[bond])
-
-
-def uniform_part(
-    angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
-) -> tuple[int, float, float, float, float]:
-    """Outer half of the rotors from the nearest to a wall to that at an edge, which is left out.
-
-    Returns how many of them are known, the sums of sin(theta) and cos(theta), their mean angle
-    theta [rad] and the sum of squares of what they differ from it [rad^2].
-    """
-    way = 1 if edge > nearest else -1
-    inner, outer = sorted((nearest + way * (abs(edge - nearest) // 2), edge - way))
-    half = slice(inner, outer + 1)
-    known = np.isfinite(sines[half])
-    signs = 1.0 - 2.0 * (np.arange(inner, outer + 1) % 2)
-    sine = float(sines[half][known].sum())
-    cosine = float((signs * cosines[half])[known].sum())
-    mean = math.atan2(sine, cosine)
-    apart = wrapped(staggered(angles)[half] - mean)[known]
-    return int(np.count_nonzero(known)), sine, cosine, mean, float(apart @ apart)
-
-
-def tail_products(
-    angles: Array,
-    nearest: int,
-    edge: int,
-    mean: float,
-    handed: float,
-    rest_angle: float,
-    flat: float,
-    sums: Array,
-) -> None:
-    """Add up products of (e, e^2, e' - F(e)) outwards from a wall, shape (3, 3).
-
-    The deviation e of a rotor is handed (theta - mean) [rad]; they count from the middle of the
-    wall on, as far as they are not flat, in the inner half of the rotors up to an edge.
-    """
-    way, half = (1 if edge > nearest else -1), abs(edge - nearest) // 2
-    first, last = sorted((nearest, nearest + way * half))
-    theta = staggered(angles)[first : last + 1][::way]
-    near = handed * wrapped(theta - mean)
-    core = (near <= -rest_angle).nonzero()[0]
-    begin = int(core[-1]) + 1 if len(core) else 0
-    calm = (~(np.abs(near[begin:-1]) > flat)).nonzero()[0]
-    end = begin + int(calm[0]) if len(calm) else max(half, begin)
-    inner, outer = near[begin:end], near[begin + 1 : end + 1]
-    known = np.isfinite(outer)
-    inner, outer = inner[known], outer[known]
-    following, _ = next_deviation(inner, rest_angle, 2 * math.sin(rest_angle))
-    rows = np.array((inner, inner * inner, outer - following))
-    sums += rows @ rows.T
-
-
 def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
     """Rows of springs; parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`.
 
@@ -323,87 +257,6 @@ def contraction_sums(
         float(by_log @ by_log),
         float(slopes @ left),
         float(by_log @ left),
-    )
-
-
-def beside_wall(
-    angles: Array,
-    at_rest: Array,
-    first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
-    rest_angle: float,
-    expected: Array,
-    measured: Array,
-) -> None:
-    """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
-
-    They are of the rotors from low to high, before and beyond the middle, where the wall at
-    rest, with the angles of its rotors from the first on, has them and as they are measured.
-    """
-    rotors = np.arange(low, high)
-    odd, beyond = rotors % 2, rotors >= middle
-    handed = (1.0 - 2.0 * odd) * np.where(beyond & (not spins), -1.0, 1.0)
-    phases = math.pi * odd - rest_angle + math.pi * (beyond & spins)
-    there, seen = at_rest[low - first : high - first], angles[low:high]
-    apart = wrapped((math.pi - seen if np.cos(seen) @ np.cos(there) < 0 else seen) - there)
-    expected[:] = wrapped(handed * there + phases)
-    measured[:] = expected + handed * apart
-    for each in (expected, measured):
-        each[: middle - low] = each[: middle - low][::-1].copy()
-
-
-def next_deviation(inner: Array, rest_angle: float, k: float) -> tuple[Array, Array]:
-    """Deviation F of the outer neighbour on relaxed bars [rad], k = a / r, and its slope [1].
-
-    See `motion_class.next_deviation`.
-    """
-    lean, up = np.sin(rest_angle + inner), np.cos(rest_angle + inner)
-    across = k + lean
-    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
-    outer = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0)) - np.arctan2(across, up)
-    sine = np.sin(rest_angle + inner + outer)
-    lever = k * np.cos(outer) + sine
-    # A bar in line with the outer rotor makes the slope infinite.
-    slopes = (k * up - sine) / np.where(lever == 0, _LEAST_LEVER, lever)
-    return outer - rest_angle, slopes
-
-
-def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
-    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
-    sizes = np.abs(expected)
-    inside = (sizes > large).nonzero()[0]
-    begin = int(inside[-1]) + 1 if len(inside) else 0
-    low = (sizes[begin:] <= small).nonzero()[0]
-    return begin, begin + int(low[0]) if len(low) else len(sizes)
-
-
-def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
-
-    Without wobble, for calm > 0, it is the last rotor where none is calm.
-    """
-    if calm == 0:
-        return int(np.sin(rest_angle + expected).argmax())
-    at_rest = np.abs(expected) < calm
-    return int(at_rest.argmax()) if at_rest.any() else len(expected) - 1
-
-
-def tail_sums(
-    measured: Array, begin: int, end: int, rest_angle: float, k: float
-) -> tuple[float, float, float, float, float]:
-    """Sums over a tail of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e times e before."""
-    e, outer = measured[begin:end], measured[begin + 1 : end + 1]
-    following, slopes = next_deviation(e, rest_angle, k)
-    shares = slopes * e
-    return (
-        float(e @ e),
-        float(e @ (outer - following)),
-        float(slopes.sum()),
-        float(shares @ shares),
-        float(shares[1:] @ e[:-1]),
     )
 
 
