@@ -50,6 +50,18 @@ def test_splines_are_those_of_scipy(loops: ModuleType) -> None:
 
 
 @pytest.mark.parametrize('loops', LOOPS)
+def test_sines_and_cosines_are_those_of_numpy_to_rounding(loops: ModuleType) -> None:
+    random = np.random.default_rng(4)
+    quarters = np.arange(-2000, 2001) * math.pi / 4
+    spread = np.concatenate([random.uniform(-size, size, 3000) for size in (4.0, 1e5, 1e9)])
+    angles = np.concatenate([quarters, spread, [1e5, -1e5, math.nan, 0.0]])
+    sines, cosines = np.empty_like(angles), np.empty_like(angles)
+    loops.sines_and_cosines(angles, sines, cosines)
+    assert sines == pytest.approx(np.sin(angles), rel=0, abs=3e-16, nan_ok=True)
+    assert cosines == pytest.approx(np.cos(angles), rel=0, abs=3e-16, nan_ok=True)
+
+
+@pytest.mark.parametrize('loops', LOOPS)
 @pytest.mark.parametrize('periodic', [False, True])
 def test_springs_are_those_of_the_chain(loops: ModuleType, periodic: bool) -> None:
     deviations = drawn_deviations(12, 3, periodic, rotor_length=0.1, spacing=0.1, rest_length=0.1)

@@ -104,6 +104,7 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('all_within', (whole, 40.0)),
         ('all_within', (angles, math.inf)),
         ('known_changes', (angles, whole, others, np.zeros(ROTORS))),
+        ('sines_and_cosines', (np.append(angles, [0.0, 3e7, -2e5]), *np.zeros((2, ROTORS + 3)))),
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
         ('look', (differences, *limited, NO_FLAGS, *found)),
         ('look', (differences, *limited, flags(random, 0.2), *found)),
@@ -122,10 +123,16 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         springs = chain.number_of_springs
         rows, half = np.array(chain.springs(angles)), random.random(springs)
         seen = half * flags(random, 0.8, springs)
-        empty, energies = np.zeros((3, springs)), np.zeros(springs)
+        empty = np.zeros((3, springs))
+        ends = np.array([-math.inf, 20.3, 31.8, math.inf])
+        ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
             ('springs', (sines, cosines, chain.spring_parameters, periodic, empty)),
-            ('elastic', (rows, half, seen, half, periodic, 1e-4, energies)),
+            *[
+                ('elastic', (rows, half, seen, half, periodic, 1e-4, walls, reach))
+                for walls in (ends, ends[[0, 3]], ring)
+                for reach in (3.3, 9.0)
+            ],
         ]
     rates = random.standard_normal(ROTORS)
     rows = rows * np.where(np.arange(springs) // 4 == 5, [[1.0], [1e-200], [1e200]], 1.0)
@@ -133,9 +140,12 @@ def of_springs(random: np.random.Generator) -> list[Case]:
     long = np.array([far, far, far * np.where(np.arange(2000) % 700 < 350, 8.0, 0.125)])
     return [
         *cases,
-        ('kinetic', (rates**2, np.abs(rates), rates, 0.1, np.zeros(ROTORS))),
-        ('total', (rates, 5, 20)),
-        ('total', (rates, 5, 5)),
+        *[
+            ('kinetic', (rates**2, np.abs(rates), rates, 0.1, walls, 4.2))
+            for walls in (ends, ends[[0, 3]], ring)
+        ],
+        ('edges', (sines, cosines)),
+        ('edges', (sines[:4], cosines[:4])),
         ('topology', (np.ascontiguousarray(rows[:, :-1]), 20, 33, 0.4)),
         ('topology', (long, 900, 900, 0.4)),
         ('topology', (np.zeros((3, 5)), 2, 3, 0.4)),
@@ -264,10 +274,10 @@ def test_every_kernel_is_compared_and_is_called_as_its_twin() -> None:
 def test_nothing_is_compiled_in_a_frame() -> None:
     # Another type than those compiled for is refused, not compiled.
     with pytest.raises(TypeError):
-        frame_kernels.total(np.zeros(4, dtype=np.float32), 0, 4)
+        frame_kernels.all_within(np.zeros(4, dtype=np.float32), 1.0)
     frozen = np.ones(4)
     frozen.flags.writeable = False
-    assert frame_kernels.total(frozen, 0, 4) == 4
+    assert frame_kernels.all_within(frozen, 1.0)
 
 
 @pytest.mark.parametrize('loops', MODULES[0])

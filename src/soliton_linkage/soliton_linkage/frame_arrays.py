@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -37,8 +38,10 @@ class FrameSines:
 
 
 def sines_of(angles: Array) -> FrameSines:
-    """Sines and cosines of the angles of a frame [rad], shape (N,)."""
-    return FrameSines(angles, np.sin(angles), np.cos(angles))
+    """Sines and cosines of the angles of a frame [rad], contiguous, shape (N,)."""
+    sines, cosines = np.empty_like(angles), np.empty_like(angles)
+    frame_loops().sines_and_cosines(angles, sines, cosines)
+    return FrameSines(angles, sines, cosines)
 
 
 @cache
@@ -145,6 +148,12 @@ def look(
     return (known, excluded, counted), bool(outlying.any()), (information, ahead, squared)
 
 
+def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
+    """Sines and cosines of angles [rad], NaN where unknown, shape (N,) each."""
+    np.sin(angles, out=sines)
+    np.cos(angles, out=cosines)
+
+
 def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:
     """Values of B-splines with knots in common, shape (M,); coefficients of shape (K, M)."""
     values[:] = BSpline.construct_fast(knots, coefficients, degree)(at)
@@ -170,39 +179,49 @@ def elastic(
     rights: Array,
     periodic: bool,
     variance: float,
-    energies: Array,
-) -> tuple[float, float, float]:
-    """Energies of springs [J] less that of the noise, (springs,); three sums of `_elastic`.
+    walls: Array,
+    reach: float,
+) -> tuple[float, float, float, float]:
+    """Energy of springs [J] less that of the noise, its wake, and two sums of `_elastic`.
 
     Half of the stiffnesses [N/m], and the same for noise of rotors on the left and the right of
-    each spring, are of shape (springs,). The sums are the energy V [J], |H|^2 / 4 [N^2 m^2] and
-    tau H tau in the same units with the energy, |tau|^2 / 4.
+    each spring, are of shape (springs,). The wake [J] is that of the springs, at n + 1/2, out
+    of reach of all walls, whose places [rotor spacings] grow from the first beyond one end to
+    the last beyond the other, shape (W + 2,). The sums are |H|^2 / 4 [N^2 m^2] and tau H tau in
+    the same units with the energy, |tau|^2 / 4.
     """
     extensions, firsts, seconds = rows[0], lefts * rows[1] ** 2, rights * rows[2] ** 2
     levers, pulls = firsts + seconds, half * extensions
     stretched = pulls * extensions
-    energies[:] = stretched - variance * levers
+    energies = stretched - variance * levers
     squares = float(levers @ levers) + 2 * _joint(seconds, firsts, periodic)
     of_next = lefts * extensions * rows[1]
     pulling = float(stretched @ levers) + 2 * _joint(pulls * rows[2], of_next, periodic)
-    return float(energies.sum()), squares, pulling
+    return float(energies.sum()), _wake(energies, 0.5, walls, reach), squares, pulling
 
 
 def kinetic(
-    half: Array, noisy: Array, rates: Array, variance: float, energies: Array
-) -> tuple[float, float, float]:
-    """Energies of rotors [J] less that of the noise, shape (N,).
+    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
+) -> tuple[float, float, float, float]:
+    """Energy of rotors [J] less that of the noise, its wake as of springs, and two sums.
 
-    Returns their sum, that of their products with the inertia of those that are noisy, and that
+    They are those of the energies' products with the inertia of the rotors that are noisy, and
     of the squares of these.
     """
-    energies[:] = half * (rates * rates) - variance * noisy
-    return float(energies.sum()), float(energies @ noisy), float(noisy @ noisy)
+    energies = half * (rates * rates) - variance * noisy
+    wake = _wake(energies, 0.0, walls, reach)
+    return float(energies.sum()), wake, float(energies @ noisy), float(noisy @ noisy)
 
 
-def total(values: Array, begin: int, end: int) -> float:
-    """Sum of some of a row of numbers."""
-    return float(values[begin:end].sum())
+def edges(sines: Array, cosines: Array) -> tuple[float, float]:
+    """How the rotors twist and stand, the sums of sin(theta_n + theta_{n+1}) and cos(theta_n).
+
+    sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n); the second is without the edge
+    rotors.
+    """
+    signs = 1.0 - 2.0 * (np.arange(len(sines)) % 2)
+    twists = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
+    return float(signs[:-1] @ twists), float(signs[1:-1] @ cosines[1:-1])
 
 
 def topology(
@@ -264,3 +283,14 @@ def _joint(lefts: Array, rights: Array, periodic: bool) -> float:
     """Sum over the rotors between two springs of a number of each."""
     inner = float(lefts[:-1] @ rights[1:])
     return inner + float(lefts[-1] * rights[0]) if periodic else inner
+
+
+def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
+    """Sum over rotors or springs out of reach of all walls; the first is at a place."""
+    wake, count = 0.0, len(energies)
+    for wall, following in pairwise(walls.tolist()):
+        low, high = wall + reach - place, following - reach - place
+        begin = math.floor(low) + 1 if low >= 0 else 0
+        end = math.ceil(high) if high < count else count
+        wake += float(energies[begin:end].sum()) if begin < end else 0.0
+    return wake

@@ -28,6 +28,26 @@ _WHOLE = 2 * math.pi
 _SHARE_OF_A_TURN = 0.5 / math.pi
 _TINY = float(np.finfo(np.float64).tiny)
 _LARGE = 1e150
+_MANY_TURNS = 1e5
+# pi / 2 in parts of which the first two have few enough digits for products to be exact; the
+# polynomials of fdlibm (Sun Microsystems, 1993) for angles up to pi / 4.
+_QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+_SINE = (
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
+_COSINE = (
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
 _LEAST_LEVER = 1e-9
 
 
@@ -126,6 +146,32 @@ def look(
     return (known, excluded, counted), strange, (information, ahead, squares)
 
 
+@compiled(READ, ROW, ROW)
+def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
+    """Sines and cosines, from the polynomials of the nearest quarter of a turn."""
+    large = False
+    for n in range(angles.size):
+        angle = angles[n]
+        large |= abs(angle) > _MANY_TURNS
+        quarters = np.rint(angle * (2 / math.pi))
+        x = angle - quarters * _QUARTER[0] - quarters * _QUARTER[1] - quarters * _QUARTER[2]
+        square = x * x
+        sine, cosine = _SINE[5], _COSINE[5]
+        for order in range(4, -1, -1):
+            sine = _SINE[order] + square * sine
+            cosine = _COSINE[order] + square * cosine
+        sine = x + x * square * sine
+        cosine = 1 - 0.5 * square + square * square * cosine
+        turned = quarters - 4 * np.floor(0.25 * quarters)
+        odd = turned == 1 or turned == 3
+        sines[n] = (cosine if odd else sine) * (1.0 if turned < 2 else -1.0)
+        cosines[n] = (sine if odd else cosine) * (1.0 if turned == 0 or turned == 3 else -1.0)
+    if large:
+        for n in range(angles.size):
+            if abs(angles[n]) > _MANY_TURNS:
+                sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
+
+
 @compiled(READ, READ_TABLE, COUNT, NUMBER, ROW)
 def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:
     """Values of B-splines, by Cox's and de Boor's recursion."""
@@ -181,7 +227,19 @@ def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, row
         _spring(sines, cosines, parameters, rotors - 1, 0, rows)
 
 
-@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, ROW)
+@compiled(READ, NUMBER, READ, NUMBER)
+def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
+    wake, count = 0.0, energies.size
+    for n in range(walls.size - 1):
+        low, high = walls[n] + reach - place, walls[n + 1] - reach - place
+        begin = math.floor(low) + 1 if low >= 0 else 0
+        end = math.ceil(high) if high < count else count
+        for m in range(begin, end):
+            wake += energies[m]
+    return wake
+
+
+@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, READ, NUMBER)
 def elastic(
     rows: Array,
     half: Array,
@@ -189,11 +247,13 @@ def elastic(
     rights: Array,
     periodic: bool,
     variance: float,
-    energies: Array,
-) -> tuple[float, float, float]:
-    """Energies of springs less that of the noise, and sums."""
+    walls: Array,
+    reach: float,
+) -> tuple[float, float, float, float]:
+    """Energy of springs less that of the noise, its wake, and sums."""
     whole, squares, pulling = 0.0, 0.0, 0.0
     count = half.size
+    energies = np.empty(count)
     for n in range(count):
         extension, first, second = rows[0, n], rows[1, n], rows[2, n]
         levers = lefts[n] * first * first + rights[n] * second * second
@@ -207,31 +267,34 @@ def elastic(
             by_next = lefts[after] * rows[1, after]
             squares += 2 * rights[n] * second * second * by_next * rows[1, after]
             pulling += 2 * half[n] * extension * second * by_next * rows[0, after]
-    return whole, squares, pulling
+    return whole, _wake(energies, 0.5, walls, reach), squares, pulling
 
 
-@compiled(READ, READ, READ, NUMBER, ROW)
+@compiled(READ, READ, READ, NUMBER, READ, NUMBER)
 def kinetic(
-    half: Array, noisy: Array, rates: Array, variance: float, energies: Array
-) -> tuple[float, float, float]:
-    """Energies of rotors less that of the noise, and sums."""
+    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
+) -> tuple[float, float, float, float]:
+    """Energy of rotors less that of the noise, its wake, and sums."""
     whole, known, squares = 0.0, 0.0, 0.0
+    energies = np.empty(half.size)
     for n in range(half.size):
         energy = half[n] * (rates[n] * rates[n]) - variance * noisy[n]
         energies[n] = energy
         whole += energy
         known += energy * noisy[n]
         squares += noisy[n] * noisy[n]
-    return whole, known, squares
+    return whole, _wake(energies, 0.0, walls, reach), known, squares
 
 
-@compiled(READ, COUNT, COUNT)
-def total(values: Array, begin: int, end: int) -> float:
-    """Sum of some of a row."""
-    whole = 0.0
-    for n in range(begin, end):
-        whole += values[n]
-    return whole
+@compiled(READ, READ)
+def edges(sines: Array, cosines: Array) -> tuple[float, float]:
+    """How the rotors twist and stand."""
+    twists, upright, sign = 0.0, 0.0, 1.0
+    for n in range(sines.size - 1):
+        twists += sign * (sines[n + 1] * cosines[n] - cosines[n + 1] * sines[n])
+        upright += sign * cosines[n] if n else 0.0
+        sign = -sign
+    return twists, upright
 
 
 @compiled(READ_TABLE, COUNT, COUNT, NUMBER)
