@@ -89,27 +89,27 @@ class CycleMotion:
     @property
     def arc(self) -> float:
         """Arc length [rad]."""
-        return self._summary[0]
+        return self.summary[0]
 
     @property
     def rate(self) -> float:
         """Rate of the arc length [rad/s]."""
-        return self._summary[1]
+        return self.summary[1]
 
     @property
     def arc_variance(self) -> float:
         """Variance of the arc length [rad^2]."""
-        return self._summary[2]
+        return self.summary[2]
 
     @property
     def covariance(self) -> float:
         """Covariance of arc and rate [rad^2/s]."""
-        return self._summary[3]
+        return self.summary[3]
 
     @property
     def rate_variance(self) -> float:
         """Variance of the rate [rad^2/s^2]."""
-        return self._summary[4]
+        return self.summary[4]
 
     @property
     def arc_deviation(self) -> float:
@@ -220,7 +220,8 @@ class CycleMotion:
         )
 
     @property
-    def _summary(self) -> _Summary:
+    def summary(self) -> _Summary:
+        """Arc, rate, variance of the arc, covariance, variance of the rate; units as of each."""
         if self._known is None:
             self._known = self._mixture(_UNLIKELY)
         return self._known

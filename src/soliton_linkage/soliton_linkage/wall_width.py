@@ -223,6 +223,7 @@ class ContractionMean:
         self._before = _NOTHING
         self._passage = Passage()
         self._scatter.restart()
+        self._mean: Contraction | None = None
 
     def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
         """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
@@ -246,12 +247,18 @@ class ContractionMean:
         if not deviation < _COARSEST:
             return UNTOLD
         self._passage.add(value, max(deviation, _FINEST))
+        self._mean = None
         found = self.mean
         return Contraction(found.logarithm, found.deviation, place)
 
     @property
     def mean(self) -> Contraction:
         """The mean so far."""
+        if self._mean is None:
+            self._mean = self._reckoned()
+        return self._mean
+
+    def _reckoned(self) -> Contraction:
         sums = self._before
         if self._passage.weight:
             sums = sums.plus(self._passage.mean, self._passage.weight)
@@ -265,6 +272,7 @@ class ContractionMean:
         done, self._passage = self._passage, Passage()
         if not done.weight:
             return
+        self._mean = None
         if self._before.weight:
             noise = 1 / done.weight + self._before.noise_variance
             allowed = noise + (1 + self._before.share) * self._scatter.variance
@@ -370,6 +378,7 @@ class PassageScatter:
         """Begin a new mean; what is known of the differences stays."""
         self._slow = _NOTHING
         self._last = 0.0
+        self._summarise()
 
     def update(self, done: Passage) -> None:
         """Take in a passage."""
@@ -388,30 +397,34 @@ class PassageScatter:
         )
         self._passages = _LONG_FADE * self._passages + 1
         self._slow = self._slow.faded(_LONG_FADE).plus(done.mean, done.weight)
+        self._summarise()
 
-    @property
-    def variance(self) -> float:
+    def variance_of_mean(self, share: float) -> float:
+        """What is added to the variance of a mean of 1 / share passages [1]."""
+        return self._repeated + min(share * self._lasting, 1.0) * self.variance
+
+    def _summarise(self) -> None:
+        """Work out what the next frames have in common."""
+        self.variance = self._variance()
         """tau^2 [1]; 0 where the noise alone may have done it."""
+        self._lasting = self._together()
+        self._repeated = self._in_all()
+
+    def _variance(self) -> float:
         if self._count < _FEWEST:
             return _TYPICAL**2
         if self._ratio < self._count + _SIGNIFICANT * math.sqrt(2 * self._count):
             return 0.0
         return max(self._excess / self._shares, 0.0)
 
-    def variance_of_mean(self, share: float) -> float:
-        """What is added to the variance of a mean of 1 / share passages [1]."""
-        return self._repeated + min(share * self._lasting, 1.0) * self.variance
-
-    @property
-    def _lasting(self) -> float:
+    def _together(self) -> float:
         """Number of passages that go together, (1 + rho) / (1 - rho)."""
         if self._count < _FEWEST or self._product <= 0:
             return 1.0
         rho = min(self._product / max(self._excess, self._product), _MOST_ALIKE)
         return (1 + rho) / (1 - rho)
 
-    @property
-    def _repeated(self) -> float:
+    def _in_all(self) -> float:
         """Square of the disagreement of means with and without weights, beyond chance."""
         if self._disagreement**2 <= _SIGNIFICANT**2 * self._disagreement_variance:
             return 0.0
@@ -439,14 +452,14 @@ class WidthReporter:
     ) -> Width:
         """Width with one more frame; the velocity [m/s], all else as `ContractionMean.update`."""
         found = self._mean.update(angles, place, leg, noise)
-        width = self._at_rest * math.exp(-found.logarithm)
+        width, factor = self._at_rest * math.exp(-found.logarithm), found.factor
         known = math.isfinite(found.logarithm)
         return Width(
             measured=width,
             deviation=width * found.deviation if known else math.nan,
             theory=self._at_rest * self._theory_ratio(velocity),
-            contraction=found.factor,
-            contraction_deviation=found.factor * found.deviation if known else math.nan,
+            contraction=factor,
+            contraction_deviation=factor * found.deviation if known else math.nan,
         )
 
     def _theory_ratio(self, velocity: float) -> float:
