@@ -82,11 +82,29 @@ def of_filters(random: np.random.Generator) -> list[Case]:
 
 def of_offsets(random: np.random.Generator) -> list[Case]:
     weights, sums = random.random((2, ROTORS)), random.standard_normal((2, ROTORS))
-    sides, rows = random.integers(-1, 2, ROTORS).astype(float), np.zeros((2, ROTORS))
+    weights[random.random((2, ROTORS)) < 0.3] = 0.0
+    sides, row = random.integers(-1, 2, ROTORS).astype(float), np.zeros(ROTORS)
+    angles, times = angles_of(random), random.integers(0, 9, ROTORS).astype(float)
+    solution = random.random((5, ROTORS))
+    solution[3] *= -0.5
+    gathered = weights, sums, times, angles, sides, 0.3
+    again = np.where(flags(random, 0.15), angles, 0.1)
+    stuck = flags(random, 0.1)
     return [
-        ('gather', (weights, sums, np.zeros(ROTORS), angles_of(random), sides, 0.3)),
+        ('gather', gathered),
         ('solve', (weights, sums, 0.2, 3.0, np.zeros((5, ROTORS)))),
-        ('expect', (random.random((5, ROTORS)), sides, *rows)),
+        ('learn', (*gathered, 0.01, 0.2, 3.0, solution, row, row)),
+        *[
+            (
+                'surprise',
+                (weights, solution, angles, times, 0.2, *ends, row, np.zeros((6, ROTORS))),
+            )
+            for ends in ((20.5, 33.0), (-3.0, 12.0), (math.inf, -math.inf))
+        ],
+        ('stand_apart', (solution, sides, 0.02, times)),
+        *[('find_stuck', (angles, again, flags(random, 0.5), stuck, few)) for few in (0.01, 0.9)],
+        ('lasting_residuals', (weights, sums, *np.zeros((2, 2 * ROTORS)))),
+        ('lasting_residuals', (0 * weights, sums, *np.zeros((2, 2 * ROTORS)))),
     ]
 
 
