@@ -162,8 +162,6 @@ def of_springs(random: np.random.Generator) -> list[Case]:
             ('kinetic', (rates**2, np.abs(rates), rates, 0.1, walls, 4.2))
             for walls in (ends, ends[[0, 3]], ring)
         ],
-        ('edges', (sines, cosines)),
-        ('edges', (sines[:4], cosines[:4])),
         ('topology', (np.ascontiguousarray(rows[:, :-1]), 20, 33, 0.4)),
         ('topology', (long, 900, 900, 0.4)),
         ('topology', (np.zeros((3, 5)), 2, 3, 0.4)),

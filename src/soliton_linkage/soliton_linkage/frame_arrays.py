@@ -115,7 +115,7 @@ def look(
     outlying: Flags,
     used: Flags,
     left: Array,
-) -> tuple[tuple[int, int, int], bool, tuple[float, float, float]]:
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
     """Find the arc that a frame shows, and what it leaves; see `FrameView`.
 
     Takes what the arc explains off the differences [rad], shape (N,). Outlying are those whose
@@ -123,7 +123,8 @@ def look(
     the rotors about the wall those are used, shape (n,), that are known and not outlying, unless
     these hold no more than the least share of t^2; of them something is left [rad], shape (n,).
     Returns the numbers known, outlying and used about the wall; whether any is outlying at all;
-    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2].
+    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2]; and
+    the largest difference that then remains [rad], infinite where one is not known.
     """
     window = slice(first, first + len(tangent))
     about = differences[window]
@@ -145,7 +146,10 @@ def look(
     left[:] = np.where(used, about, 0.0)
     counted = int(np.count_nonzero(used))
     squared = float(left @ left)
-    return (known, excluded, counted), bool(outlying.any()), (information, ahead, squared)
+    largest = float(np.abs(differences).max())
+    largest = largest if math.isfinite(largest) else math.inf
+    strange = bool(outlying.any())
+    return (known, excluded, counted), strange, (information, ahead, squared), largest
 
 
 def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
@@ -159,10 +163,14 @@ def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Ar
     values[:] = BSpline.construct_fast(knots, coefficients, degree)(at)
 
 
-def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
+def springs(
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+) -> tuple[float, float]:
     """Rows of springs; parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`.
 
     They are of shape (4, N), of which those of springs count as far as there are springs.
+    Returns how the rotors twist and stand, the sums of sin(theta_n + theta_{n+1}) =
+    (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge rotors, of cos(theta_n).
     """
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
@@ -170,6 +178,9 @@ def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, row
     after = np.arange(1, count + 1)
     following = h.take(after, mode='wrap'), v.take(after, mode='wrap')
     rows[:] = springs_between((h[:count], v[:count]), following, *of_springs)
+    signs = 1.0 - 2.0 * (np.arange(len(sines)) % 2)
+    twists = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
+    return float(signs[:-1] @ twists), float(signs[1:-1] @ cosines[1:-1])
 
 
 def elastic(
@@ -211,17 +222,6 @@ def kinetic(
     energies = half * (rates * rates) - variance * noisy
     wake = _wake(energies, 0.0, walls, reach)
     return float(energies.sum()), wake, float(energies @ noisy), float(noisy @ noisy)
-
-
-def edges(sines: Array, cosines: Array) -> tuple[float, float]:
-    """How the rotors twist and stand, the sums of sin(theta_n + theta_{n+1}) and cos(theta_n).
-
-    sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n); the second is without the edge
-    rotors.
-    """
-    signs = 1.0 - 2.0 * (np.arange(len(sines)) % 2)
-    twists = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
-    return float(signs[:-1] @ twists), float(signs[1:-1] @ cosines[1:-1])
 
 
 def topology(

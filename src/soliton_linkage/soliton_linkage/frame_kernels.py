@@ -110,7 +110,7 @@ def look(
     outlying: Flags,
     used: Flags,
     left: Array,
-) -> tuple[tuple[int, int, int], bool, tuple[float, float, float]]:
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
     """Find the arc that a frame shows, and what it leaves."""
     count, end = tangent.size, first + tangent.size
     strange = False
@@ -143,7 +143,12 @@ def look(
         differences[first + n] -= ahead * tangent[n]
         left[n] = differences[first + n] if used[n] else 0.0
         squares += left[n] * left[n]
-    return (known, excluded, counted), strange, (information, ahead, squares)
+    largest, unknown = 0.0, False
+    for n in range(differences.size):
+        largest = max(largest, abs(differences[n]))
+        unknown |= not abs(differences[n]) < math.inf
+    largest = math.inf if unknown else largest
+    return (known, excluded, counted), strange, (information, ahead, squares), largest
 
 
 @compiled(READ, ROW, ROW)
@@ -218,13 +223,21 @@ def _spring(
 
 
 @compiled(READ, READ, READ_TABLE, YES, TABLE)
-def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
-    """Extensions and levers of springs."""
+def springs(
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+) -> tuple[float, float]:
+    """Extensions and levers of springs, and how the rotors twist and stand."""
     rotors = sines.size
     for n in range(rotors - 1):
         _spring(sines, cosines, parameters, n, n + 1, rows)
     if periodic:
         _spring(sines, cosines, parameters, rotors - 1, 0, rows)
+    twists, upright, sign = 0.0, 0.0, 1.0
+    for n in range(rotors - 1):
+        twists += sign * (sines[n + 1] * cosines[n] - cosines[n + 1] * sines[n])
+        upright += sign * cosines[n] if n else 0.0
+        sign = -sign
+    return twists, upright
 
 
 @compiled(READ, NUMBER, READ, NUMBER)
@@ -284,17 +297,6 @@ def kinetic(
         known += energy * noisy[n]
         squares += noisy[n] * noisy[n]
     return whole, _wake(energies, 0.0, walls, reach), known, squares
-
-
-@compiled(READ, READ)
-def edges(sines: Array, cosines: Array) -> tuple[float, float]:
-    """How the rotors twist and stand."""
-    twists, upright, sign = 0.0, 0.0, 1.0
-    for n in range(sines.size - 1):
-        twists += sign * (sines[n + 1] * cosines[n] - cosines[n + 1] * sines[n])
-        upright += sign * cosines[n] if n else 0.0
-        sign = -sign
-    return twists, upright
 
 
 @compiled(READ_TABLE, COUNT, COUNT, NUMBER)

@@ -46,6 +46,8 @@ class FrameView:
     """Sum of squares of what is left of them [rad^2]."""
     any_outlying: bool
     """Whether any rotor of the chain is outlying."""
+    largest: float
+    """Largest residual of all rotors of the chain [rad], infinite where one is not known."""
 
     def __init__(
         self,
@@ -68,7 +70,7 @@ class FrameView:
         self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
         self.used = np.empty(len(tangent), dtype=np.bool_)
         self.left = np.empty(len(tangent))
-        counts, self.any_outlying, sums = frame_loops().look(
+        counts, self.any_outlying, sums, self.largest = frame_loops().look(
             differences,
             first,
             tangent,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.bands import couplings, penetration_depth, winding_number
-from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.chain import Array, Chain, Motion, check_shape
 from soliton_linkage.frame_arrays import frame_loops, sines_of
 
 Flags = NDArray[np.bool_]
@@ -115,17 +115,20 @@ class FrameState:
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
         """Take the angles [rad], shape (N,); raises ValueError where they do not fit."""
         self.chain = chain
-        self.angles = np.ascontiguousarray(chain.check_angles(angles))
+        self.angles = np.ascontiguousarray(angles, dtype=np.float64)
+        check_shape(self.angles, chain.number_of_rotors)
         self.sines = sines_of(self.angles)
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
-        frame_loops().springs(
+        self.twists, self.upright = frame_loops().springs(
             self.sines.sines,
             self.sines.cosines,
             chain.spring_parameters,
             chain.periodic,
             self.springs,
         )
+        if not math.isfinite(self.twists):
+            chain.check_angles(self.angles)
 
     @property
     def first(self) -> Array:
@@ -246,13 +249,12 @@ class StateReporter:
         no such state: half a turn in each passage of a wall.
         """
         chain, angles = self.chain, state.angles
-        twists, inner = self._loops.edges(state.sines.sines, state.sines.cosines)
         if chain.motion is Motion.SPINNER:
-            rest = math.copysign(chain.rest_angle, twists if twists else -1.0)
+            rest = math.copysign(chain.rest_angle, state.twists if state.twists else -1.0)
             last_rest = rest if chain.number_of_rotors % 2 else math.pi - rest
             turned = float(angles[0]) - rest, float(angles[-1]) - last_rest
             return EdgeRotors(None, (turned[0] / (2 * math.pi), turned[1] / (2 * math.pi)))
-        upright = -1 if inner < 0 else 1
+        upright = -1 if state.upright < 0 else 1
         at_first = float(state.first[0]) * upright * (1 if chain.lean_ratio > 1 else -1)
         at_last = float(state.second[-1]) * upright * self._last_sign
         return EdgeRotors((at_first < 0, at_last < 0), (math.nan, math.nan))
@@ -277,7 +279,8 @@ class StateReporter:
             moving = rates.rate**2 - variance
             spread = 4 * variance * (max(moving, 0.0) + variance / 2)
             return half * moving, math.nan, half * math.sqrt(spread)
-        measured = np.ascontiguousarray(self.chain.check_angles(rates, 'rate'))
+        measured = np.ascontiguousarray(rates, dtype=np.float64)
+        check_shape(measured, self.chain.number_of_rotors, 'rate')
         noisy, hidden = self._half_inertias, 0.0
         unseen = _some(errors.unseen)
         if unseen is not None:
@@ -287,6 +290,8 @@ class StateReporter:
         whole, wake, known, squares = self._loops.kinetic(
             self._half_inertias, noisy, measured, variance, walls, self._reach
         )
+        if not math.isfinite(whole):
+            self.chain.check_angles(measured, 'rate')
         spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
         return whole, wake, math.hypot(math.sqrt(spread), hidden)
 
