@@ -67,7 +67,7 @@ def of_filters(random: np.random.Generator) -> list[Case]:
     freedoms = 7.0 if random.random() < 0.5 else math.inf
     likelihoods = random.standard_normal(BASE - 1)
     return [
-        ('predict', (states, spreads, errors, errors[::-1].copy(), 0.01, 0.9, 3.0)),
+        ('predict', (states, spreads, weights, errors, errors[::-1].copy(), 0.01, 0.9, 3.0)),
         ('expected_measurement', (states, spreads, weights)),
         (
             'take_in',
@@ -127,7 +127,8 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('look', (differences, *limited, NO_FLAGS, *found)),
         ('look', (differences, *limited, flags(random, 0.2), *found)),
         ('look', (np.full(ROTORS, math.nan), *limited, NO_FLAGS, *found)),
-        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4)),
+        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 0, 1, 8)),
+        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 20, 9, 0)),
         ('spline', (knots, random.standard_normal((22, 5)), 7, knots[12] + 0.01, np.zeros(5))),
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,7 @@ from soliton_linkage.frame_noise import FrameView
 Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class CompletedFrame:
+class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame."""
 
     angles: Array

@@ -318,7 +318,7 @@ class CycleFilter:
         the frame is beside the orbit, for as long as the wall takes to pass a rotor.
         """
         missing = max(1 / view.information - 1, 0.0)
-        frames = max(self.cycle.site_arc / max(abs(motion.rate) * elapsed, 1e-9), 1.0)
+        frames = max(self.cycle.site_arc / max(abs(motion.expected_rate) * elapsed, 1e-9), 1.0)
         variance = self._noise.variance / view.information
         return variance + self._noise.excess * missing * min(frames, _MOST_ALIKE)
 

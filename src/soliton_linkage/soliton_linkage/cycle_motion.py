@@ -85,6 +85,8 @@ class CycleMotion:
         self._shares = np.full(self._base - 1, 1 / (self._base - 1))
         self._weigh()
         self._look_ahead()
+        self.expected_rate = 0.0
+        """Rate of the arc length that was predicted [rad/s]."""
 
     @property
     def arc(self) -> float:
@@ -128,24 +130,32 @@ class CycleMotion:
 
     def predict(self, elapsed: float, at_edge: bool) -> None:
         """Go on by a time [s], with the wall at an edge of the chain or inside."""
-        self._elapsed = elapsed
-        speed = abs(self.rate)
+        self._elapsed, self.expected_rate = elapsed, self.rate
+        speed = abs(self.expected_rate)
         way = speed * elapsed / self._site_arc
         kept = math.exp(-way / _WAY_OF_AN_ERROR)
         wander = self._at_edges if at_edge else self._inside
         cubed = speed**3 / self._site_arc
-        self._loops.predict(
-            self._states, self._spreads, wander, self._errors, elapsed, kept, cubed
+        self._known = None
+        self.expected, self.expected_variance = self._loops.predict(
+            self._states,
+            self._spreads,
+            self._weights,
+            wander,
+            self._errors,
+            elapsed,
+            kept,
+            cubed,
         )
         self._likelihoods *= math.exp(-way / _WAY_REMEMBERED)
         self._least_against = -_TRUST_AT_EDGES if at_edge else -_MOST_TRUST
-        self._look_ahead()
 
     def change_rate(self, ratio: float) -> None:
         """Let the rate be changed by the orbit, to so many times what it was [1]."""
         self._states[1] *= ratio
         self._spreads[[1, 4]] *= ratio
         self._spreads[3] *= ratio**2
+        self.expected_rate *= ratio
         self._look_ahead()
 
     def correct(self, arc: float, variance: float, freedoms: float = math.inf) -> None:

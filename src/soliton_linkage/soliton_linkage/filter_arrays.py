@@ -41,18 +41,28 @@ def filter_loops() -> Any:
     return filter_kernels
 
 
+def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
+    """Measurement s + b that weighted filters expect [rad] and its variance [rad^2]."""
+    arcs = states[0] + states[2]
+    arc = float(weights @ arcs)
+    variances = spreads[0] + 2 * spreads[2] + spreads[5]
+    return arc, float(weights @ (variances + (arcs - arc) ** 2))
+
+
 def predict(
     states: Array,
     spreads: Array,
+    weights: Array,
     wander: Array,
     errors: Array,
     elapsed: float,
     kept: float,
     cubed: float,
-) -> None:
+) -> tuple[float, float]:
     """Let filters go on by a time [s], of whose error b the share e^(-|w| dt / ...) is kept.
 
     The rates wander with the variance cubed * wander in a second, the errors are of a variance.
+    Returns `expected_measurement`.
     """
     states[0] += elapsed * states[1]
     states[2] *= kept
@@ -63,14 +73,7 @@ def predict(
     added = cubed * elapsed * np.array([elapsed**2 / 3, elapsed / 2, 1.0])
     spreads[[0, 1, 3]] += added[:, None] * wander
     spreads[5] += errors * (1 - kept**2)
-
-
-def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
-    """Measurement s + b that weighted filters expect [rad] and its variance [rad^2]."""
-    arcs = states[0] + states[2]
-    arc = float(weights @ arcs)
-    variances = spreads[0] + 2 * spreads[2] + spreads[5]
-    return arc, float(weights @ (variances + (arcs - arc) ** 2))
+    return expected_measurement(states, spreads, weights)
 
 
 def take_in(
@@ -310,14 +313,24 @@ def known_changes(first: Array, second: Array, third: Array, changes: Array) -> 
 
 
 def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array
+    oldest: Array,
+    older: Array,
+    left: Array,
+    tangent: Array,
+    in_oldest: int,
+    in_older: int,
+    begin: int,
+    count: int,
 ) -> tuple[float, float, float, float]:
-    """Sums of p = x (4 x' - x'') / 3 of what three frames running left [rad], shape (n,) each.
+    """Sums of p = x (4 x' - x'') / 3 of what three frames running left of some rotors [rad].
 
-    They are sum p, sum t^2 p, sum f and sum f^2 with f = t^2 - t^4.
+    They begin at their index in each of the frames. They are sum p, sum t^2 p, sum f and sum
+    f^2 with f = t^2 - t^4.
     """
-    products = left * (older * (4 / 3) - oldest / 3)
-    share = tangent**2
+    end = begin + count
+    earlier = oldest[in_oldest : in_oldest + count], older[in_older : in_older + count]
+    products = left[begin:end] * (earlier[1] * (4 / 3) - earlier[0] / 3)
+    share = tangent[begin:end] ** 2
     free = share - share**2
     return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
 

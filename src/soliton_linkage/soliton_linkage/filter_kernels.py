@@ -23,16 +23,30 @@ from soliton_linkage.filter_arrays import BEYOND_CHANCE, LEAST_TIMES, SIGNIFICAN
 from soliton_linkage.frame_arrays import Flags
 
 
-@compiled(TABLE, TABLE, READ, READ, NUMBER, NUMBER, NUMBER)
+@compiled(READ_TABLE, READ_TABLE, READ)
+def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
+    """Measurement that weighted filters expect, and its variance."""
+    arc, variance = 0.0, 0.0
+    for n in range(weights.size):
+        arc += weights[n] * (states[0, n] + states[2, n])
+    for n in range(weights.size):
+        apart = states[0, n] + states[2, n] - arc
+        of_filter = spreads[0, n] + 2 * spreads[2, n] + spreads[5, n]
+        variance += weights[n] * (of_filter + apart * apart)
+    return arc, variance
+
+
+@compiled(TABLE, TABLE, READ, READ, READ, NUMBER, NUMBER, NUMBER)
 def predict(
     states: Array,
     spreads: Array,
+    weights: Array,
     wander: Array,
     errors: Array,
     elapsed: float,
     kept: float,
     cubed: float,
-) -> None:
+) -> tuple[float, float]:
     """Let filters go on by a time."""
     for n in range(states.shape[1]):
         states[0, n] += elapsed * states[1, n]
@@ -45,19 +59,7 @@ def predict(
         spreads[3, n] = of_rate + added
         spreads[4, n] *= kept
         spreads[5, n] = kept**2 * spreads[5, n] + errors[n] * (1 - kept**2)
-
-
-@compiled(READ_TABLE, READ_TABLE, READ)
-def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
-    """Measurement that weighted filters expect, and its variance."""
-    arc, variance = 0.0, 0.0
-    for n in range(weights.size):
-        arc += weights[n] * (states[0, n] + states[2, n])
-    for n in range(weights.size):
-        apart = states[0, n] + states[2, n] - arc
-        of_filter = spreads[0, n] + 2 * spreads[2, n] + spreads[5, n]
-        variance += weights[n] * (of_filter + apart * apart)
-    return arc, variance
+    return expected_measurement(states, spreads, weights)
 
 
 @compiled(TABLE, TABLE, NUMBER, NUMBER, NUMBER)
@@ -342,15 +344,23 @@ def known_changes(first: Array, second: Array, third: Array, changes: Array) -> 
     return known
 
 
-@compiled(READ, READ, READ, READ)
+@compiled(READ, READ, READ, READ, COUNT, COUNT, COUNT, COUNT)
 def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array
+    oldest: Array,
+    older: Array,
+    left: Array,
+    tangent: Array,
+    in_oldest: int,
+    in_older: int,
+    begin: int,
+    count: int,
 ) -> tuple[float, float, float, float]:
     """Sums of products of what three frames running left."""
     whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
-    for n in range(left.size):
-        product = left[n] * (older[n] * (4 / 3) - oldest[n] / 3)
-        share = tangent[n] * tangent[n]
+    for n in range(count):
+        before = older[in_older + n] * (4 / 3) - oldest[in_oldest + n] / 3
+        product = left[begin + n] * before
+        share = tangent[begin + n] * tangent[begin + n]
         alone = share - share * share
         whole += product
         wall += share * product

@@ -9,10 +9,9 @@ and levers A and B [m/rad], shape (3, springs).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +27,7 @@ _LEAST_LOGARITHM = -600.0
 _TINY = float(np.finfo(np.float64).tiny)
 
 
-@dataclass(frozen=True)
-class FrameSines:
+class FrameSines(NamedTuple):
     """Actual angles of a frame [rad], NaN where unknown, sines and cosines, shape (N,) each."""
 
     angles: Array
@@ -154,8 +152,9 @@ def look(
 
 def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
     """Sines and cosines of angles [rad], NaN where unknown, shape (N,) each."""
-    np.sin(angles, out=sines)
-    np.cos(angles, out=cosines)
+    with np.errstate(invalid='ignore'):
+        np.sin(angles, out=sines)
+        np.cos(angles, out=cosines)
 
 
 def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:

@@ -88,10 +88,6 @@ class FrameView:
         self.freedoms = max(used - 1, 1)
         self.arc = arc + ahead
 
-    def left_of(self, first: int, end: int) -> Array:
-        """What is left of some of the rotors about the wall [rad], by their numbers."""
-        return self.left[first - self.first : end - self.first]
-
     @property
     def robust_limit(self) -> float:
         """Squared residual beyond chance, by the median of them all [rad^2]."""
@@ -163,9 +159,15 @@ class FrameNoise:
     def _pair(self, oldest: FrameView, older: FrameView, view: FrameView, fade: float) -> None:
         low = max(oldest.first, older.first, view.first)
         high = max(min(oldest.end, older.end, view.end), low)
-        tangent = view.tangent[low - view.first : high - view.first]
         whole, wall, free, chance = filter_loops().products_in_time(
-            oldest.left_of(low, high), older.left_of(low, high), view.left_of(low, high), tangent
+            oldest.left,
+            older.left,
+            view.left,
+            view.tangent,
+            low - oldest.first,
+            low - older.first,
+            low - view.first,
+            high - low,
         )
         self._products = fade * self._products + whole
         freedoms = min(high - low - 1, oldest.freedoms, older.freedoms, view.freedoms)

@@ -14,7 +14,7 @@ frames, and `WidthReporter` says w / gamma, where the continuum theory has a wid
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -53,8 +53,7 @@ _MOST_ALIKE = 0.95
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
 
 
-@dataclass(frozen=True)
-class Contraction:
+class Contraction(NamedTuple):
     """How many times narrower a wall is than at rest; NaN where it cannot be told."""
 
     logarithm: float
@@ -73,8 +72,7 @@ class Contraction:
 UNTOLD = Contraction(math.nan, math.inf, math.nan)
 
 
-@dataclass(frozen=True)
-class Width:
+class Width(NamedTuple):
     """Width w of a wall tanh(x / w); NaN where it cannot be told."""
 
     measured: float
@@ -186,8 +184,7 @@ class WallFamily:
         return np.ascontiguousarray(np.concatenate(halves, axis=1))
 
 
-@dataclass(frozen=True)
-class ContractionStep:
+class ContractionStep(NamedTuple):
     """Step of Gauss and Newton's method towards the least squares."""
 
     ahead: float

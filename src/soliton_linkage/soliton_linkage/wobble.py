@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,8 +80,7 @@ class Wobble:
         return int(math.isnan(before) or beyond > before)
 
 
-@dataclass(frozen=True)
-class Wall:
+class Wall(NamedTuple):
     """A wall at rest nearest to that of a state: which rotors are about it, and their angles."""
 
     first: int
