@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,7 +82,8 @@ class EdgeRotors:
     """Turns that each has made from a uniform state [1]; NaN for flippers."""
 
 
-class FrameErrors(NamedTuple):
+@dataclass(frozen=True)
+class FrameErrors:
     """What is known of the errors of a frame."""
 
     noise: float = 0.0
