@@ -66,6 +66,7 @@ def of_filters(random: np.random.Generator) -> list[Case]:
     errors = random.random(BASE + KICKS)
     freedoms = 7.0 if random.random() < 0.5 else math.inf
     likelihoods = random.standard_normal(BASE - 1)
+    of_weights = weights, shares, odds
     return [
         ('predict', (states, spreads, weights, errors, errors[::-1].copy(), 0.01, 0.9, 3.0)),
         ('expected_measurement', (states, spreads, weights)),
@@ -76,6 +77,14 @@ def of_filters(random: np.random.Generator) -> list[Case]:
         ('weigh', (weights, shares, odds, 1.2, 9.0, 1.0)),
         ('mixture', (weights, states, spreads, BASE, 0.02)),
         ('suppose_kick', (states, spreads, errors, odds, weights, 3, 0.01, 0.2)),
+        *[
+            ('settle', (states, spreads, errors, *of_weights, against, 9.0, 1.0, *kick, 0.02))
+            for against, kick in (
+                (1.2, (3, 0.01, 0.2)),
+                (-6.0, (0, 0.1, 0.3)),
+                (6.0, (7, 1.0, 2.0)),
+            )
+        ],
         *of_offsets(random),
     ]
 

@@ -180,9 +180,7 @@ class CycleMotion:
             self._begin_steady()
         if odds > _BEYOND_CHANCE:
             self._begin_kicked()
-        self._weigh()
-        self._suppose_kick()
-        self._known = None
+        self._settle()
 
     def _begin_steady(self) -> None:
         """Let the steady filter begin anew where the others are."""
@@ -206,22 +204,28 @@ class CycleMotion:
         self._frames = 0
         self.kicks += 1
 
-    def _suppose_kick(self) -> None:
-        """Let a filter begin that holds that the wall is kicked now; each grows older.
+    def _settle(self) -> None:
+        """Weigh the filters, and let one begin that holds that the wall is kicked now.
 
-        Those of 2^k frames and more move on when the count of frames is a multiple of 2^(k + 1).
+        The others of a kick grow older: those of 2^k frames and more move on when the count of
+        frames is a multiple of 2^(k + 1).
         """
         self._frames += 1
         older = min((self._frames & -self._frames).bit_length() - 1, _AGES - 1)
-        self._loops.suppose_kick(
+        self._known = self._loops.settle(
             self._states,
             self._spreads,
             self._errors,
-            self._odds,
             self._weights,
+            self._shares,
+            self._odds,
+            self._against,
+            _RARE,
+            _NO_EVIDENCE,
             older,
             self._elapsed,
             self._least_kick,
+            _UNLIKELY,
         )
 
     def _weigh(self) -> None:

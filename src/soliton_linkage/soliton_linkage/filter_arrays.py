@@ -179,6 +179,27 @@ def suppose_kick(
     odds[0] = 0.0
 
 
+def settle(
+    states: Array,
+    spreads: Array,
+    errors: Array,
+    weights: Array,
+    shares: Array,
+    odds: Array,
+    against: float,
+    rare: float,
+    none: float,
+    older: int,
+    elapsed: float,
+    least_kick: float,
+    unlikely: float,
+) -> tuple[float, float, float, float, float]:
+    """What follows a measurement: `weigh`, `suppose_kick` and `mixture`, with their arguments."""
+    weigh(weights, shares, odds, against, rare, none)
+    suppose_kick(states, spreads, errors, odds, weights, older, elapsed, least_kick)
+    return mixture(weights, states, spreads, len(shares) + 1, unlikely)
+
+
 def gather(
     weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float
 ) -> None:

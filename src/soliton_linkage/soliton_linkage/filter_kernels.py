@@ -210,6 +210,28 @@ def suppose_kick(
     spreads[3, base] += kick
 
 
+@compiled(TABLE, TABLE, ROW, ROW, READ, ROW, NUMBER, NUMBER, NUMBER, COUNT, *(3 * [NUMBER]))
+def settle(
+    states: Array,
+    spreads: Array,
+    errors: Array,
+    weights: Array,
+    shares: Array,
+    odds: Array,
+    against: float,
+    rare: float,
+    none: float,
+    older: int,
+    elapsed: float,
+    least_kick: float,
+    unlikely: float,
+) -> tuple[float, float, float, float, float]:
+    """Weigh filters, let one of a kick begin, and mix them all."""
+    weigh(weights, shares, odds, against, rare, none)
+    suppose_kick(states, spreads, errors, odds, weights, older, elapsed, least_kick)
+    return mixture(weights, states, spreads, shares.size + 1, unlikely)
+
+
 @compiled(TABLE, TABLE, ROW, READ, READ, NUMBER)
 def gather(
     weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float

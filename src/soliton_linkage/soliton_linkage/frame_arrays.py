@@ -57,9 +57,11 @@ def frame_loops() -> Any:
 def median(values: Array) -> float:
     """Median of numbers of which none is NaN, whose order is lost: numpy's takes far longer."""
     half = len(values) // 2
-    values.partition(half)
-    middle = float(values[half])
-    return middle if len(values) % 2 else (float(values[:half].max()) + middle) / 2
+    if len(values) % 2:
+        values.partition(half)
+        return float(values[half])
+    values.partition((half - 1, half))
+    return (float(values[half - 1]) + float(values[half])) / 2
 
 
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
