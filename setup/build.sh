@@ -44,6 +44,7 @@ mv install/building install/built
 if python3 -c 'import numba' 2>/dev/null; then
     echo 'Compiling loops.'
     python3 -c '
-from soliton_linkage import filter_arrays, frame_arrays, multistep_steps
-multistep_steps.load_loops(), filter_arrays.filter_loops(), frame_arrays.frame_loops()'
+from soliton_linkage import filter_arrays, frame_arrays, multistep_steps, tail_arrays
+multistep_steps.load_loops(), filter_arrays.filter_loops(), frame_arrays.frame_loops()
+tail_arrays.tail_loops()'
 fi

@@ -13,13 +13,21 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from soliton_linkage import filter_arrays, filter_kernels, frame_arrays, frame_kernels
+from soliton_linkage import (
+    filter_arrays,
+    filter_kernels,
+    frame_arrays,
+    frame_kernels,
+    tail_arrays,
+    tail_kernels,
+)
 from soliton_linkage.analysis import Analyser, Analysis
 from soliton_linkage.chain import Chain
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import drawn_deviations
 from soliton_linkage.filter_arrays import filter_loops
 from soliton_linkage.frame_arrays import frame_loops
+from soliton_linkage.tail_arrays import tail_loops
 
 LOOPS = [frame_arrays, frame_kernels]
 
@@ -39,6 +47,18 @@ def test_splines_are_those_of_scipy(loops: ModuleType) -> None:
     for at in [*places, *random.uniform(places[0], places[-1], 50)]:
         loops.spline(spline.t, spline.c, 7, at, found)
         assert found == pytest.approx(spline(at), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize('loops', LOOPS)
+def test_sines_and_cosines_are_those_of_numpy_to_rounding(loops: ModuleType) -> None:
+    random = np.random.default_rng(4)
+    quarters = np.arange(-2000, 2001) * math.pi / 4
+    spread = np.concatenate([random.uniform(-size, size, 3000) for size in (4.0, 1e5, 1e9)])
+    angles = np.concatenate([quarters, spread, [1e5, -1e5, math.nan, 0.0]])
+    sines, cosines = np.empty_like(angles), np.empty_like(angles)
+    loops.sines_and_cosines(angles, sines, cosines)
+    assert sines == pytest.approx(np.sin(angles), rel=0, abs=3e-16, nan_ok=True)
+    assert cosines == pytest.approx(np.cos(angles), rel=0, abs=3e-16, nan_ok=True)
 
 
 @pytest.mark.parametrize('loops', LOOPS)
@@ -88,13 +108,14 @@ def told(value: object) -> list[object]:
 
 
 def forget_loops() -> None:
-    frame_loops.cache_clear()
-    filter_loops.cache_clear()
+    for loops in (frame_loops, filter_loops, tail_loops):
+        loops.cache_clear()
 
 
 def test_numpy_steps_in_when_numba_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:
     chain, real_import = Chain(number_of_rotors=16), builtins.__import__
-    assert (frame_loops(), filter_loops()) == (frame_kernels, filter_kernels)
+    compiled = frame_kernels, filter_kernels, tail_kernels
+    assert (frame_loops(), filter_loops(), tail_loops()) == compiled
     quick = analyses(chain, 0.01)
 
     def without_kernels(
@@ -104,14 +125,15 @@ def test_numpy_steps_in_when_numba_is_absent(monkeypatch: pytest.MonkeyPatch) ->
         fromlist: Sequence[str] = (),
         level: int = 0,
     ) -> object:
-        if {'frame_kernels', 'filter_kernels'} & set(fromlist or ()):
+        if {'frame_kernels', 'filter_kernels', 'tail_kernels'} & set(fromlist or ()):
             raise ImportError('No module named numba')
         return real_import(name, globals_, locals_, fromlist, level)
 
     monkeypatch.setattr(builtins, '__import__', without_kernels)
     forget_loops()
     try:
-        assert (frame_loops(), filter_loops()) == (frame_arrays, filter_arrays)
+        in_numpy = frame_arrays, filter_arrays, tail_arrays
+        assert (frame_loops(), filter_loops(), tail_loops()) == in_numpy
         slow = analyses(chain, 0.01)
     finally:
         forget_loops()

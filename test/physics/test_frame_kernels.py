@@ -12,13 +12,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soliton_linkage import filter_arrays, filter_kernels, frame_arrays, frame_kernels
-from soliton_linkage.chain import Array, Chain
+from soliton_linkage import (
+    filter_arrays,
+    filter_kernels,
+    frame_arrays,
+    frame_kernels,
+    tail_arrays,
+    tail_kernels,
+)
+from soliton_linkage.chain import Array, Chain, staggered
 
 SEEDS = range(6)
 ROTORS, WALL = 60, 27
 BASE, KICKS = 26, 8
-MODULES = [(filter_kernels, filter_arrays), (frame_kernels, frame_arrays)]
+MODULES = [
+    (filter_kernels, filter_arrays),
+    (frame_kernels, frame_arrays),
+    (tail_kernels, tail_arrays),
+]
 NO_FLAGS = np.zeros(0, dtype=np.bool_)
 
 Case = tuple[str, tuple[Any, ...]]
@@ -55,8 +66,9 @@ def of_filters(random: np.random.Generator) -> list[Case]:
     errors = random.random(BASE + KICKS)
     freedoms = 7.0 if random.random() < 0.5 else math.inf
     likelihoods = random.standard_normal(BASE - 1)
+    of_weights = weights, shares, odds
     return [
-        ('predict', (states, spreads, errors, errors[::-1].copy(), 0.01, 0.9, 3.0)),
+        ('predict', (states, spreads, weights, errors, errors[::-1].copy(), 0.01, 0.9, 3.0)),
         ('expected_measurement', (states, spreads, weights)),
         (
             'take_in',
@@ -65,17 +77,43 @@ def of_filters(random: np.random.Generator) -> list[Case]:
         ('weigh', (weights, shares, odds, 1.2, 9.0, 1.0)),
         ('mixture', (weights, states, spreads, BASE, 0.02)),
         ('suppose_kick', (states, spreads, errors, odds, weights, 3, 0.01, 0.2)),
+        *[
+            ('settle', (states, spreads, errors, *of_weights, against, 9.0, 1.0, *kick, 0.02))
+            for against, kick in (
+                (1.2, (3, 0.01, 0.2)),
+                (-6.0, (0, 0.1, 0.3)),
+                (6.0, (7, 1.0, 2.0)),
+            )
+        ],
         *of_offsets(random),
     ]
 
 
 def of_offsets(random: np.random.Generator) -> list[Case]:
     weights, sums = random.random((2, ROTORS)), random.standard_normal((2, ROTORS))
-    sides, rows = random.integers(-1, 2, ROTORS).astype(float), np.zeros((2, ROTORS))
+    weights[random.random((2, ROTORS)) < 0.3] = 0.0
+    sides, row = random.integers(-1, 2, ROTORS).astype(float), np.zeros(ROTORS)
+    angles, times = angles_of(random), random.integers(0, 9, ROTORS).astype(float)
+    solution = random.random((5, ROTORS))
+    solution[3] *= -0.5
+    gathered = weights, sums, times, angles, sides, 0.3
+    again = np.where(flags(random, 0.15), angles, 0.1)
+    stuck = flags(random, 0.1)
     return [
-        ('gather', (weights, sums, np.zeros(ROTORS), angles_of(random), sides, 0.3)),
+        ('gather', gathered),
         ('solve', (weights, sums, 0.2, 3.0, np.zeros((5, ROTORS)))),
-        ('expect', (random.random((5, ROTORS)), sides, *rows)),
+        ('learn', (*gathered, 0.01, 0.2, 3.0, solution, row, row)),
+        *[
+            (
+                'surprise',
+                (weights, solution, angles, times, 0.2, *ends, row, np.zeros((6, ROTORS))),
+            )
+            for ends in ((20.5, 33.0), (-3.0, 12.0), (math.inf, -math.inf))
+        ],
+        ('stand_apart', (solution, sides, 0.02, times)),
+        *[('find_stuck', (angles, again, flags(random, 0.5), stuck, few)) for few in (0.01, 0.9)],
+        ('lasting_residuals', (weights, sums, *np.zeros((2, 2 * ROTORS)))),
+        ('lasting_residuals', (0 * weights, sums, *np.zeros((2, 2 * ROTORS)))),
     ]
 
 
@@ -86,8 +124,6 @@ def of_angles(random: np.random.Generator) -> list[Case]:
     differences = np.where(random.random(ROTORS) < 0.1, math.nan, random.standard_normal(ROTORS))
     found = np.zeros(ROTORS, np.bool_), np.zeros(12, np.bool_), np.zeros(12)
     limited = 20, tangent, random.choice([0.5, 2.0, 9.0]), 0.1, 0.2
-    sines, cosines = np.sin(angles), np.cos(angles)
-    lean = math.asin(0.8)
     knots = np.cumsum(random.random(30))
     last = np.append(others[:-1], math.nan)
     return [
@@ -95,19 +131,14 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('all_within', (whole, 40.0)),
         ('all_within', (angles, math.inf)),
         ('known_changes', (angles, whole, others, np.zeros(ROTORS))),
+        ('sines_and_cosines', (np.append(angles, [0.0, 3e7, -2e5]), *np.zeros((2, ROTORS + 3)))),
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
         ('look', (differences, *limited, NO_FLAGS, *found)),
         ('look', (differences, *limited, flags(random, 0.2), *found)),
         ('look', (np.full(ROTORS, math.nan), *limited, NO_FLAGS, *found)),
-        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4)),
+        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 0, 1, 8)),
+        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 20, 9, 0)),
         ('spline', (knots, random.standard_normal((22, 5)), 7, knots[12] + 0.01, np.zeros(5))),
-        ('bond_of_wall', (sines,)),
-        ('bond_of_wall', (np.array([]),)),
-        ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),
-        ('uniform_part', (angles, sines, cosines, WALL, ROTORS - 1)),
-        ('uniform_part', (angles, sines, cosines, WALL - 1, 0)),
-        ('tail_products', (angles, WALL, ROTORS - 1, -lean, -1.0, lean, 0.05, np.ones((3, 3)))),
-        ('tail_products', (angles, WALL - 1, 0, lean, 1.0, lean, 0.01, np.ones((3, 3)))),
     ]
 
 
@@ -120,10 +151,16 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         springs = chain.number_of_springs
         rows, half = np.array(chain.springs(angles)), random.random(springs)
         seen = half * flags(random, 0.8, springs)
-        empty, energies = np.zeros((3, springs)), np.zeros(springs)
+        empty = np.zeros((3, springs))
+        ends = np.array([-math.inf, 20.3, 31.8, math.inf])
+        ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
             ('springs', (sines, cosines, chain.spring_parameters, periodic, empty)),
-            ('elastic', (rows, half, seen, half, periodic, 1e-4, energies)),
+            *[
+                ('elastic', (rows, half, seen, half, periodic, 1e-4, walls, reach))
+                for walls in (ends, ends[[0, 3]], ring)
+                for reach in (3.3, 9.0)
+            ],
         ]
     rates = random.standard_normal(ROTORS)
     rows = rows * np.where(np.arange(springs) // 4 == 5, [[1.0], [1e-200], [1e200]], 1.0)
@@ -131,9 +168,10 @@ def of_springs(random: np.random.Generator) -> list[Case]:
     long = np.array([far, far, far * np.where(np.arange(2000) % 700 < 350, 8.0, 0.125)])
     return [
         *cases,
-        ('kinetic', (rates**2, np.abs(rates), rates, 0.1, np.zeros(ROTORS))),
-        ('total', (rates, 5, 20)),
-        ('total', (rates, 5, 5)),
+        *[
+            ('kinetic', (rates**2, np.abs(rates), rates, 0.1, walls, 4.2))
+            for walls in (ends, ends[[0, 3]], ring)
+        ],
         ('topology', (np.ascontiguousarray(rows[:, :-1]), 20, 33, 0.4)),
         ('topology', (long, 900, 900, 0.4)),
         ('topology', (np.zeros((3, 5)), 2, 3, 0.4)),
@@ -147,6 +185,10 @@ def of_walls(random: np.random.Generator) -> list[Case]:
     wall = 10, 20, WALL + 1, 40
     tail = 0.6 ** np.arange(15) * (-1) ** np.arange(15) + 0.01 * random.standard_normal(15)
     sides = np.zeros(20), np.zeros(20)
+    beyond = np.arange(ROTORS) - WALL - 0.3
+    wave = 0.6 ** np.abs(beyond) * np.cos(math.pi * np.abs(beyond))
+    wobbling = staggered(-np.sign(beyond) * (0.97 + wave))
+    wave = wave[WALL + 1 :] * (1 + 0.1 * random.random())
     return [
         ('contraction_sums', (angles, table, offsets, 15, 40, 27.3, 1.2, 0.1, 100.0)),
         *[
@@ -158,10 +200,50 @@ def of_walls(random: np.random.Generator) -> list[Case]:
         *[('overshooting', (tail, 0.97, calm)) for calm in (0.0, 1e-9, 0.1)],
         ('tail_sums', (tail, 1, 9, 0.97, 2.0)),
         ('tail_sums', (tail, 3, 2, 0.97, 2.0)),
+        *[('half_wavelength', (wave, begin, 12, 0.97, 0.01)) for begin in (0, 3, 10, 12, 13)],
+        *[
+            ('wobble', (seen, at_rest, *wall, spins, 0.97, 0.05, 2.0, calm, noise, 0.04))
+            for seen, noise in ((whole, 0.03), (wobbling + 0.003 * np.sin(whole), 0.003))
+            for at_rest in (whole[10:45] + 0.01, wobbling[10:45], np.repeat(whole[10:45:5], 7))
+            for spins, calm in ((False, 0.0), (False, 0.03), (True, 0.0))
+        ],
+        ('wobble', (whole, whole[:9] + 0.1, 0, 1, 1, 9, False, 0.97, 0.05, 2.0, 0.1, 0.1, 0.1)),
     ]
 
 
-CASES = [of_filters, of_angles, of_springs, of_walls]
+def of_motion(random: np.random.Generator) -> list[Case]:
+    angles, flat = angles_of(random), np.zeros((2, 3, 3))
+    sines, cosines = np.sin(angles), np.cos(angles)
+    turned = 0.97 + math.pi / 2 * (1 + np.tanh((np.arange(ROTORS) - WALL) / 3))
+    spun = staggered(turned + 0.02 * random.standard_normal(ROTORS))
+    lean = math.asin(0.8)
+    factors = random.standard_normal((2, 3, 5))
+    one = factors @ factors.transpose(0, 2, 1)
+    other = one * [[[0.3]], [[0.0]]]
+    return [
+        ('bond_of_wall', (sines,)),
+        ('bond_of_wall', (np.array([]),)),
+        ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),
+        ('uniform_part', (angles, sines, cosines, WALL, ROTORS - 1)),
+        ('uniform_part', (angles, sines, cosines, WALL - 1, 0)),
+        ('tail_products', (angles, WALL, ROTORS - 1, -lean, -1.0, lean, 0.05, np.ones((3, 3)))),
+        ('tail_products', (angles, WALL - 1, 0, lean, 1.0, lean, 0.01, np.ones((3, 3)))),
+        *[
+            ('evidence', (each, np.sin(each), np.cos(each), noise, flat))
+            for each in (angles, spun, math.pi - spun, angles[:30], angles[WALL:], angles[:6])
+            for noise in (0.0, 0.2)
+        ],
+        ('add_evidence', (3.0, 0.9, one, 29.0, 1.1, other, flat)),
+        ('add_evidence', (-3.0, math.nan, one, -29.0, 1.1, other, flat)),
+        ('add_evidence', (-3.0, 0.9, one, 0.5, math.nan, flat, flat)),
+        ('add_evidence', (0.0, math.nan, flat, 0.5, math.nan, flat, flat)),
+        ('tail_ratio', (one, 0.97)),
+        ('tail_ratio', (other, 0.97)),
+        ('tail_ratio', (flat, math.nan)),
+    ]
+
+
+CASES = [of_filters, of_angles, of_springs, of_walls, of_motion]
 
 
 def twins(name: str) -> tuple[Any, Any]:
@@ -218,10 +300,10 @@ def test_every_kernel_is_compared_and_is_called_as_its_twin() -> None:
 def test_nothing_is_compiled_in_a_frame() -> None:
     # Another type than those compiled for is refused, not compiled.
     with pytest.raises(TypeError):
-        frame_kernels.total(np.zeros(4, dtype=np.float32), 0, 4)
+        frame_kernels.all_within(np.zeros(4, dtype=np.float32), 1.0)
     frozen = np.ones(4)
     frozen.flags.writeable = False
-    assert frame_kernels.total(frozen, 0, 4) == 4
+    assert frame_kernels.all_within(frozen, 1.0)
 
 
 @pytest.mark.parametrize('loops', MODULES[0])

@@ -223,18 +223,19 @@ class Analyser:
         estimate, frame = self._read(angles, rates)
         followed = self._followed(estimate, frame)
         solitons = self._solitons(frame, estimate, followed)
+        errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         state = None if unknown else FrameState(self.chain, frame.angles)
         return Analysis(
             motion=self.chain.motion,
-            measured_motion=self._measured_motion(state, frame, estimate),
+            measured_motion=self._measured_motion(state, frame, errors.noise),
             estimate=estimate,
             cycle=cycle_phase(estimate, self._filter.cycle if self._filter else None),
             solitons=solitons,
             topology=self._topology(state, solitons),
             edge_rotors=None if state is None else self._reporter.edge_rotors(state),
-            energies=self._energies(state, frame, estimate, solitons),
-            wobble=self._wobble(frame, estimate) if followed else None,
+            energies=self._energies(state, frame, estimate, solitons, errors),
+            wobble=self._wobble(frame, estimate, errors) if followed else None,
             unseen=frame.number_filled,
         )
 
@@ -259,10 +260,20 @@ class Analyser:
         last = self._unwrapper.last - self.offsets
         return estimate, complete(self.chain, corrected, rates, expected, last)
 
+    def _errors(self, estimate: CycleEstimate, frame: CompletedFrame) -> FrameErrors:
+        """Errors of a frame, 0 where they are unknown."""
+        noise = estimate.noise if math.isfinite(estimate.noise) else 0.0
+        misfit = estimate.misfit if math.isfinite(estimate.misfit) else 0.0
+        return FrameErrors(
+            noise=noise,
+            rate_noise=self._rate_noise.deviation,
+            lasting=math.sqrt(max(misfit**2 - noise**2, 0.0)),
+            unseen=frame.filled if frame.number_filled else None,
+        )
+
     def _measured_motion(
-        self, state: FrameState | None, frame: CompletedFrame, estimate: CycleEstimate
+        self, state: FrameState | None, frame: CompletedFrame, noise: float
     ) -> MotionClass:
-        noise, _ = _errors(estimate)
         if state is not None and not frame.number_filled:
             return self._observer.observe_sines(state.sines, noise)
         return self._observer.observe(frame.seen, noise)
@@ -351,23 +362,23 @@ class Analyser:
         frame: CompletedFrame,
         estimate: CycleEstimate,
         solitons: tuple[AnalysedSoliton, ...],
+        errors: FrameErrors,
     ) -> Energies | None:
         if state is None or (frame.number_filled and not frame.placed):
             return None
         rates: Array | ArcRate | None = frame.rates
         if rates is None and frame.placed and estimate.rate_deviation < abs(estimate.rate):
             rates = ArcRate(estimate.rate, estimate.rate_deviation)
-        noise, lasting = _errors(estimate)
-        unseen = frame.filled if frame.number_filled else None
-        errors = FrameErrors(noise, self._rate_noise.deviation, lasting, unseen)
         return self._reporter.energies(state, [each.rotor for each in solitons], rates, errors)
 
-    def _wobble(self, frame: CompletedFrame, estimate: CycleEstimate) -> Wobble | None:
+    def _wobble(
+        self, frame: CompletedFrame, estimate: CycleEstimate, errors: FrameErrors
+    ) -> Wobble | None:
         if self._filter is None or frame.others:
             return None
         about = self._filter.cycle.stretch(estimate.arc)
         wall = Wall(about.first, about.angles, estimate.place)
-        return self._wobbles.wobble(frame.angles, wall, *_errors(estimate))
+        return self._wobbles.of_frame(frame.angles, wall, errors.noise, errors.lasting)
 
 
 class UnknownChainAnalyser:
@@ -437,14 +448,6 @@ def cycle_phase(estimate: CycleEstimate, cycle: WallCycle | None) -> CyclePhase:
         completed=int(completed) + backwards,
         leg=1 - estimate.leg if backwards else estimate.leg,
     )
-
-
-def _errors(estimate: CycleEstimate) -> tuple[float, float]:
-    """Noise of the angles and what else the orbit leaves of them [rad], 0 where unknown."""
-    noise, misfit = (
-        each if math.isfinite(each) else 0.0 for each in (estimate.noise, estimate.misfit)
-    )
-    return noise, math.sqrt(max(misfit**2 - noise**2, 0.0))
 
 
 def _crossing(place: float, angles: Array) -> tuple[AnalysedSoliton, ...]:

@@ -25,6 +25,8 @@ READ_TABLE = types.Array(types.float64, 2, 'C', readonly=True)
 TABLE = types.float64[:, ::1]
 READ_FLAGS = types.Array(types.boolean, 1, 'C', readonly=True)
 FLAGS = types.boolean[::1]
+READ_BOX = types.Array(types.float64, 3, 'C', readonly=True)
+BOX = types.float64[:, :, ::1]
 
 
 def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:

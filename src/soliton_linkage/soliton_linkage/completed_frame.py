@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,7 @@ from soliton_linkage.frame_noise import FrameView
 Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class CompletedFrame:
+class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame."""
 
     angles: Array
@@ -136,10 +136,9 @@ def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, view: FrameView | None
 ) -> CompletedFrame | None:
     """A frame in which all is known and as the cycle has it, by its view; None for any other."""
-    loops = frame_loops()
-    if view is None or not loops.all_within(view.residuals, _half_swing(chain)):
+    if view is None or not view.largest <= _half_swing(chain):
         return None
-    if rates is not None and not loops.all_within(rates, math.inf):
+    if rates is not None and not frame_loops().all_within(rates, math.inf):
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
 

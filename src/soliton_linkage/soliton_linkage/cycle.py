@@ -17,6 +17,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853, DenseOutput
@@ -39,8 +40,7 @@ _MOST_STEPS = 100_000
 _ARRIVED = 1e-4
 
 
-@dataclass(frozen=True)
-class Stretch:
+class Stretch(NamedTuple):
     """Rotors first ... first + n - 1 of a configuration, and how they move along the orbit."""
 
     first: int

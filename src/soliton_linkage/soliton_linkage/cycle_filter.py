@@ -179,7 +179,7 @@ class CycleFilter:
         if elapsed < 0:
             self._forget(time)
         seen = np.ascontiguousarray(angles, dtype=np.float64)
-        if not math.isfinite(float(seen.sum())):
+        if not frame_loops().all_within(seen, math.inf):
             seen = np.where(np.isfinite(seen), seen, np.nan)
         if self._motion is not None:
             self._follow(self._motion, time, elapsed, seen)
@@ -318,7 +318,7 @@ class CycleFilter:
         the frame is beside the orbit, for as long as the wall takes to pass a rotor.
         """
         missing = max(1 / view.information - 1, 0.0)
-        frames = max(self.cycle.site_arc / max(abs(motion.rate) * elapsed, 1e-9), 1.0)
+        frames = max(self.cycle.site_arc / max(abs(motion.expected_rate) * elapsed, 1e-9), 1.0)
         variance = self._noise.variance / view.information
         return variance + self._noise.excess * missing * min(frames, _MOST_ALIKE)
 
@@ -380,7 +380,8 @@ class CycleFilter:
             self._noise.forget_what_lasted()
 
     def _report(self, time: float, status: Status, motion: CycleMotion) -> None:
-        cycle, arc = self.cycle, motion.arc
+        cycle = self.cycle
+        arc, rate, arc_variance, covariance, rate_variance = motion.summary
         leg, place = cycle.leg(arc), cycle.place(arc)
         inside = 0 < place < cycle.chain.number_of_rotors - 1
         direction = (1 if leg % 2 == 0 else -1) if inside else 0
@@ -389,20 +390,20 @@ class CycleFilter:
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
         # than the chain is that of the cycle: what rotors are off by, the arc is too.
         beside = _BESIDE**2 * self._noise.excess + self._disorder**2
-        way = motion.rate / (_WAY_BESIDE * cycle.site_arc)
-        arc_deviation = math.sqrt(motion.arc_variance + beside)
-        rate_deviation = math.sqrt(motion.rate_variance + beside * way**2)
+        way = rate / (_WAY_BESIDE * cycle.site_arc)
+        arc_deviation = math.sqrt(arc_variance + beside)
+        rate_deviation = math.sqrt(rate_variance + beside * way**2)
         seen = self._seen_as if status is not Status.COASTING else None
         self._estimate = CycleEstimate(
             time=time,
             status=status,
             arc=arc,
-            rate=motion.rate,
+            rate=rate,
             arc_deviation=arc_deviation,
             rate_deviation=rate_deviation,
-            covariance=motion.covariance,
+            covariance=covariance,
             place=place,
-            velocity=direction * motion.rate / site_arc,
+            velocity=direction * rate / site_arc,
             place_deviation=arc_deviation / site_arc,
             velocity_deviation=rate_deviation / site_arc,
             leg=leg,

@@ -85,31 +85,33 @@ class CycleMotion:
         self._shares = np.full(self._base - 1, 1 / (self._base - 1))
         self._weigh()
         self._look_ahead()
+        self.expected_rate = 0.0
+        """Rate of the arc length that was predicted [rad/s]."""
 
     @property
     def arc(self) -> float:
         """Arc length [rad]."""
-        return self._summary[0]
+        return self.summary[0]
 
     @property
     def rate(self) -> float:
         """Rate of the arc length [rad/s]."""
-        return self._summary[1]
+        return self.summary[1]
 
     @property
     def arc_variance(self) -> float:
         """Variance of the arc length [rad^2]."""
-        return self._summary[2]
+        return self.summary[2]
 
     @property
     def covariance(self) -> float:
         """Covariance of arc and rate [rad^2/s]."""
-        return self._summary[3]
+        return self.summary[3]
 
     @property
     def rate_variance(self) -> float:
         """Variance of the rate [rad^2/s^2]."""
-        return self._summary[4]
+        return self.summary[4]
 
     @property
     def arc_deviation(self) -> float:
@@ -128,24 +130,32 @@ class CycleMotion:
 
     def predict(self, elapsed: float, at_edge: bool) -> None:
         """Go on by a time [s], with the wall at an edge of the chain or inside."""
-        self._elapsed = elapsed
-        speed = abs(self.rate)
+        self._elapsed, self.expected_rate = elapsed, self.rate
+        speed = abs(self.expected_rate)
         way = speed * elapsed / self._site_arc
         kept = math.exp(-way / _WAY_OF_AN_ERROR)
         wander = self._at_edges if at_edge else self._inside
         cubed = speed**3 / self._site_arc
-        self._loops.predict(
-            self._states, self._spreads, wander, self._errors, elapsed, kept, cubed
+        self._known = None
+        self.expected, self.expected_variance = self._loops.predict(
+            self._states,
+            self._spreads,
+            self._weights,
+            wander,
+            self._errors,
+            elapsed,
+            kept,
+            cubed,
         )
         self._likelihoods *= math.exp(-way / _WAY_REMEMBERED)
         self._least_against = -_TRUST_AT_EDGES if at_edge else -_MOST_TRUST
-        self._look_ahead()
 
     def change_rate(self, ratio: float) -> None:
         """Let the rate be changed by the orbit, to so many times what it was [1]."""
         self._states[1] *= ratio
         self._spreads[[1, 4]] *= ratio
         self._spreads[3] *= ratio**2
+        self.expected_rate *= ratio
         self._look_ahead()
 
     def correct(self, arc: float, variance: float, freedoms: float = math.inf) -> None:
@@ -170,9 +180,7 @@ class CycleMotion:
             self._begin_steady()
         if odds > _BEYOND_CHANCE:
             self._begin_kicked()
-        self._weigh()
-        self._suppose_kick()
-        self._known = None
+        self._settle()
 
     def _begin_steady(self) -> None:
         """Let the steady filter begin anew where the others are."""
@@ -196,22 +204,28 @@ class CycleMotion:
         self._frames = 0
         self.kicks += 1
 
-    def _suppose_kick(self) -> None:
-        """Let a filter begin that holds that the wall is kicked now; each grows older.
+    def _settle(self) -> None:
+        """Weigh the filters, and let one begin that holds that the wall is kicked now.
 
-        Those of 2^k frames and more move on when the count of frames is a multiple of 2^(k + 1).
+        The others of a kick grow older: those of 2^k frames and more move on when the count of
+        frames is a multiple of 2^(k + 1).
         """
         self._frames += 1
         older = min((self._frames & -self._frames).bit_length() - 1, _AGES - 1)
-        self._loops.suppose_kick(
+        self._known = self._loops.settle(
             self._states,
             self._spreads,
             self._errors,
-            self._odds,
             self._weights,
+            self._shares,
+            self._odds,
+            self._against,
+            _RARE,
+            _NO_EVIDENCE,
             older,
             self._elapsed,
             self._least_kick,
+            _UNLIKELY,
         )
 
     def _weigh(self) -> None:
@@ -220,7 +234,8 @@ class CycleMotion:
         )
 
     @property
-    def _summary(self) -> _Summary:
+    def summary(self) -> _Summary:
+        """Arc, rate, variance of the arc, covariance, variance of the rate; units as of each."""
         if self._known is None:
             self._known = self._mixture(_UNLIKELY)
         return self._known

@@ -12,17 +12,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
-from soliton_linkage.filter_arrays import filter_loops
+from soliton_linkage.filter_arrays import BEYOND_CHANCE, LEAST_TIMES, filter_loops
 from soliton_linkage.frame_arrays import median
 
 _WIDEST = 2.0
-_SIGNIFICANT = 5.5
-_LEAST_TIMES = 5
 _BLOCK = 16
-_BEYOND_CHANCE = 5.0
 _MOST_BY_CHANCE = 3.0
 _DEVIATION_PER_MEDIAN = 1.4826
 _WAVES = 10.0
@@ -40,18 +37,20 @@ class EncoderOffsets:
     def __init__(self, number_of_rotors: int, rest_angle_deviation: float = 0.05) -> None:
         """Begin with nothing known, rest angles deviating by about so much [rad]."""
         self._trust = rest_angle_deviation**-2
-        self._weights = np.zeros((2, number_of_rotors))
+        self.solution = np.zeros((5, number_of_rotors))
+        """Offsets and differences of rest angles with their covariances, as `solve` tells them."""
+        self.weights = np.zeros((2, number_of_rotors))
+        """Of the residuals of each rotor before the wall and beyond it [1/rad^2], shape (2, N)."""
         self._sums = np.zeros((2, number_of_rotors))
-        self._repeated = 0.0
         self._times = np.zeros(number_of_rotors)
-        self._solution = np.zeros((5, number_of_rotors))
         self._loops = filter_loops()
-        self._solve()
+        nothing = np.full(number_of_rotors, np.nan)
+        self.update(nothing, np.zeros(number_of_rotors), 1.0)
 
     @property
     def values(self) -> Array:
         """Likeliest offset of each encoder [rad], shape (N,)."""
-        return np.asarray(self._solution[0])
+        return np.asarray(self.solution[0])
 
     @property
     def deviations(self) -> Array:
@@ -70,25 +69,12 @@ class EncoderOffsets:
         It is that of rest angles, where most rotors or springs differ from the chain's; 0 where
         chance may have done it.
         """
-        seen = self._weights > 0
-        if not seen.any():
+        means, chances = np.empty((2, self.weights.size))
+        known = self._loops.lasting_residuals(self.weights, self._sums, means, chances)
+        if not known:
             return 0.0
-        means = np.abs(self._sums[seen] / self._weights[seen])
-        chance = 1 / np.sqrt(self._weights[seen])
-        typical = _DEVIATION_PER_MEDIAN * median(means)
-        return typical if typical > _MOST_BY_CHANCE * median(chance) else 0.0
-
-    @property
-    def passed(self) -> NDArray[np.bool_]:
-        """Rotors that were seen on either side of the wall, shape (N,)."""
-        return np.asarray((self._weights > 0).all(axis=0))
-
-    def expected(self, sides: Array) -> tuple[Array, Array]:
-        """Residual o + side * delta expected of each rotor [rad] and its variance, (N,) each."""
-        means, variances = np.empty(len(sides)), np.empty(len(sides))
-        given = np.ascontiguousarray(sides, dtype=np.float64)
-        self._loops.expect(self._solution, given, means, variances)
-        return means, variances
+        typical = _DEVIATION_PER_MEDIAN * median(means[:known])
+        return typical if typical > _MOST_BY_CHANCE * median(chances[:known]) else 0.0
 
     def update(
         self, residuals: Array, sides: Array, variance: float, repeated: float = 0.0
@@ -99,29 +85,26 @@ class EncoderOffsets:
         it, shape (N,); the variance is that of the noise [rad^2], and that of the error which
         is the same in all frames so far is the repeated.
         """
-        self._repeated = repeated
-        self._loops.gather(
-            self._weights,
+        self._deviations: Array = np.empty(len(self._times))
+        self._corrections: Array = np.empty(len(self._times))
+        self._loops.learn(
+            self.weights,
             self._sums,
             self._times,
             np.ascontiguousarray(residuals, dtype=np.float64),
             np.ascontiguousarray(sides, dtype=np.float64),
             variance,
+            repeated,
+            _WIDEST**-2,
+            self._trust,
+            self.solution,
+            self._deviations,
+            self._corrections,
         )
-        self._solve()
 
     def doubt(self, rotors: NDArray[np.bool_]) -> None:
         """Let rotors, shape (N,), that are not what they were before have to show it again."""
-        self._times[rotors] = np.minimum(self._times[rotors], _LEAST_TIMES) - 1
-
-    def _solve(self) -> None:
-        """Means and covariances of o and delta, and which offsets are sure."""
-        self._loops.solve(self._weights, self._sums, _WIDEST**-2, self._trust, self._solution)
-        values, variances = self._solution[0], self._solution[2]
-        self._deviations: Array = np.sqrt(variances + self._repeated)
-        sure = np.abs(values) > _SIGNIFICANT * self._deviations
-        sure &= self._times >= _LEAST_TIMES
-        self._corrections = np.where(sure, values, 0.0)
+        self._times[rotors] = np.minimum(self._times[rotors], LEAST_TIMES) - 1
 
 
 class FarRotors:
@@ -143,7 +126,7 @@ class FarRotors:
         self._time_unit = time_unit
         self._strong = strong
         rotors = len(offsets.values)
-        self._rotors = np.arange(rotors)
+        self._loops = filter_loops()
         self._sums = np.zeros(rotors)
         self._read = np.full(rotors, np.nan)
         self._apart = np.zeros(rotors)
@@ -176,35 +159,36 @@ class FarRotors:
         variance is that of the noise of an angle [rad^2].
         """
         offsets = self._offsets
-        sides = np.where(self._rotors < self._lowest - self._margin, 1.0, 0.0)
-        sides[self._rotors > self._highest + self._margin] = -1.0
-        means = sign / self._frames * self._sums + offsets.corrections
-        expected, spreads = offsets.expected(sides)
-        surprises = np.where(sides == 0, np.nan, means - expected)
-        unsure, noise = np.sqrt(spreads), variance / self._frames
-        if _most(surprises) > self._strong + _LEAST_STRONG * noise:
+        sides, found = np.empty(len(self._sums)), np.empty((6, len(self._sums)))
+        known, passed = self._loops.surprise(
+            offsets.weights,
+            offsets.solution,
+            self._sums,
+            offsets.corrections,
+            sign / self._frames,
+            self._lowest - self._margin,
+            self._highest + self._margin,
+            sides,
+            found,
+        )
+        means, surprises, unsure, squares, unexpected, common = found
+        noise = variance / self._frames
+        if _most(squares[:known]) > self._strong + _LEAST_STRONG * noise:
             self.forget()
             return
-        of_waves = max(_typical(surprises, unsure) ** 2 - noise, 0.0)
+        of_waves = max(_typical(unexpected[:known]) ** 2 - noise, 0.0)
         repeats = max(_WAVES * self._time_unit / self._time, 1.0)
         noise += of_waves * repeats
         self._waves = max(self._waves, of_waves)
-        repeated = _LEAST_ERROR**2 + _SHARE_OF_WAVES**2 * self._waves + self._common() ** 2
-        strange = np.abs(surprises) > _BEYOND_CHANCE * (unsure + math.sqrt(noise))
-        offsets.update(np.where(strange, np.nan, means), sides, noise, repeated)
+        repeated = _LEAST_ERROR**2 + _SHARE_OF_WAVES**2 * self._waves
+        # Where most seem to have an offset, rotors and springs are not equal.
+        repeated += _typical(common[:passed]) ** 2
+        strange = np.abs(surprises) > BEYOND_CHANCE * (unsure + math.sqrt(noise))
+        means[strange] = np.nan
+        offsets.update(means, sides, noise, repeated)
         offsets.doubt(strange)
-        expected, spreads = offsets.expected(sides)
-        apart = np.maximum(np.abs(expected) - _BEYOND_CHANCE * np.sqrt(spreads + repeated), 0)
-        self._apart = np.where(sides == 0, self._apart, apart)
+        self._loops.stand_apart(offsets.solution, sides, repeated, self._apart)
         self.forget()
-
-    def _common(self) -> float:
-        """How far the rotors of the chain commonly are from the orbit on either side [rad].
-
-        Where most seem to have an offset, rotors and springs are not equal.
-        """
-        offsets = np.abs(self._offsets.values[self._offsets.passed])
-        return _DEVIATION_PER_MEDIAN * median(offsets) if offsets.size else 0.0
 
     def look_for_doubtful(self, read: Array, outlying: NDArray[np.bool_]) -> None:
         """Find rotors that are not to be trusted, from what they read [rad], shape (N,).
@@ -213,19 +197,14 @@ class FarRotors:
         stuck until they read anything else. Those that differ from the orbit by far more than
         most do have an offset, but one that is known only once the wall has passed.
         """
-        same = read == self._read
-        if np.count_nonzero(same) > _FEW * np.count_nonzero(np.isfinite(read)):
-            same &= outlying | self.stuck
-        self._read = read
-        self.stuck = same
-        limit = _BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart.copy())
+        self._loops.find_stuck(read, self._read, outlying, self.stuck, _FEW)
+        limit = BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart.copy())
         far_off = self._apart > limit + _LEAST_DOUBTED
-        self.doubtful = same | (far_off & (self._offsets.corrections == 0))
+        self.doubtful = self.stuck | (far_off & (self._offsets.corrections == 0))
 
 
-def _most(surprises: Array) -> float:
-    """Mean square of all surprises but the few largest, which may be of offsets [rad^2]."""
-    squares = surprises[np.isfinite(surprises)] ** 2
+def _most(squares: Array) -> float:
+    """Mean of all squares but the few largest, which may be of offsets [rad^2]."""
     count = len(squares) - max(2, math.ceil(_FEW_LARGEST * len(squares)))
     if count <= 0:
         return 0.0
@@ -233,8 +212,6 @@ def _most(surprises: Array) -> float:
     return float(squares[:count].mean())
 
 
-def _typical(surprises: Array, unsure: ArrayLike) -> float:
-    """Robust root mean square of surprises that were not to be expected [rad]."""
-    beyond = np.maximum(np.abs(surprises) - unsure, 0.0)
-    known = beyond[np.isfinite(beyond)]
-    return _DEVIATION_PER_MEDIAN * median(known) if known.size else 0.0
+def _typical(sizes: Array) -> float:
+    """Robust root mean square of errors, by their sizes [rad]; 0 of none."""
+    return _DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0

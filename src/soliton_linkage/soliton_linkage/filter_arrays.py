@@ -16,6 +16,11 @@ from typing import Any
 import numpy as np
 
 from soliton_linkage.chain import Array
+from soliton_linkage.frame_arrays import Flags
+
+BEYOND_CHANCE = 5.0
+SIGNIFICANT = 5.5
+LEAST_TIMES = 5
 
 # Of the covariance of (s, w, b) the rows are ss, sw, sb, ww, wb and bb.
 _FIRST = np.array([0, 0, 0, 1, 1, 2])
@@ -36,18 +41,28 @@ def filter_loops() -> Any:
     return filter_kernels
 
 
+def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
+    """Measurement s + b that weighted filters expect [rad] and its variance [rad^2]."""
+    arcs = states[0] + states[2]
+    arc = float(weights @ arcs)
+    variances = spreads[0] + 2 * spreads[2] + spreads[5]
+    return arc, float(weights @ (variances + (arcs - arc) ** 2))
+
+
 def predict(
     states: Array,
     spreads: Array,
+    weights: Array,
     wander: Array,
     errors: Array,
     elapsed: float,
     kept: float,
     cubed: float,
-) -> None:
+) -> tuple[float, float]:
     """Let filters go on by a time [s], of whose error b the share e^(-|w| dt / ...) is kept.
 
     The rates wander with the variance cubed * wander in a second, the errors are of a variance.
+    Returns `expected_measurement`.
     """
     states[0] += elapsed * states[1]
     states[2] *= kept
@@ -58,14 +73,7 @@ def predict(
     added = cubed * elapsed * np.array([elapsed**2 / 3, elapsed / 2, 1.0])
     spreads[[0, 1, 3]] += added[:, None] * wander
     spreads[5] += errors * (1 - kept**2)
-
-
-def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple[float, float]:
-    """Measurement s + b that weighted filters expect [rad] and its variance [rad^2]."""
-    arcs = states[0] + states[2]
-    arc = float(weights @ arcs)
-    variances = spreads[0] + 2 * spreads[2] + spreads[5]
-    return arc, float(weights @ (variances + (arcs - arc) ** 2))
+    return expected_measurement(states, spreads, weights)
 
 
 def take_in(
@@ -171,6 +179,27 @@ def suppose_kick(
     odds[0] = 0.0
 
 
+def settle(
+    states: Array,
+    spreads: Array,
+    errors: Array,
+    weights: Array,
+    shares: Array,
+    odds: Array,
+    against: float,
+    rare: float,
+    none: float,
+    older: int,
+    elapsed: float,
+    least_kick: float,
+    unlikely: float,
+) -> tuple[float, float, float, float, float]:
+    """What follows a measurement: `weigh`, `suppose_kick` and `mixture`, with their arguments."""
+    weigh(weights, shares, odds, against, rare, none)
+    suppose_kick(states, spreads, errors, odds, weights, older, elapsed, least_kick)
+    return mixture(weights, states, spreads, len(shares) + 1, unlikely)
+
+
 def gather(
     weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float
 ) -> None:
@@ -203,10 +232,97 @@ def solve(weights: Array, sums: Array, widest: float, trust: float, solution: Ar
     solution[:] = np.array(rows) / (of_offset * of_rest - mixed**2)
 
 
-def expect(solution: Array, sides: Array, means: Array, variances: Array) -> None:
-    """Residuals o + side * delta that are expected [rad] and their variances, shape (N,) each."""
-    means[:] = solution[0] + sides * solution[1]
-    variances[:] = solution[2] + sides * (2 * solution[3] + sides * solution[4])
+def learn(
+    weights: Array,
+    sums: Array,
+    times: Array,
+    residuals: Array,
+    sides: Array,
+    variance: float,
+    repeated: float,
+    widest: float,
+    trust: float,
+    solution: Array,
+    deviations: Array,
+    corrections: Array,
+) -> None:
+    """Learn offsets as `EncoderOffsets.update` does; arguments as `gather` and `solve`.
+
+    Deviations of the offsets and what is sure of them [rad], shape (N,), are set.
+    """
+    gather(weights, sums, times, residuals, sides, variance)
+    solve(weights, sums, widest, trust, solution)
+    deviations[:] = np.sqrt(solution[2] + repeated)
+    sure = (np.abs(solution[0]) > SIGNIFICANT * deviations) & (times >= LEAST_TIMES)
+    corrections[:] = np.where(sure, solution[0], 0.0)
+
+
+def surprise(
+    weights: Array,
+    solution: Array,
+    sums: Array,
+    corrections: Array,
+    share: float,
+    before: float,
+    beyond: float,
+    sides: Array,
+    found: Array,
+) -> tuple[int, int]:
+    """Means of the residuals of a block of frames, a share of their sums [rad], shape (N,).
+
+    They are of angles less corrections [rad]. Rotors are before one place and beyond another
+    [rotor spacings], which sets their sides. Found, shape (6, N), are the means, what they are
+    more than expected, NaN about the wall, and how unsure that was [rad]; then, one after the
+    other, squares of the surprises that are known and what they are more than unsure; and the
+    sizes of offsets of rotors that were seen on both sides. Returns how many these are.
+    """
+    rotors = np.arange(len(sums))
+    sides[:] = np.where(rotors < before, 1.0, np.where(rotors > beyond, -1.0, 0.0))
+    expected, spreads = _expected(solution, sides)
+    found[0] = share * sums + corrections
+    found[1] = np.where(sides == 0, np.nan, found[0] - expected)
+    found[2] = np.sqrt(spreads)
+    known, passed = np.isfinite(found[1]), (weights > 0).all(axis=0)
+    counts = int(np.count_nonzero(known)), int(np.count_nonzero(passed))
+    found[3, : counts[0]] = found[1, known] ** 2
+    found[4, : counts[0]] = np.maximum(np.abs(found[1, known]) - found[2, known], 0.0)
+    found[5, : counts[1]] = np.abs(solution[0, passed])
+    return counts
+
+
+def stand_apart(solution: Array, sides: Array, repeated: float, apart: Array) -> None:
+    """Set how far rotors are from the orbit beyond chance [rad], (N,), where they have a side.
+
+    The repeated is the variance of the error that is the same in all frames [rad^2].
+    """
+    expected, spreads = _expected(solution, sides)
+    beyond = np.maximum(np.abs(expected) - BEYOND_CHANCE * np.sqrt(spreads + repeated), 0)
+    apart[:] = np.where(sides == 0, apart, beyond)
+
+
+def find_stuck(read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float) -> None:
+    """Set which rotors are stuck, shape (N,), who read what they did earlier [rad].
+
+    Where these are more than few [1] of those that are known, only of the outlying, and of those
+    that were stuck before. What was read earlier is then what is read now.
+    """
+    same = read == earlier
+    if np.count_nonzero(same) > few * np.count_nonzero(np.isfinite(read)):
+        same &= outlying | stuck
+    earlier[:] = read
+    stuck[:] = same
+
+
+def lasting_residuals(weights: Array, sums: Array, means: Array, chances: Array) -> int:
+    """Sizes of mean residuals, and what chance makes of them [rad], one after the other.
+
+    Of rotors on the sides on which they were seen, shape (2 N,) at most; returns how many.
+    """
+    seen = weights > 0
+    known = int(np.count_nonzero(seen))
+    means[:known] = np.abs(sums[seen] / weights[seen])
+    chances[:known] = 1 / np.sqrt(weights[seen])
+    return known
 
 
 def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
@@ -218,14 +334,24 @@ def known_changes(first: Array, second: Array, third: Array, changes: Array) -> 
 
 
 def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array
+    oldest: Array,
+    older: Array,
+    left: Array,
+    tangent: Array,
+    in_oldest: int,
+    in_older: int,
+    begin: int,
+    count: int,
 ) -> tuple[float, float, float, float]:
-    """Sums of p = x (4 x' - x'') / 3 of what three frames running left [rad], shape (n,) each.
+    """Sums of p = x (4 x' - x'') / 3 of what three frames running left of some rotors [rad].
 
-    They are sum p, sum t^2 p, sum f and sum f^2 with f = t^2 - t^4.
+    They begin at their index in each of the frames. They are sum p, sum t^2 p, sum f and sum
+    f^2 with f = t^2 - t^4.
     """
-    products = left * (older * (4 / 3) - oldest / 3)
-    share = tangent**2
+    end = begin + count
+    earlier = oldest[in_oldest : in_oldest + count], older[in_older : in_older + count]
+    products = left[begin:end] * (earlier[1] * (4 / 3) - earlier[0] / 3)
+    share = tangent[begin:end] ** 2
     free = share - share**2
     return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
 
@@ -237,3 +363,11 @@ def _together(shares: Array, likelihoods: Array) -> float:
     top = float(weighed.max())
     mean = float(counting @ np.exp(weighed - top)) / float(counting.sum())
     return top + math.log(mean)
+
+
+def _expected(solution: Array, sides: Array) -> tuple[Array, Array]:
+    """Residuals o + side * delta that are expected [rad] and their variances, (N,) each."""
+    return (
+        solution[0] + sides * solution[1],
+        solution[2] + sides * (2 * solution[3] + sides * solution[4]),
+    )

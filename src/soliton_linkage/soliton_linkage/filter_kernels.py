@@ -8,31 +8,19 @@ import math
 import numpy as np
 
 from soliton_linkage.chain import Array
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABLE, compiled
-
-
-@compiled(TABLE, TABLE, READ, READ, NUMBER, NUMBER, NUMBER)
-def predict(
-    states: Array,
-    spreads: Array,
-    wander: Array,
-    errors: Array,
-    elapsed: float,
-    kept: float,
-    cubed: float,
-) -> None:
-    """Let filters go on by a time."""
-    for n in range(states.shape[1]):
-        states[0, n] += elapsed * states[1, n]
-        states[2, n] *= kept
-        added = cubed * elapsed * wander[n]
-        both, of_rate = spreads[1, n], spreads[3, n]
-        spreads[0, n] += elapsed * (2 * both + elapsed * of_rate) + elapsed**2 / 3 * added
-        spreads[1, n] = both + elapsed * of_rate + elapsed / 2 * added
-        spreads[2, n] = kept * (spreads[2, n] + elapsed * spreads[4, n])
-        spreads[3, n] = of_rate + added
-        spreads[4, n] *= kept
-        spreads[5, n] = kept**2 * spreads[5, n] + errors[n] * (1 - kept**2)
+from soliton_linkage.compiling import (
+    COUNT,
+    FLAGS,
+    NUMBER,
+    READ,
+    READ_FLAGS,
+    READ_TABLE,
+    ROW,
+    TABLE,
+    compiled,
+)
+from soliton_linkage.filter_arrays import BEYOND_CHANCE, LEAST_TIMES, SIGNIFICANT
+from soliton_linkage.frame_arrays import Flags
 
 
 @compiled(READ_TABLE, READ_TABLE, READ)
@@ -46,6 +34,32 @@ def expected_measurement(states: Array, spreads: Array, weights: Array) -> tuple
         of_filter = spreads[0, n] + 2 * spreads[2, n] + spreads[5, n]
         variance += weights[n] * (of_filter + apart * apart)
     return arc, variance
+
+
+@compiled(TABLE, TABLE, READ, READ, READ, NUMBER, NUMBER, NUMBER)
+def predict(
+    states: Array,
+    spreads: Array,
+    weights: Array,
+    wander: Array,
+    errors: Array,
+    elapsed: float,
+    kept: float,
+    cubed: float,
+) -> tuple[float, float]:
+    """Let filters go on by a time."""
+    for n in range(states.shape[1]):
+        states[0, n] += elapsed * states[1, n]
+        states[2, n] *= kept
+        added = cubed * elapsed * wander[n]
+        both, of_rate = spreads[1, n], spreads[3, n]
+        spreads[0, n] += elapsed * (2 * both + elapsed * of_rate) + elapsed**2 / 3 * added
+        spreads[1, n] = both + elapsed * of_rate + elapsed / 2 * added
+        spreads[2, n] = kept * (spreads[2, n] + elapsed * spreads[4, n])
+        spreads[3, n] = of_rate + added
+        spreads[4, n] *= kept
+        spreads[5, n] = kept**2 * spreads[5, n] + errors[n] * (1 - kept**2)
+    return expected_measurement(states, spreads, weights)
 
 
 @compiled(TABLE, TABLE, NUMBER, NUMBER, NUMBER)
@@ -196,6 +210,28 @@ def suppose_kick(
     spreads[3, base] += kick
 
 
+@compiled(TABLE, TABLE, ROW, ROW, READ, ROW, NUMBER, NUMBER, NUMBER, COUNT, *(3 * [NUMBER]))
+def settle(
+    states: Array,
+    spreads: Array,
+    errors: Array,
+    weights: Array,
+    shares: Array,
+    odds: Array,
+    against: float,
+    rare: float,
+    none: float,
+    older: int,
+    elapsed: float,
+    least_kick: float,
+    unlikely: float,
+) -> tuple[float, float, float, float, float]:
+    """Weigh filters, let one of a kick begin, and mix them all."""
+    weigh(weights, shares, odds, against, rare, none)
+    suppose_kick(states, spreads, errors, odds, weights, older, elapsed, least_kick)
+    return mixture(weights, states, spreads, shares.size + 1, unlikely)
+
+
 @compiled(TABLE, TABLE, ROW, READ, READ, NUMBER)
 def gather(
     weights: Array, sums: Array, times: Array, residuals: Array, sides: Array, variance: float
@@ -225,13 +261,97 @@ def solve(weights: Array, sums: Array, widest: float, trust: float, solution: Ar
         solution[4, n] = of_offset / determinant
 
 
-@compiled(READ_TABLE, READ, ROW, ROW)
-def expect(solution: Array, sides: Array, means: Array, variances: Array) -> None:
-    """Residuals that are expected and their variances."""
+@compiled(TABLE, TABLE, ROW, READ, READ, *(4 * [NUMBER]), TABLE, ROW, ROW)
+def learn(
+    weights: Array,
+    sums: Array,
+    times: Array,
+    residuals: Array,
+    sides: Array,
+    variance: float,
+    repeated: float,
+    widest: float,
+    trust: float,
+    solution: Array,
+    deviations: Array,
+    corrections: Array,
+) -> None:
+    """Learn offsets from residuals."""
+    gather(weights, sums, times, residuals, sides, variance)
+    solve(weights, sums, widest, trust, solution)
+    for n in range(times.size):
+        deviations[n] = math.sqrt(solution[2, n] + repeated)
+        sure = times[n] >= LEAST_TIMES and abs(solution[0, n]) > SIGNIFICANT * deviations[n]
+        corrections[n] = solution[0, n] if sure else 0.0
+
+
+@compiled(READ_TABLE, READ_TABLE, READ, READ, NUMBER, NUMBER, NUMBER, ROW, TABLE)
+def surprise(
+    weights: Array,
+    solution: Array,
+    sums: Array,
+    corrections: Array,
+    share: float,
+    before: float,
+    beyond: float,
+    sides: Array,
+    found: Array,
+) -> tuple[int, int]:
+    """Means of residuals and how they surprise."""
+    known, passed = 0, 0
+    for n in range(sums.size):
+        side = 1.0 if n < before else -1.0 if n > beyond else 0.0
+        expected = solution[0, n] + side * solution[1, n]
+        spread = solution[2, n] + side * (2 * solution[3, n] + side * solution[4, n])
+        sides[n] = side
+        found[0, n] = share * sums[n] + corrections[n]
+        found[1, n] = found[0, n] - expected if side else math.nan
+        found[2, n] = math.sqrt(spread)
+        if math.isfinite(found[1, n]):
+            found[3, known] = found[1, n] * found[1, n]
+            found[4, known] = max(abs(found[1, n]) - found[2, n], 0.0)
+            known += 1
+        if weights[0, n] > 0 and weights[1, n] > 0:
+            found[5, passed] = abs(solution[0, n])
+            passed += 1
+    return known, passed
+
+
+@compiled(READ_TABLE, READ, NUMBER, ROW)
+def stand_apart(solution: Array, sides: Array, repeated: float, apart: Array) -> None:
+    """How far rotors are from the orbit beyond chance."""
     for n in range(sides.size):
         side = sides[n]
-        means[n] = solution[0, n] + side * solution[1, n]
-        variances[n] = solution[2, n] + side * (2 * solution[3, n] + side * solution[4, n])
+        if side:
+            expected = solution[0, n] + side * solution[1, n]
+            spread = solution[2, n] + side * (2 * solution[3, n] + side * solution[4, n])
+            apart[n] = max(abs(expected) - BEYOND_CHANCE * math.sqrt(spread + repeated), 0.0)
+
+
+@compiled(READ, ROW, READ_FLAGS, FLAGS, NUMBER)
+def find_stuck(read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float) -> None:
+    """Find rotors that read what they did."""
+    same, known = 0, 0
+    for n in range(read.size):
+        same += read[n] == earlier[n]
+        known += math.isfinite(read[n])
+    for n in range(read.size):
+        trusted = same > few * known and not (outlying[n] or stuck[n])
+        stuck[n] = read[n] == earlier[n] and not trusted
+        earlier[n] = read[n]
+
+
+@compiled(READ_TABLE, READ_TABLE, ROW, ROW)
+def lasting_residuals(weights: Array, sums: Array, means: Array, chances: Array) -> int:
+    """Sizes of residuals that last, and of those that chance makes."""
+    known = 0
+    for side in range(2):
+        for n in range(weights.shape[1]):
+            if weights[side, n] > 0:
+                means[known] = abs(sums[side, n] / weights[side, n])
+                chances[known] = 1 / math.sqrt(weights[side, n])
+                known += 1
+    return known
 
 
 @compiled(READ, READ, READ, ROW)
@@ -246,15 +366,23 @@ def known_changes(first: Array, second: Array, third: Array, changes: Array) -> 
     return known
 
 
-@compiled(READ, READ, READ, READ)
+@compiled(READ, READ, READ, READ, COUNT, COUNT, COUNT, COUNT)
 def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array
+    oldest: Array,
+    older: Array,
+    left: Array,
+    tangent: Array,
+    in_oldest: int,
+    in_older: int,
+    begin: int,
+    count: int,
 ) -> tuple[float, float, float, float]:
     """Sums of products of what three frames running left."""
     whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
-    for n in range(left.size):
-        product = left[n] * (older[n] * (4 / 3) - oldest[n] / 3)
-        share = tangent[n] * tangent[n]
+    for n in range(count):
+        before = older[in_older + n] * (4 / 3) - oldest[in_oldest + n] / 3
+        product = left[begin + n] * before
+        share = tangent[begin + n] * tangent[begin + n]
         alone = share - share * share
         whole += product
         wall += share * product

@@ -9,15 +9,15 @@ and levers A and B [m/rad], shape (3, springs).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from soliton_linkage.chain import Array, springs_between, staggered, wrapped
+from soliton_linkage.chain import Array, springs_between, wrapped
 
 Flags = NDArray[np.bool_]
 
@@ -27,8 +27,7 @@ _LEAST_LOGARITHM = -600.0
 _TINY = float(np.finfo(np.float64).tiny)
 
 
-@dataclass(frozen=True)
-class FrameSines:
+class FrameSines(NamedTuple):
     """Actual angles of a frame [rad], NaN where unknown, sines and cosines, shape (N,) each."""
 
     angles: Array
@@ -37,8 +36,10 @@ class FrameSines:
 
 
 def sines_of(angles: Array) -> FrameSines:
-    """Sines and cosines of the angles of a frame [rad], shape (N,)."""
-    return FrameSines(angles, np.sin(angles), np.cos(angles))
+    """Sines and cosines of the angles of a frame [rad], contiguous, shape (N,)."""
+    sines, cosines = np.empty_like(angles), np.empty_like(angles)
+    frame_loops().sines_and_cosines(angles, sines, cosines)
+    return FrameSines(angles, sines, cosines)
 
 
 @cache
@@ -56,9 +57,11 @@ def frame_loops() -> Any:
 def median(values: Array) -> float:
     """Median of numbers of which none is NaN, whose order is lost: numpy's takes far longer."""
     half = len(values) // 2
-    values.partition(half)
-    middle = float(values[half])
-    return middle if len(values) % 2 else (float(values[:half].max()) + middle) / 2
+    if len(values) % 2:
+        values.partition(half)
+        return float(values[half])
+    values.partition((half - 1, half))
+    return (float(values[half - 1]) + float(values[half])) / 2
 
 
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
@@ -112,7 +115,7 @@ def look(
     outlying: Flags,
     used: Flags,
     left: Array,
-) -> tuple[tuple[int, int, int], bool, tuple[float, float, float]]:
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
     """Find the arc that a frame shows, and what it leaves; see `FrameView`.
 
     Takes what the arc explains off the differences [rad], shape (N,). Outlying are those whose
@@ -120,7 +123,8 @@ def look(
     the rotors about the wall those are used, shape (n,), that are known and not outlying, unless
     these hold no more than the least share of t^2; of them something is left [rad], shape (n,).
     Returns the numbers known, outlying and used about the wall; whether any is outlying at all;
-    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2].
+    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2]; and
+    the largest difference that then remains [rad], infinite where one is not known.
     """
     window = slice(first, first + len(tangent))
     about = differences[window]
@@ -142,7 +146,17 @@ def look(
     left[:] = np.where(used, about, 0.0)
     counted = int(np.count_nonzero(used))
     squared = float(left @ left)
-    return (known, excluded, counted), bool(outlying.any()), (information, ahead, squared)
+    largest = float(np.abs(differences).max())
+    largest = largest if math.isfinite(largest) else math.inf
+    strange = bool(outlying.any())
+    return (known, excluded, counted), strange, (information, ahead, squared), largest
+
+
+def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
+    """Sines and cosines of angles [rad], NaN where unknown, shape (N,) each."""
+    with np.errstate(invalid='ignore'):
+        np.sin(angles, out=sines)
+        np.cos(angles, out=cosines)
 
 
 def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Array) -> None:
@@ -150,76 +164,14 @@ def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Ar
     values[:] = BSpline.construct_fast(knots, coefficients, degree)(at)
 
 
-def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
-
-    There the means of sin(theta) before and beyond differ the most.
-    """
-    known = np.where(np.isfinite(sines), sines, 0.0)
-    if not len(known):
-        return 0, 0.0, 0.0
-    before = known.cumsum()
-    bond = int(np.abs(before - before[-1] / 2).argmax()) + 1
-    if bond == len(known):
-        return bond, 0.0, 0.0
-    return bond, float(known[bond - 1]), float(known[bond])
-
-
-def uniform_part(
-    angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
-) -> tuple[int, float, float, float, float]:
-    """Outer half of the rotors from the nearest to a wall to that at an edge, which is left out.
-
-    Returns how many of them are known, the sums of sin(theta) and cos(theta), their mean angle
-    theta [rad] and the sum of squares of what they differ from it [rad^2].
-    """
-    way = 1 if edge > nearest else -1
-    inner, outer = sorted((nearest + way * (abs(edge - nearest) // 2), edge - way))
-    half = slice(inner, outer + 1)
-    known = np.isfinite(sines[half])
-    signs = 1.0 - 2.0 * (np.arange(inner, outer + 1) % 2)
-    sine = float(sines[half][known].sum())
-    cosine = float((signs * cosines[half])[known].sum())
-    mean = math.atan2(sine, cosine)
-    apart = wrapped(staggered(angles)[half] - mean)[known]
-    return int(np.count_nonzero(known)), sine, cosine, mean, float(apart @ apart)
-
-
-def tail_products(
-    angles: Array,
-    nearest: int,
-    edge: int,
-    mean: float,
-    handed: float,
-    rest_angle: float,
-    flat: float,
-    sums: Array,
-) -> None:
-    """Add up products of (e, e^2, e' - F(e)) outwards from a wall, shape (3, 3).
-
-    The deviation e of a rotor is handed (theta - mean) [rad]; they count from the middle of the
-    wall on, as far as they are not flat, in the inner half of the rotors up to an edge.
-    """
-    way, half = (1 if edge > nearest else -1), abs(edge - nearest) // 2
-    first, last = sorted((nearest, nearest + way * half))
-    theta = staggered(angles)[first : last + 1][::way]
-    near = handed * wrapped(theta - mean)
-    core = (near <= -rest_angle).nonzero()[0]
-    begin = int(core[-1]) + 1 if len(core) else 0
-    calm = (~(np.abs(near[begin:-1]) > flat)).nonzero()[0]
-    end = begin + int(calm[0]) if len(calm) else max(half, begin)
-    inner, outer = near[begin:end], near[begin + 1 : end + 1]
-    known = np.isfinite(outer)
-    inner, outer = inner[known], outer[known]
-    following, _ = next_deviation(inner, rest_angle, 2 * math.sin(rest_angle))
-    rows = np.array((inner, inner * inner, outer - following))
-    sums += rows @ rows.T
-
-
-def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
+def springs(
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+) -> tuple[float, float]:
     """Rows of springs; parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`.
 
     They are of shape (4, N), of which those of springs count as far as there are springs.
+    Returns how the rotors twist and stand, the sums of sin(theta_n + theta_{n+1}) =
+    (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge rotors, of cos(theta_n).
     """
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
@@ -227,6 +179,9 @@ def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, row
     after = np.arange(1, count + 1)
     following = h.take(after, mode='wrap'), v.take(after, mode='wrap')
     rows[:] = springs_between((h[:count], v[:count]), following, *of_springs)
+    signs = 1.0 - 2.0 * (np.arange(len(sines)) % 2)
+    twists = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
+    return float(signs[:-1] @ twists), float(signs[1:-1] @ cosines[1:-1])
 
 
 def elastic(
@@ -236,39 +191,38 @@ def elastic(
     rights: Array,
     periodic: bool,
     variance: float,
-    energies: Array,
-) -> tuple[float, float, float]:
-    """Energies of springs [J] less that of the noise, (springs,); three sums of `_elastic`.
+    walls: Array,
+    reach: float,
+) -> tuple[float, float, float, float]:
+    """Energy of springs [J] less that of the noise, its wake, and two sums of `_elastic`.
 
     Half of the stiffnesses [N/m], and the same for noise of rotors on the left and the right of
-    each spring, are of shape (springs,). The sums are the energy V [J], |H|^2 / 4 [N^2 m^2] and
-    tau H tau in the same units with the energy, |tau|^2 / 4.
+    each spring, are of shape (springs,). The wake [J] is that of the springs, at n + 1/2, out
+    of reach of all walls, whose places [rotor spacings] grow from the first beyond one end to
+    the last beyond the other, shape (W + 2,). The sums are |H|^2 / 4 [N^2 m^2] and tau H tau in
+    the same units with the energy, |tau|^2 / 4.
     """
     extensions, firsts, seconds = rows[0], lefts * rows[1] ** 2, rights * rows[2] ** 2
     levers, pulls = firsts + seconds, half * extensions
     stretched = pulls * extensions
-    energies[:] = stretched - variance * levers
+    energies = stretched - variance * levers
     squares = float(levers @ levers) + 2 * _joint(seconds, firsts, periodic)
     of_next = lefts * extensions * rows[1]
     pulling = float(stretched @ levers) + 2 * _joint(pulls * rows[2], of_next, periodic)
-    return float(energies.sum()), squares, pulling
+    return float(energies.sum()), _wake(energies, 0.5, walls, reach), squares, pulling
 
 
 def kinetic(
-    half: Array, noisy: Array, rates: Array, variance: float, energies: Array
-) -> tuple[float, float, float]:
-    """Energies of rotors [J] less that of the noise, shape (N,).
+    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
+) -> tuple[float, float, float, float]:
+    """Energy of rotors [J] less that of the noise, its wake as of springs, and two sums.
 
-    Returns their sum, that of their products with the inertia of those that are noisy, and that
+    They are those of the energies' products with the inertia of the rotors that are noisy, and
     of the squares of these.
     """
-    energies[:] = half * (rates * rates) - variance * noisy
-    return float(energies.sum()), float(energies @ noisy), float(noisy @ noisy)
-
-
-def total(values: Array, begin: int, end: int) -> float:
-    """Sum of some of a row of numbers."""
-    return float(values[begin:end].sum())
+    energies = half * (rates * rates) - variance * noisy
+    wake = _wake(energies, 0.0, walls, reach)
+    return float(energies.sum()), wake, float(energies @ noisy), float(noisy @ noisy)
 
 
 def topology(
@@ -326,88 +280,18 @@ def contraction_sums(
     )
 
 
-def beside_wall(
-    angles: Array,
-    at_rest: Array,
-    first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
-    rest_angle: float,
-    expected: Array,
-    measured: Array,
-) -> None:
-    """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
-
-    They are of the rotors from low to high, before and beyond the middle, where the wall at
-    rest, with the angles of its rotors from the first on, has them and as they are measured.
-    """
-    rotors = np.arange(low, high)
-    odd, beyond = rotors % 2, rotors >= middle
-    handed = (1.0 - 2.0 * odd) * np.where(beyond & (not spins), -1.0, 1.0)
-    phases = math.pi * odd - rest_angle + math.pi * (beyond & spins)
-    there, seen = at_rest[low - first : high - first], angles[low:high]
-    apart = wrapped((math.pi - seen if np.cos(seen) @ np.cos(there) < 0 else seen) - there)
-    expected[:] = wrapped(handed * there + phases)
-    measured[:] = expected + handed * apart
-    for each in (expected, measured):
-        each[: middle - low] = each[: middle - low][::-1].copy()
-
-
-def next_deviation(inner: Array, rest_angle: float, k: float) -> tuple[Array, Array]:
-    """Deviation F of the outer neighbour on relaxed bars [rad], k = a / r, and its slope [1].
-
-    See `motion_class.next_deviation`.
-    """
-    lean, up = np.sin(rest_angle + inner), np.cos(rest_angle + inner)
-    across = k + lean
-    cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
-    outer = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0)) - np.arctan2(across, up)
-    sine = np.sin(rest_angle + inner + outer)
-    lever = k * np.cos(outer) + sine
-    # A bar in line with the outer rotor makes the slope infinite.
-    slopes = (k * up - sine) / np.where(lever == 0, _LEAST_LEVER, lever)
-    return outer - rest_angle, slopes
-
-
-def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
-    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
-    sizes = np.abs(expected)
-    inside = (sizes > large).nonzero()[0]
-    begin = int(inside[-1]) + 1 if len(inside) else 0
-    low = (sizes[begin:] <= small).nonzero()[0]
-    return begin, begin + int(low[0]) if len(low) else len(sizes)
-
-
-def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
-
-    Without wobble, for calm > 0, it is the last rotor where none is calm.
-    """
-    if calm == 0:
-        return int(np.sin(rest_angle + expected).argmax())
-    at_rest = np.abs(expected) < calm
-    return int(at_rest.argmax()) if at_rest.any() else len(expected) - 1
-
-
-def tail_sums(
-    measured: Array, begin: int, end: int, rest_angle: float, k: float
-) -> tuple[float, float, float, float, float]:
-    """Sums over a tail of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e times e before."""
-    e, outer = measured[begin:end], measured[begin + 1 : end + 1]
-    following, slopes = next_deviation(e, rest_angle, k)
-    shares = slopes * e
-    return (
-        float(e @ e),
-        float(e @ (outer - following)),
-        float(slopes.sum()),
-        float(shares @ shares),
-        float(shares[1:] @ e[:-1]),
-    )
-
-
 def _joint(lefts: Array, rights: Array, periodic: bool) -> float:
     """Sum over the rotors between two springs of a number of each."""
     inner = float(lefts[:-1] @ rights[1:])
     return inner + float(lefts[-1] * rights[0]) if periodic else inner
+
+
+def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
+    """Sum over rotors or springs out of reach of all walls; the first is at a place."""
+    wake, count = 0.0, len(energies)
+    for wall, following in pairwise(walls.tolist()):
+        low, high = wall + reach - place, following - reach - place
+        begin = math.floor(low) + 1 if low >= 0 else 0
+        end = math.ceil(high) if high < count else count
+        wake += float(energies[begin:end].sum()) if begin < end else 0.0
+    return wake

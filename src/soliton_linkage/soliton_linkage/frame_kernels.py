@@ -28,6 +28,26 @@ _WHOLE = 2 * math.pi
 _SHARE_OF_A_TURN = 0.5 / math.pi
 _TINY = float(np.finfo(np.float64).tiny)
 _LARGE = 1e150
+_MANY_TURNS = 1e5
+# pi / 2 in parts of which the first two have few enough digits for products to be exact; the
+# polynomials of fdlibm (Sun Microsystems, 1993) for angles up to pi / 4.
+_QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+_SINE = (
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
+_COSINE = (
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
 _LEAST_LEVER = 1e-9
 
 
@@ -90,7 +110,7 @@ def look(
     outlying: Flags,
     used: Flags,
     left: Array,
-) -> tuple[tuple[int, int, int], bool, tuple[float, float, float]]:
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
     """Find the arc that a frame shows, and what it leaves."""
     count, end = tangent.size, first + tangent.size
     strange = False
@@ -123,7 +143,38 @@ def look(
         differences[first + n] -= ahead * tangent[n]
         left[n] = differences[first + n] if used[n] else 0.0
         squares += left[n] * left[n]
-    return (known, excluded, counted), strange, (information, ahead, squares)
+    largest, unknown = 0.0, False
+    for n in range(differences.size):
+        largest = max(largest, abs(differences[n]))
+        unknown |= not abs(differences[n]) < math.inf
+    largest = math.inf if unknown else largest
+    return (known, excluded, counted), strange, (information, ahead, squares), largest
+
+
+@compiled(READ, ROW, ROW)
+def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
+    """Sines and cosines, from the polynomials of the nearest quarter of a turn."""
+    large = False
+    for n in range(angles.size):
+        angle = angles[n]
+        large |= abs(angle) > _MANY_TURNS
+        quarters = np.rint(angle * (2 / math.pi))
+        x = angle - quarters * _QUARTER[0] - quarters * _QUARTER[1] - quarters * _QUARTER[2]
+        square = x * x
+        sine, cosine = _SINE[5], _COSINE[5]
+        for order in range(4, -1, -1):
+            sine = _SINE[order] + square * sine
+            cosine = _COSINE[order] + square * cosine
+        sine = x + x * square * sine
+        cosine = 1 - 0.5 * square + square * square * cosine
+        turned = quarters - 4 * np.floor(0.25 * quarters)
+        odd = turned == 1 or turned == 3
+        sines[n] = (cosine if odd else sine) * (1.0 if turned < 2 else -1.0)
+        cosines[n] = (sine if odd else cosine) * (1.0 if turned == 0 or turned == 3 else -1.0)
+    if large:
+        for n in range(angles.size):
+            if abs(angles[n]) > _MANY_TURNS:
+                sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
 
 
 @compiled(READ, READ_TABLE, COUNT, NUMBER, ROW)
@@ -153,106 +204,6 @@ def spline(knots: Array, coefficients: Array, degree: int, at: float, values: Ar
         values[column] = value
 
 
-@compiled(READ)
-def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Number of rotors before the wall, and the sines of its two rotors."""
-    whole, running, most, bond = 0.0, 0.0, -1.0, 0
-    for n in range(sines.size):
-        whole += sines[n] if math.isfinite(sines[n]) else 0.0
-    for n in range(sines.size):
-        running += sines[n] if math.isfinite(sines[n]) else 0.0
-        apart = abs(running - whole / 2)
-        if apart > most:
-            most, bond = apart, n + 1
-    if not 0 < bond < sines.size:
-        return bond, 0.0, 0.0
-    left, right = sines[bond - 1], sines[bond]
-    return (
-        bond,
-        left if math.isfinite(left) else 0.0,
-        right if math.isfinite(right) else 0.0,
-    )
-
-
-@compiled(READ, COUNT)
-def _staggered(angles: Array, n: int) -> float:
-    return float(math.pi - angles[n] if n % 2 else angles[n])
-
-
-@compiled(READ, READ, READ, COUNT, COUNT)
-def uniform_part(
-    angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
-) -> tuple[int, float, float, float, float]:
-    """Mean and scatter of the outer half of one side of a wall."""
-    way = 1 if edge > nearest else -1
-    inner = nearest + way * (abs(edge - nearest) // 2)
-    low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
-    count, sine, cosine = 0, 0.0, 0.0
-    for n in range(low, high):
-        if math.isfinite(sines[n]):
-            count += 1
-            sine += sines[n]
-            cosine += -cosines[n] if n % 2 else cosines[n]
-    mean, scatter = math.atan2(sine, cosine), 0.0
-    for n in range(low, high):
-        apart = _staggered(angles, n) - mean
-        apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
-        if math.isfinite(apart):
-            scatter += apart * apart
-    return count, sine, cosine, mean, scatter
-
-
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, COUNT)
-def _deviation(
-    angles: Array, nearest: int, way: int, mean: float, handed: float, beyond: int
-) -> float:
-    apart = _staggered(angles, nearest + way * beyond) - mean
-    return float(handed * (apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)))
-
-
-@compiled(NUMBER, NUMBER, NUMBER)
-def _next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
-    lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
-    across = k + lean
-    cosine = (math.cos(2 * rest_angle) - k * lean) / math.hypot(up, across)
-    outer = math.acos(min(max(cosine, -1.0), 1.0)) - math.atan2(across, up)
-    sine = math.sin(rest_angle + inner + outer)
-    lever = k * math.cos(outer) + sine
-    return outer - rest_angle, (k * up - sine) / (lever if lever else _LEAST_LEVER)
-
-
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER, NUMBER, TABLE)
-def tail_products(
-    angles: Array,
-    nearest: int,
-    edge: int,
-    mean: float,
-    handed: float,
-    rest_angle: float,
-    flat: float,
-    sums: Array,
-) -> None:
-    """Add up products of deviations outwards from a wall."""
-    way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
-    begin = 0
-    for n in range(half + 1):
-        if _deviation(angles, nearest, way, mean, handed, n) <= -rest_angle:
-            begin = n + 1
-    end = begin
-    while end < half and abs(_deviation(angles, nearest, way, mean, handed, end)) > flat:
-        end += 1
-    k = 2 * math.sin(rest_angle)
-    for n in range(begin, end):
-        e = _deviation(angles, nearest, way, mean, handed, n)
-        outer = _deviation(angles, nearest, way, mean, handed, n + 1)
-        if math.isfinite(outer):
-            beyond = outer - _next_deviation(e, rest_angle, k)[0]
-            row = (e, e * e, beyond)
-            for i in range(3):
-                for j in range(3):
-                    sums[i, j] += row[i] * row[j]
-
-
 @compiled(READ, READ, READ_TABLE, COUNT, COUNT, TABLE)
 def _spring(
     sines: Array, cosines: Array, parameters: Array, n: int, following: int, rows: Array
@@ -272,16 +223,36 @@ def _spring(
 
 
 @compiled(READ, READ, READ_TABLE, YES, TABLE)
-def springs(sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array) -> None:
-    """Extensions and levers of springs."""
+def springs(
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+) -> tuple[float, float]:
+    """Extensions and levers of springs, and how the rotors twist and stand."""
     rotors = sines.size
     for n in range(rotors - 1):
         _spring(sines, cosines, parameters, n, n + 1, rows)
     if periodic:
         _spring(sines, cosines, parameters, rotors - 1, 0, rows)
+    twists, upright, sign = 0.0, 0.0, 1.0
+    for n in range(rotors - 1):
+        twists += sign * (sines[n + 1] * cosines[n] - cosines[n + 1] * sines[n])
+        upright += sign * cosines[n] if n else 0.0
+        sign = -sign
+    return twists, upright
 
 
-@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, ROW)
+@compiled(READ, NUMBER, READ, NUMBER)
+def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
+    wake, count = 0.0, energies.size
+    for n in range(walls.size - 1):
+        low, high = walls[n] + reach - place, walls[n + 1] - reach - place
+        begin = math.floor(low) + 1 if low >= 0 else 0
+        end = math.ceil(high) if high < count else count
+        for m in range(begin, end):
+            wake += energies[m]
+    return wake
+
+
+@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, READ, NUMBER)
 def elastic(
     rows: Array,
     half: Array,
@@ -289,11 +260,13 @@ def elastic(
     rights: Array,
     periodic: bool,
     variance: float,
-    energies: Array,
-) -> tuple[float, float, float]:
-    """Energies of springs less that of the noise, and sums."""
+    walls: Array,
+    reach: float,
+) -> tuple[float, float, float, float]:
+    """Energy of springs less that of the noise, its wake, and sums."""
     whole, squares, pulling = 0.0, 0.0, 0.0
     count = half.size
+    energies = np.empty(count)
     for n in range(count):
         extension, first, second = rows[0, n], rows[1, n], rows[2, n]
         levers = lefts[n] * first * first + rights[n] * second * second
@@ -307,31 +280,23 @@ def elastic(
             by_next = lefts[after] * rows[1, after]
             squares += 2 * rights[n] * second * second * by_next * rows[1, after]
             pulling += 2 * half[n] * extension * second * by_next * rows[0, after]
-    return whole, squares, pulling
+    return whole, _wake(energies, 0.5, walls, reach), squares, pulling
 
 
-@compiled(READ, READ, READ, NUMBER, ROW)
+@compiled(READ, READ, READ, NUMBER, READ, NUMBER)
 def kinetic(
-    half: Array, noisy: Array, rates: Array, variance: float, energies: Array
-) -> tuple[float, float, float]:
-    """Energies of rotors less that of the noise, and sums."""
+    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
+) -> tuple[float, float, float, float]:
+    """Energy of rotors less that of the noise, its wake, and sums."""
     whole, known, squares = 0.0, 0.0, 0.0
+    energies = np.empty(half.size)
     for n in range(half.size):
         energy = half[n] * (rates[n] * rates[n]) - variance * noisy[n]
         energies[n] = energy
         whole += energy
         known += energy * noisy[n]
         squares += noisy[n] * noisy[n]
-    return whole, known, squares
-
-
-@compiled(READ, COUNT, COUNT)
-def total(values: Array, begin: int, end: int) -> float:
-    """Sum of some of a row."""
-    whole = 0.0
-    for n in range(begin, end):
-        whole += values[n]
-    return whole
+    return whole, _wake(energies, 0.0, walls, reach), known, squares
 
 
 @compiled(READ_TABLE, COUNT, COUNT, NUMBER)
@@ -397,84 +362,3 @@ def contraction_sums(
         of_place += slope * left
         of_log += by_log * left
     return places, both, logs, of_place, of_log
-
-
-@compiled(READ, READ, COUNT, COUNT, COUNT, COUNT, YES, NUMBER, ROW, ROW)
-def beside_wall(
-    angles: Array,
-    at_rest: Array,
-    first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
-    rest_angle: float,
-    expected: Array,
-    measured: Array,
-) -> None:
-    """Leans beside a wall at rest, and as they are measured."""
-    alike = 0.0
-    for n in range(low, high):
-        alike += math.cos(angles[n]) * math.cos(at_rest[n - first])
-    for n in range(low, high):
-        before, odd = n < middle, n % 2 == 1
-        place = middle - 1 - n if before else n - low
-        handed = -1.0 if odd else 1.0
-        phase = (math.pi if odd else 0.0) - rest_angle
-        if not before:
-            handed = handed if spins else -handed
-            phase += math.pi if spins else 0.0
-        there = at_rest[n - first]
-        apart = (math.pi - angles[n] if alike < 0 else angles[n]) - there
-        apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
-        lean = handed * there + phase
-        lean -= _WHOLE * np.rint(lean * _SHARE_OF_A_TURN)
-        expected[place] = lean
-        measured[place] = lean + handed * apart
-
-
-@compiled(READ, NUMBER, NUMBER)
-def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
-    """First rotor in the tail, and the first beyond."""
-    begin = 0
-    for n in range(expected.size):
-        if abs(expected[n]) > large:
-            begin = n + 1
-    end = begin
-    while end < expected.size and abs(expected[end]) > small:
-        end += 1
-    return begin, end
-
-
-@compiled(READ, NUMBER, NUMBER)
-def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Rotor whose overshoot is told."""
-    at, most = 0, -math.inf
-    for n in range(expected.size):
-        if calm > 0:
-            at = n
-            if abs(expected[n]) < calm:
-                break
-        elif math.sin(rest_angle + expected[n]) > most:
-            at, most = n, math.sin(rest_angle + expected[n])
-    return at
-
-
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER)
-def tail_sums(
-    measured: Array, begin: int, end: int, rest_angle: float, k: float
-) -> tuple[float, float, float, float, float]:
-    """Sums over a tail for the ratio of its deviations."""
-    square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
-    share = 0.0
-    for n in range(begin, end):
-        following, slope = _next_deviation(measured[n], rest_angle, k)
-        e = measured[n]
-        square += e * e
-        product += e * (measured[n + 1] - following)
-        slopes += slope
-        if n > begin:
-            both += slope * e * measured[n - 1]
-        share = slope * e
-        squares += share * share
-    return square, product, slopes, squares, both

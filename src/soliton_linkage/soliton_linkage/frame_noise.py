@@ -46,6 +46,8 @@ class FrameView:
     """Sum of squares of what is left of them [rad^2]."""
     any_outlying: bool
     """Whether any rotor of the chain is outlying."""
+    largest: float
+    """Largest residual of all rotors of the chain [rad], infinite where one is not known."""
 
     def __init__(
         self,
@@ -68,7 +70,7 @@ class FrameView:
         self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
         self.used = np.empty(len(tangent), dtype=np.bool_)
         self.left = np.empty(len(tangent))
-        counts, self.any_outlying, sums = frame_loops().look(
+        counts, self.any_outlying, sums, self.largest = frame_loops().look(
             differences,
             first,
             tangent,
@@ -85,10 +87,6 @@ class FrameView:
         self.share_of_outliers = excluded / max(known, 1)
         self.freedoms = max(used - 1, 1)
         self.arc = arc + ahead
-
-    def left_of(self, first: int, end: int) -> Array:
-        """What is left of some of the rotors about the wall [rad], by their numbers."""
-        return self.left[first - self.first : end - self.first]
 
     @property
     def robust_limit(self) -> float:
@@ -161,9 +159,15 @@ class FrameNoise:
     def _pair(self, oldest: FrameView, older: FrameView, view: FrameView, fade: float) -> None:
         low = max(oldest.first, older.first, view.first)
         high = max(min(oldest.end, older.end, view.end), low)
-        tangent = view.tangent[low - view.first : high - view.first]
         whole, wall, free, chance = filter_loops().products_in_time(
-            oldest.left_of(low, high), older.left_of(low, high), view.left_of(low, high), tangent
+            oldest.left,
+            older.left,
+            view.left,
+            view.tangent,
+            low - oldest.first,
+            low - older.first,
+            low - view.first,
+            high - low,
         )
         self._products = fade * self._products + whole
         freedoms = min(high - low - 1, oldest.freedoms, older.freedoms, view.freedoms)

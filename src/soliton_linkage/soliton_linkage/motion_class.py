@@ -24,22 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage import frame_arrays
+from soliton_linkage import tail_arrays
 from soliton_linkage.chain import Array, Motion
-from soliton_linkage.frame_arrays import FrameSines, frame_loops, sines_of
+from soliton_linkage.frame_arrays import FrameSines, sines_of
+from soliton_linkage.tail_arrays import tail_loops
 
 _SURE = 0.95
-_FEWEST = 4
-_LEANING = 3.0
-_FINEST = 1e-6
-_STRONGEST_FRAME = 10.0
-_STRONGEST = 30.0
-_FLAT = 0.02
-_FLAT_IN_NOISE = 2.0
-_NOISIEST = 0.15
-_FREEDOM_OF_BEND = 0.1
-_SPREAD = 1.2
-_NEGLECTED = 0.01
 
 
 @dataclass(frozen=True)
@@ -76,16 +66,22 @@ class MotionEvidence:
 
         The sum of log likelihoods is limited, for errors that stay the same in all frames.
         """
-        flipping = min(max(self.flipping + other.flipping, -_STRONGEST), _STRONGEST)
-        known = [each for each in (self, other) if math.isfinite(each.rest_angle)]
-        whole = sum(each._weight for each in known)
-        turned = sum(each._weight * each.rest_angle for each in known)
-        mean = turned / whole if known else math.nan
-        return MotionEvidence(other.place, flipping, mean, self.tails + other.tails)
+        sums = np.empty((2, 3, 3))
+        flipping, rest_angle = tail_loops().add_evidence(
+            self.flipping,
+            self.rest_angle,
+            self.tails,
+            other.flipping,
+            other.rest_angle,
+            other.tails,
+            sums,
+        )
+        return MotionEvidence(other.place, flipping, rest_angle, sums)
 
     def swapped(self) -> MotionEvidence:
         """Return the same evidence, with the sides exchanged."""
-        return MotionEvidence(self.place, self.flipping, self.rest_angle, self.tails[::-1])
+        tails = self.tails[::-1].copy()
+        return MotionEvidence(self.place, self.flipping, self.rest_angle, tails)
 
     def verdict(self) -> MotionClass:
         """Return the class; unknown where none of the three has a probability of 0.95."""
@@ -107,19 +103,8 @@ class MotionEvidence:
         Mean of both sides. Where they differ by more than they should, the deviation is as much
         larger. What springs in motion may do to it counts as 0.01.
         """
-        sums: list[list[list[float]]] = self.tails.tolist()
-        sides = [_solved(each, self.rest_angle) for each in sums if each[0][0] > 0]
-        if not sides:
-            return math.nan, math.inf
-        variance = 1 / sum(1 / of_side for _, of_side in sides)
-        ratio = variance * sum(each / of_side for each, of_side in sides)
-        apart = sum((each - ratio) ** 2 / of_side for each, of_side in sides)
-        return ratio, math.sqrt(variance * max(1.0, apart) + _NEGLECTED**2)
-
-    @property
-    def _weight(self) -> float:
-        """How much the tails tell; never quite nothing."""
-        return 1e-300 + float(self.tails[0, 0, 0]) + float(self.tails[1, 0, 0])
+        found: tuple[float, float] = tail_loops().tail_ratio(self.tails, self.rest_angle)
+        return found
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)))
@@ -174,24 +159,13 @@ def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
 
 def evidence_of(frame: FrameSines, noise: float) -> MotionEvidence:
     """The same, with sines and cosines."""
-    rotors = len(frame.angles)
-    bond, before, beyond = frame_loops().bond_of_wall(frame.sines)
-    if not _FEWEST < bond < rotors - _FEWEST:
-        return NO_EVIDENCE
-    left = _Side(frame, bond - 1, 0)
-    right = _Side(frame, bond, rotors - 1)
-    if min(left.count, right.count) < 2:
-        return NO_EVIDENCE
-    spread = math.sqrt((left.scatter + right.scatter) / (left.count + right.count - 2))
-    noise = max(noise, spread, _FINEST)
-    if not _opposed(left, right, noise):
-        return NO_EVIDENCE
     tails = np.zeros((2, 3, 3))
-    left.add_tail(noise, tails[0])
-    right.add_tail(noise, tails[1])
-    lean = math.pi / 2 - (abs(left.steepness) + abs(right.steepness)) / 2
-    crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
-    return MotionEvidence(crossing, _flipping(left, right, noise), lean, tails)
+    place, flipping, rest_angle = tail_loops().evidence(
+        frame.angles, frame.sines, frame.cosines, noise, tails
+    )
+    if math.isnan(place):
+        return NO_EVIDENCE
+    return MotionEvidence(place, flipping, rest_angle, tails)
 
 
 def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
@@ -202,69 +176,14 @@ def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> 
     cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda says
     k = 2 sin(theta_bar) / d; F(e) is for lambda = 0.
     """
-    return frame_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[0]
+    return tail_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[0]
 
 
 def slope_of_next(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
     """Derivative of `next_deviation` by the deviation [1], lambda at 0, shape (...)."""
-    return frame_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[1]
-
-
-class _Side:
-    """The rotors on one side of a wall, without that at the edge."""
-
-    def __init__(self, frame: FrameSines, nearest: int, edge: int) -> None:
-        self._angles, self._nearest, self._edge = frame.angles, nearest, edge
-        self.count, sine, cosine, self.mean, self.scatter = frame_loops().uniform_part(
-            frame.angles, frame.sines, frame.cosines, nearest, edge
-        )
-        self._handed = (1 if sine > 0 else -1) * (1 if cosine > 0 else -1)
-
-    @property
-    def steepness(self) -> float:
-        """Angle of the uniform part above the horizontal [rad]."""
-        return math.asin(math.cos(self.mean))
-
-    def add_tail(self, noise: float, sums: Array) -> None:
-        """Add products of (e, e^2, e' - F(e)) over the variance of e', shape (3, 3)."""
-        rest = math.pi / 2 - abs(self.steepness)
-        if noise > _NOISIEST * rest:
-            return
-        flat = max(_FLAT_IN_NOISE * noise, _FLAT * rest)
-        frame_loops().tail_products(
-            self._angles, self._nearest, self._edge, self.mean, self._handed, rest, flat, sums
-        )
-        sums /= noise**2 * (_SPREAD + 1 / self.count)
+    return tail_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[1]
 
 
 def _pitch(rest_angle: float, ratio: float) -> float:
     """Return k = a / r = 2 sin(theta_bar) (1 + lambda) / (1 - lambda)."""
     return 2 * math.sin(rest_angle) * (1 + ratio) / (1 - ratio)
-
-
-def _opposed(left: _Side, right: _Side, noise: float) -> bool:
-    """Whether the two sides lean to opposite sides beyond doubt."""
-    leans = [math.sin(each.mean) * math.sqrt(each.count) / noise for each in (left, right)]
-    return leans[0] * leans[1] < 0 and min(map(abs, leans)) > _LEANING
-
-
-def _flipping(left: _Side, right: _Side, noise: float) -> float:
-    """Log likelihood of theta_right = -theta_left less that of theta_left + pi, for a frame.
-
-    Where neither is met to within the noise, as in a wake or with deviations, the variance is
-    what the better of the two needs.
-    """
-    flipped = math.remainder(right.mean + left.mean, 2 * math.pi) ** 2
-    spun = math.remainder(right.mean - left.mean - math.pi, 2 * math.pi) ** 2
-    variance = noise**2 * (1 / left.count + 1 / right.count)
-    likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
-    return float(min(max(likelihood, -_STRONGEST_FRAME), _STRONGEST_FRAME))
-
-
-def _solved(sums: list[list[float]], rest_angle: float) -> tuple[float, float]:
-    """Ratio lambda [1] and its variance, with the term in e^2 at most about 0.1 / theta_bar."""
-    first, both = sums[0][0] + 1, sums[0][1]
-    second = sums[1][1] + (rest_angle / _FREEDOM_OF_BEND) ** 2
-    determinant = first * second - both**2
-    ratio = (second * sums[0][2] - both * sums[1][2]) / determinant
-    return ratio, second / determinant

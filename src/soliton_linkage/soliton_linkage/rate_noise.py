@@ -37,7 +37,8 @@ class RateNoise:
     def restart(self) -> None:
         """Forget all frames."""
         self._median, self._frames = 0.0, 0
-        self._last: list[tuple[float, Array]] = []
+        self._before: tuple[float, Array] | None = None
+        self._last: tuple[float, Array] | None = None
 
     @property
     def deviation(self) -> float:
@@ -46,15 +47,15 @@ class RateNoise:
 
     def update(self, time: float, rates: Array) -> None:
         """Take in the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
-        self._last = [*self._last[-2:], (time, np.ascontiguousarray(rates, dtype=np.float64))]
-        if len(self._last) < 3:
+        row = np.ascontiguousarray(rates, dtype=np.float64)
+        before, self._before, self._last = self._before, self._last, (time, row)
+        if before is None or self._before is None:
             return
-        (before, first), (middle, second), (after, third) = self._last
-        steps = middle - before, after - middle
-        if max(steps) > self._longest or abs(steps[0] - steps[1]) > _UNEVEN * steps[0]:
+        first, second = self._before[0] - before[0], time - self._before[0]
+        if max(first, second) > self._longest or abs(first - second) > _UNEVEN * first:
             return
-        changes = np.empty_like(rates)
-        known = self._loops.known_changes(first, second, third, changes)
+        changes = np.empty_like(row)
+        known = self._loops.known_changes(before[1], self._before[1], row, changes)
         if known == 0:
             return
         self._frames = min(self._frames + 1, _MEMORY)

@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.bands import couplings, penetration_depth, winding_number
-from soliton_linkage.chain import Array, Chain, Motion
+from soliton_linkage.chain import Array, Chain, Motion, check_shape
 from soliton_linkage.frame_arrays import frame_loops, sines_of
 
 Flags = NDArray[np.bool_]
@@ -116,17 +115,20 @@ class FrameState:
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
         """Take the angles [rad], shape (N,); raises ValueError where they do not fit."""
         self.chain = chain
-        self.angles = np.ascontiguousarray(chain.check_angles(angles))
+        self.angles = np.ascontiguousarray(angles, dtype=np.float64)
+        check_shape(self.angles, chain.number_of_rotors)
         self.sines = sines_of(self.angles)
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
-        frame_loops().springs(
+        self.twists, self.upright = frame_loops().springs(
             self.sines.sines,
             self.sines.cosines,
             chain.spring_parameters,
             chain.periodic,
             self.springs,
         )
+        if not math.isfinite(self.twists):
+            chain.check_angles(self.angles)
 
     @property
     def first(self) -> Array:
@@ -183,7 +185,7 @@ class StateReporter:
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
         self._loops = frame_loops()
-        self._signs = 1.0 - 2.0 * (np.arange(chain.number_of_rotors) % 2)
+        self._last_sign = 1 if chain.number_of_rotors % 2 else -1
 
     def energies(
         self,
@@ -201,7 +203,7 @@ class StateReporter:
         not that of the wake. A rotor that was not seen may hide as much energy as the noise and
         what the orbit leaves of the others would give it; the deviations count it in full.
         """
-        walls = _finite(places)
+        walls = self._walls(places)
         kinetic, kinetic_wake, kinetic_deviation = self._kinetic(state, walls, rates, errors)
         elastic, elastic_wake, elastic_deviation = self._elastic(state, walls, errors)
         return Energies(
@@ -248,24 +250,19 @@ class StateReporter:
         """
         chain, angles = self.chain, state.angles
         if chain.motion is Motion.SPINNER:
-            # sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n)
-            sines, cosines = state.sines.sines, state.sines.cosines
-            turned_on = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
-            twists = float(self._signs[:-1] @ turned_on)
-            rest = math.copysign(chain.rest_angle, twists if twists else -1.0)
+            rest = math.copysign(chain.rest_angle, state.twists if state.twists else -1.0)
             last_rest = rest if chain.number_of_rotors % 2 else math.pi - rest
             turned = float(angles[0]) - rest, float(angles[-1]) - last_rest
             return EdgeRotors(None, (turned[0] / (2 * math.pi), turned[1] / (2 * math.pi)))
-        inner = float(self._signs[1:-1] @ state.sines.cosines[1:-1])
-        upright = -1 if inner < 0 else 1
+        upright = -1 if state.upright < 0 else 1
         at_first = float(state.first[0]) * upright * (1 if chain.lean_ratio > 1 else -1)
-        at_last = float(state.second[-1]) * upright * float(self._signs[-1])
+        at_last = float(state.second[-1]) * upright * self._last_sign
         return EdgeRotors((at_first < 0, at_last < 0), (math.nan, math.nan))
 
     def _kinetic(
         self,
         state: FrameState,
-        walls: list[float],
+        walls: Array,
         rates: Array | ArcRate | None,
         errors: FrameErrors,
     ) -> tuple[float, float, float]:
@@ -282,23 +279,24 @@ class StateReporter:
             moving = rates.rate**2 - variance
             spread = 4 * variance * (max(moving, 0.0) + variance / 2)
             return half * moving, math.nan, half * math.sqrt(spread)
-        measured = np.ascontiguousarray(self.chain.check_angles(rates, 'rate'))
+        measured = np.ascontiguousarray(rates, dtype=np.float64)
+        check_shape(measured, self.chain.number_of_rotors, 'rate')
         noisy, hidden = self._half_inertias, 0.0
         unseen = _some(errors.unseen)
         if unseen is not None:
             hidden = float(noisy[unseen].sum()) * errors.rate_noise**2
             noisy = np.where(unseen, 0.0, noisy)
         variance = errors.rate_noise**2
-        energies = np.empty_like(measured)
-        whole, known, squares = self._loops.kinetic(
-            self._half_inertias, noisy, measured, variance, energies
+        whole, wake, known, squares = self._loops.kinetic(
+            self._half_inertias, noisy, measured, variance, walls, self._reach
         )
+        if not math.isfinite(whole):
+            self.chain.check_angles(measured, 'rate')
         spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
-        wake = self._wake_sum(energies, 0.0, walls)
         return whole, wake, math.hypot(math.sqrt(spread), hidden)
 
     def _elastic(
-        self, state: FrameState, walls: list[float], errors: FrameErrors
+        self, state: FrameState, walls: Array, errors: FrameErrors
     ) -> tuple[float, float, float]:
         """Elastic energy, its part in the wake, and the deviation of the whole [J].
 
@@ -312,11 +310,9 @@ class StateReporter:
             seen = ~unseen
             left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
         variance = errors.noise**2
-        energies = np.empty(len(half))
-        whole, squares, pulling = self._loops.elastic(
-            state.springs, half, left, right, self.chain.periodic, variance, energies
+        whole, wake, squares, pulling = self._loops.elastic(
+            state.springs, half, left, right, self.chain.periodic, variance, walls, self._reach
         )
-        wake = self._wake_sum(energies, 0.5, walls)
         excess = max(pulling - variance * squares, 0.0)
         deviation = 2 * math.sqrt(variance * (excess + variance * squares / 2))
         hidden = 0.0 if unseen is None else self._hidden(state, errors, unseen)
@@ -328,20 +324,14 @@ class StateReporter:
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         return float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
 
-    def _wake_sum(self, energies: Array, first: float, walls: list[float]) -> float:
-        """Sum over rotors or springs out of reach of all walls; the first is at a place."""
-        wake, count = 0.0, len(energies)
-        ends = [-math.inf, *sorted(walls), math.inf]
+    def _walls(self, places: ArrayLike) -> Array:
+        """Places of walls that grow, and what is next beyond either end of the chain."""
+        walls = sorted(_finite(places))
+        before, beyond = -math.inf, math.inf
         if self.chain.periodic and walls:
             rotors = self.chain.number_of_rotors
-            ends[0], ends[-1] = ends[-2] - rotors, ends[1] + rotors
-        for wall, following in pairwise(ends):
-            low, high = wall + self._reach - first, following - self._reach - first
-            begin = math.floor(low) + 1 if low >= 0 else 0
-            end = math.ceil(high) if high < count else count
-            if begin < end:
-                wake += self._loops.total(energies, begin, end)
-        return wake
+            before, beyond = walls[-1] - rotors, walls[0] + rotors
+        return np.array([before, *walls, beyond])
 
 
 def _finite(places: ArrayLike) -> list[float]:

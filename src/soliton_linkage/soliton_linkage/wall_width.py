@@ -14,7 +14,7 @@ frames, and `WidthReporter` says w / gamma, where the continuum theory has a wid
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -53,8 +53,7 @@ _MOST_ALIKE = 0.95
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
 
 
-@dataclass(frozen=True)
-class Contraction:
+class Contraction(NamedTuple):
     """How many times narrower a wall is than at rest; NaN where it cannot be told."""
 
     logarithm: float
@@ -73,8 +72,7 @@ class Contraction:
 UNTOLD = Contraction(math.nan, math.inf, math.nan)
 
 
-@dataclass(frozen=True)
-class Width:
+class Width(NamedTuple):
     """Width w of a wall tanh(x / w); NaN where it cannot be told."""
 
     measured: float
@@ -186,8 +184,7 @@ class WallFamily:
         return np.ascontiguousarray(np.concatenate(halves, axis=1))
 
 
-@dataclass(frozen=True)
-class ContractionStep:
+class ContractionStep(NamedTuple):
     """Step of Gauss and Newton's method towards the least squares."""
 
     ahead: float
@@ -223,6 +220,7 @@ class ContractionMean:
         self._before = _NOTHING
         self._passage = Passage()
         self._scatter.restart()
+        self._mean: Contraction | None = None
 
     def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
         """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
@@ -246,12 +244,18 @@ class ContractionMean:
         if not deviation < _COARSEST:
             return UNTOLD
         self._passage.add(value, max(deviation, _FINEST))
+        self._mean = None
         found = self.mean
         return Contraction(found.logarithm, found.deviation, place)
 
     @property
     def mean(self) -> Contraction:
         """The mean so far."""
+        if self._mean is None:
+            self._mean = self._reckoned()
+        return self._mean
+
+    def _reckoned(self) -> Contraction:
         sums = self._before
         if self._passage.weight:
             sums = sums.plus(self._passage.mean, self._passage.weight)
@@ -265,6 +269,7 @@ class ContractionMean:
         done, self._passage = self._passage, Passage()
         if not done.weight:
             return
+        self._mean = None
         if self._before.weight:
             noise = 1 / done.weight + self._before.noise_variance
             allowed = noise + (1 + self._before.share) * self._scatter.variance
@@ -370,6 +375,7 @@ class PassageScatter:
         """Begin a new mean; what is known of the differences stays."""
         self._slow = _NOTHING
         self._last = 0.0
+        self._summarise()
 
     def update(self, done: Passage) -> None:
         """Take in a passage."""
@@ -388,30 +394,34 @@ class PassageScatter:
         )
         self._passages = _LONG_FADE * self._passages + 1
         self._slow = self._slow.faded(_LONG_FADE).plus(done.mean, done.weight)
+        self._summarise()
 
-    @property
-    def variance(self) -> float:
+    def variance_of_mean(self, share: float) -> float:
+        """What is added to the variance of a mean of 1 / share passages [1]."""
+        return self._repeated + min(share * self._lasting, 1.0) * self.variance
+
+    def _summarise(self) -> None:
+        """Work out what the next frames have in common."""
+        self.variance = self._variance()
         """tau^2 [1]; 0 where the noise alone may have done it."""
+        self._lasting = self._together()
+        self._repeated = self._in_all()
+
+    def _variance(self) -> float:
         if self._count < _FEWEST:
             return _TYPICAL**2
         if self._ratio < self._count + _SIGNIFICANT * math.sqrt(2 * self._count):
             return 0.0
         return max(self._excess / self._shares, 0.0)
 
-    def variance_of_mean(self, share: float) -> float:
-        """What is added to the variance of a mean of 1 / share passages [1]."""
-        return self._repeated + min(share * self._lasting, 1.0) * self.variance
-
-    @property
-    def _lasting(self) -> float:
+    def _together(self) -> float:
         """Number of passages that go together, (1 + rho) / (1 - rho)."""
         if self._count < _FEWEST or self._product <= 0:
             return 1.0
         rho = min(self._product / max(self._excess, self._product), _MOST_ALIKE)
         return (1 + rho) / (1 - rho)
 
-    @property
-    def _repeated(self) -> float:
+    def _in_all(self) -> float:
         """Square of the disagreement of means with and without weights, beyond chance."""
         if self._disagreement**2 <= _SIGNIFICANT**2 * self._disagreement_variance:
             return 0.0
@@ -439,14 +449,14 @@ class WidthReporter:
     ) -> Width:
         """Width with one more frame; the velocity [m/s], all else as `ContractionMean.update`."""
         found = self._mean.update(angles, place, leg, noise)
-        width = self._at_rest * math.exp(-found.logarithm)
+        width, factor = self._at_rest * math.exp(-found.logarithm), found.factor
         known = math.isfinite(found.logarithm)
         return Width(
             measured=width,
             deviation=width * found.deviation if known else math.nan,
             theory=self._at_rest * self._theory_ratio(velocity),
-            contraction=found.factor,
-            contraction_deviation=found.factor * found.deviation if known else math.nan,
+            contraction=factor,
+            contraction_deviation=factor * found.deviation if known else math.nan,
         )
 
     def _theory_ratio(self, velocity: float) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,14 +18,11 @@ from soliton_linkage.chain import Array, Chain, Motion
 from soliton_linkage.continuum import exact_tail
 from soliton_linkage.cycle import Cycle
 from soliton_linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.frame_arrays import frame_loops
 from soliton_linkage.state_report import energy_reach
 from soliton_linkage.static_wall import static_wall
+from soliton_linkage.tail_arrays import tail_loops
 
-_ABOVE_NOISE = 4.0
-_LARGEST = 0.5
 _FLAT = 1e-3
-_BEND = 0.3
 _ROUNDING = 1e-12
 _CERTAIN = 3.0
 _COARSEST = 0.2
@@ -83,8 +80,7 @@ class Wobble:
         return int(math.isnan(before) or beyond > before)
 
 
-@dataclass(frozen=True)
-class Wall:
+class Wall(NamedTuple):
     """A wall at rest nearest to that of a state: which rotors are about it, and their angles."""
 
     first: int
@@ -136,7 +132,7 @@ class WobbleReporter:
         self._exact_decay_length = tail.decay_length
         self._exact_wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
         self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
-        self._loops = frame_loops()
+        self._loops = tail_loops()
 
     def wobble(
         self, angles: ArrayLike, wall: Wall, noise: float = 0.0, lasting: float = 0.0
@@ -151,13 +147,31 @@ class WobbleReporter:
         of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
         """
         checked = np.ascontiguousarray(self.chain.check_angles(angles))
+        return self.of_frame(checked, wall, noise, lasting)
+
+    def of_frame(self, angles: Array, wall: Wall, noise: float, lasting: float) -> Wobble:
+        """The same of angles that are known to be finite, contiguous and one a rotor."""
+        chain, rest = self.chain, self.chain.rest_angle
         noise = max(noise, _ROUNDING)
-        error = math.hypot(noise, lasting)
-        sides = self._sides(checked, wall, noise)
-        before, beyond = (self._overshoot(side, noise, error) for side in sides)
-        ratio, ratio_deviation = self._ratio_of_tails(sides, noise, error)
+        low = max(wall.first, 1)
+        high = min(wall.first + len(wall.angles), chain.number_of_rotors - 1)
+        before, beyond, tails, zeros = self._loops.wobble(
+            angles,
+            np.ascontiguousarray(wall.angles),
+            wall.first,
+            low,
+            min(max(math.floor(wall.place) + 1, low), high),
+            high,
+            chain.motion is Motion.SPINNER,
+            rest,
+            chain.rotor_length,
+            chain.spacing / chain.rotor_length,
+            0.0 if chain.lean_ratio > 1 else max(noise, _FLAT * rest),
+            noise,
+            math.hypot(noise, lasting),
+        )
+        ratio, ratio_deviation = self._ratio + tails[0], tails[1]
         decay, decay_deviation = self._decay_length(ratio, ratio_deviation)
-        wavelength, wavelength_deviation = self._wavelength(sides, error)
         return Wobble(
             amplitudes=(before[0], beyond[0]),
             amplitude_deviations=(before[1], beyond[1]),
@@ -166,81 +180,11 @@ class WobbleReporter:
             tail_ratio_deviation=ratio_deviation,
             decay_length=decay,
             decay_length_deviation=decay_deviation,
-            wavelength=wavelength,
-            wavelength_deviation=wavelength_deviation,
+            wavelength=2 * chain.spacing * zeros[0],
+            wavelength_deviation=2 * chain.spacing * zeros[1],
             exact_decay_length=self._exact_decay_length,
             exact_wavelength=self._exact_wavelength,
         )
-
-    def _sides(self, angles: Array, wall: Wall, noise: float) -> list[_Side]:
-        """Deviations before the wall and beyond it, outwards, without the edges of the chain.
-
-        The angle of leaning is theta before the wall; beyond it is -theta for flippers, and
-        theta - pi for spinners.
-        """
-        low = max(wall.first, 1)
-        high = min(wall.first + len(wall.angles), self.chain.number_of_rotors - 1)
-        middle = min(max(math.floor(wall.place) + 1, low), high)
-        expected, measured = np.empty(high - low), np.empty(high - low)
-        self._loops.beside_wall(
-            angles,
-            np.ascontiguousarray(wall.angles),
-            wall.first,
-            low,
-            middle,
-            high,
-            self.chain.motion is Motion.SPINNER,
-            self.chain.rest_angle,
-            expected,
-            measured,
-        )
-        before = middle - low
-        return [
-            self._side(expected[:before], measured[:before], noise),
-            self._side(expected[before:], measured[before:], noise),
-        ]
-
-    def _side(self, expected: Array, measured: Array, noise: float) -> _Side:
-        """Tell the tail, above the noise, from the core, where deviations are large."""
-        large, small = _LARGEST * self.chain.rest_angle, _ABOVE_NOISE * noise
-        return _Side(expected, measured, *self._loops.tail_of_side(expected, large, small))
-
-    def _overshoot(self, side: _Side, noise: float, error: float) -> tuple[float, float, float]:
-        """Overshoot of one rotor [m]: measured, its deviation, and that at rest; else NaN."""
-        rest, length = self.chain.rest_angle, self.chain.rotor_length
-        if self.chain.motion is Motion.SPINNER or not len(side.expected):
-            return math.nan, math.nan, math.nan
-        calm = 0.0 if self.chain.lean_ratio > 1 else max(noise, _FLAT * rest)
-        at = self._loops.overshooting(side.expected, rest, calm)
-        measured, expected = rest + float(side.measured[at]), rest + float(side.expected[at])
-        lean = length * math.sin(rest)
-        return (
-            length * math.sin(measured) - lean,
-            length * abs(math.cos(expected)) * error,
-            length * math.sin(expected) - lean,
-        )
-
-    def _ratio_of_tails(
-        self, sides: list[_Side], noise: float, error: float
-    ) -> tuple[float, float]:
-        """Ratio lambda of the tails on both sides, and its deviation [1].
-
-        From the sums of e (e' - F(e)) and e^2. Noise in e itself makes the first less by the
-        slopes times its variance, put back here.
-        """
-        rest, pitch = self.chain.rest_angle, self.chain.spacing / self.chain.rotor_length
-        square = product = shares = both = 0.0
-        for side in sides:
-            end = min(side.end, len(side.measured) - 1)
-            of_side = self._loops.tail_sums(side.measured, side.begin, end, rest, pitch)
-            square += of_side[0]
-            product += of_side[1] + of_side[2] * noise**2
-            shares += of_side[3]
-            both += of_side[4]
-        if square <= 0:
-            return math.nan, math.nan
-        variance = error**2 * (square + shares - 2 * both)
-        return self._ratio + product / square, math.sqrt(max(variance, 0.0)) / square
 
     def _decay_length(self, ratio: float, deviation: float) -> tuple[float, float]:
         """Return -a / ln|lambda| and its deviation [m].
@@ -255,59 +199,3 @@ class WobbleReporter:
             return math.nan, math.nan
         length = -self.chain.spacing / math.log(abs(ratio))
         return length, length**2 * deviation / (self.chain.spacing * abs(ratio))
-
-    def _wavelength(self, sides: list[_Side], error: float) -> tuple[float, float]:
-        """Twice the distance of the zeros on both sides, and its deviation [m]."""
-        found = [side.half_wavelength(self.chain.rest_angle, error) for side in sides]
-        known = [each for each in found if math.isfinite(each[0])]
-        if not known:
-            return math.nan, math.nan
-        weight = sum(1 / variance for _, variance in known)
-        mean = sum(each / variance for each, variance in known) / weight
-        return 2 * self.chain.spacing * mean, 2 * self.chain.spacing / math.sqrt(weight)
-
-
-@dataclass(frozen=True)
-class _Side:
-    """Angles of leaning of the rotors on one side of a wall, less that of the uniform state."""
-
-    expected: Array
-    """Of the wall at rest, outwards [rad], shape (n,)."""
-    measured: Array
-    """As measured, outwards [rad], shape (n,)."""
-    begin: int
-    """The first of them in the tail."""
-    end: int
-    """The first beyond it in the noise."""
-
-    def half_wavelength(self, rest_angle: float, error: float) -> tuple[float, float]:
-        """Distance of the zeros of the tail [rotor spacings] and its variance; NaN for none.
-
-        The tail is drawn straight from rotor to rotor, where it changes its sign at each.
-        Weights are those of the noise and of how far a large deviation moves a zero, 0.3 e /
-        theta_bar.
-        """
-        e: list[float] = self.measured[self.begin : self.end].tolist()
-        start = max(len(e) - 1, 0)
-        while start > 0 and e[start - 1] * e[start] < 0:
-            start -= 1
-        if len(e) - start < 3:
-            return math.nan, math.nan
-        zeros = []
-        for n, (inner, outer) in enumerate(pairwise(e[start:])):
-            step = inner - outer
-            by_inner, by_outer = -outer / step**2, inner / step**2
-            bend = (_BEND * inner / rest_angle) ** 2
-            weight = 1 / (error**2 * (by_inner**2 + by_outer**2) + bend)
-            zeros.append((n, n + inner / step, by_inner, by_outer, bend, weight))
-        whole = sum(weight for *_, weight in zeros)
-        centre = sum(n * weight for n, *_, weight in zeros) / whole
-        distance = scale = variance = of_rotor = 0.0
-        for n, zero, by_inner, by_outer, bend, weight in zeros:
-            share = (n - centre) * weight
-            distance += share * zero
-            scale += share * (n - centre)
-            variance += (error * (of_rotor + share * by_inner)) ** 2 + share**2 * bend
-            of_rotor = share * by_outer
-        variance += (error * of_rotor) ** 2
-        return distance / scale, variance / scale**2

@@ -151,7 +151,7 @@ class FrameReader:
         a joint is twice, and for arrays that are not as long as that of the names.
         """
         _check_length('joint_states.position', joints.name, joints.position)
-        if joints.name != self._names:
+        if joints.name is not self._names and joints.name != self._names:
             self._learn(joints.name)
         angles = self._ordered(joints.position)
         if not len(joints.velocity):
