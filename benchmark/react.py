@@ -4,10 +4,11 @@
 A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run as a process each, as in
 use; this one nudges to and fro at random instants. The norm over rotors of the rates in
 joint_states is the same from frame to frame while the wall moves freely, and a nudge changes it by
-its speed: the first frame in which it is farther than half the speed from what it was when the
-nudge was published shows the nudge. The first soliton_state that shows it is that of this frame.
-Messages count as come when they reach this process, by the time that the middleware notes; where
-the system allows it, this process goes before ordinary ones, so as not to measure itself.
+its speed: the first frame in which it is farther than half the speed from what it was shortly
+before the nudge shows the nudge. The first soliton_state that shows it is that of this frame.
+Messages count as come when they reach this process, by the time that the middleware notes. So as
+not to measure itself, this process goes before ordinary ones, where the system allows it, and
+sleeps from well before a nudge until what follows has long come.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ RATE = 1000.0
 SPEED = 2.0
 DIRECTIONS = (1, -1, -1, 1)
 PAUSES = (0.04, 0.06)
+WATCHING = 0.02
 IMPERCEPTIBLE = 1e-6
 LISTENING = 0.1
 POLL = 0.002
@@ -125,10 +127,11 @@ class Reactions:
         progress = ProgressLine(f'round {turn + 1} of {rounds}, nudges', nudges)
         seconds: dict[str, list[float]] = {}
         for number in range(nudges):
-            time.sleep(chance.uniform(*PAUSES))
+            time.sleep(WATCHING)
             for inbox in (self._impulses, self._states):
                 inbox.take()
             before = norm_of_rates(self._joints.take()[-1])
+            time.sleep(chance.uniform(*PAUSES))
             for what, since in self._nudged(DIRECTIONS[number % len(DIRECTIONS)], before).items():
                 seconds.setdefault(what, []).append(since * SECOND)
             progress.show(number + 1)
@@ -139,6 +142,7 @@ class Reactions:
         """Time from a nudge to what follows [ns]."""
         published = time.time_ns()
         self._nudge.publish(Float64(data=direction * SPEED))
+        time.sleep(WATCHING)
         shown = first(self._joints, lambda come: abs(norm_of_rates(come) - before) > SPEED / 2)
         stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
         state = first(self._states, lambda come: stamp_of_state(come) >= stamp)
