@@ -46,7 +46,7 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.joint_state_buffer import ImpulseBuffer, publish_buffer
 from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.kick_record import Kick
-from soliton_linkage_nodes.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
 
 _NANOSECONDS = 10**9
@@ -130,6 +130,10 @@ class EdgeActuator(Node):
         self._source = ChainSource(self, self._diagnostics, self._learn)
         refuse_unknown(self)
         self._listen()
+        self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
+
+    def _follow_parameters(self) -> None:
+        self.settings = current(self, EdgeActuatorParameters)
 
     def _declare_joint_limits(self) -> dict[str, float]:
         joints = self.settings.joints
@@ -233,14 +237,14 @@ class EdgeActuator(Node):
             self._torques.publish(torques_to_msg(driver.named, torques, now))
 
     def _obey_nudge(self, name: str, message: Float64) -> None:
-        edge = Edge(self.get_parameter('nudge_edge').value)
+        edge = Edge(self.settings.nudge_edge)
         kick = EdgeOrder(edge, Kind.KICK, message.data)
-        if self.get_parameter('nudge_as').value == Kind.KICK.value:
+        if self.settings.nudge_as == Kind.KICK.value:
             self._obey_order(name, kick)
             return
         kick.check(self._limits, self._pneumatics)
         chain = self._ready(self._torques).named.chain
-        duration = float(self.get_parameter('nudge_duration').value)
+        duration = self.settings.nudge_duration
         impulse = chain.moment_of_inertia * message.data
         pressure = self._pneumatics.pulse_pressure(impulse, duration)
         self._obey_order(name, EdgeOrder(edge, Kind.PRESSURE, pressure, duration))
@@ -364,7 +368,7 @@ class EdgeActuator(Node):
 
     def _stamp_before(self) -> int | None:
         """Stamp of the frame before the latest [ns]; None where there was none."""
-        return None if self._previous is None else self._decoder.decode(self._previous).stamp
+        return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at
