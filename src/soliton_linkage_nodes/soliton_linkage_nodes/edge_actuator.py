@@ -48,6 +48,7 @@ from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.kick_record import Kick
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.scheduling import let_others_go
 
 _NANOSECONDS = 10**9
 # Half of what the queue of rotor_impulses holds, so that none that is accepted is lost.
@@ -292,6 +293,7 @@ class EdgeActuator(Node):
             )
         now = self.get_clock().now().nanoseconds
         publish_buffer(self._impulses, self._impulse_buffer.fill(now, impulses))
+        let_others_go()
         rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
         work = work_of_impulse(driver.named.chain, rates, impulses)
         driver.record.booked = self._booked

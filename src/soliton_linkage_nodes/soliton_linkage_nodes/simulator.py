@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import sys
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from soliton_linkage_nodes.joint_state_buffer import publish_buffer
 from soliton_linkage_nodes.pacing import PacedLoop
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.scheduling import let_others_go
 from soliton_linkage_nodes.sensed_joints import SensedJoints
 from soliton_linkage_nodes.simulated_world import World, WorldParameters, rotors_of
 from soliton_linkage_nodes.simulation_control import SimulationControl
@@ -171,6 +171,7 @@ class Simulator(Node):
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
+        let_others_go()
         self._delivery.note(stamp, simulation)
 
     def _on_impulses(self, serialized: bytes) -> None:
@@ -246,8 +247,6 @@ def _finished(simulator: Simulator) -> bool:
 
 def main() -> None:
     """Run the simulator until it is told to stop."""
-    # The pacing thread must not wait 5 ms for the interpreter, nor for the garbage of imports.
+    # The pacing thread must not wait 5 ms for the interpreter.
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    gc.collect()
-    gc.freeze()
     run(Simulator, _finished, first=True)
