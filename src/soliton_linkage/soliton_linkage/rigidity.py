@@ -115,7 +115,8 @@ def _zero_mode_of(first: Array, second: Array) -> Array:
     with np.errstate(all='ignore'):
         np.multiply.accumulate(-first / second, out=mode[1:])
     sizes = np.abs(mode)
-    if not 1 / _FAR_FROM_OVERFLOW < sizes.min() <= sizes.max() < _FAR_FROM_OVERFLOW:
+    smallest, largest = np.minimum.reduce(sizes), np.maximum.reduce(sizes)
+    if not 1 / _FAR_FROM_OVERFLOW < smallest <= largest < _FAR_FROM_OVERFLOW:
         first, second = _without_zeros(first), _without_zeros(second)
         mantissas, exponents = _cumulative_product(-first / second)
         mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
