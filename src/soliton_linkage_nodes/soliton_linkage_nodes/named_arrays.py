@@ -34,17 +34,18 @@ class Layout:
         self._head = np.frombuffer(b''.join(head), '<u4')
         self._meant = np.frombuffer(b''.join(meant), '<u4')
         self._end = _STAMP.size + self._head.nbytes
-        self._fitted = b''
+        self._fitted = self._head.tobytes()
 
     def fits(self, serialized: bytes) -> bool:
         """Whether a message has the frame and the names."""
         if len(serialized) < self._end or not serialized.startswith(_LITTLE_ENDIAN):
             return False
-        given = serialized[_STAMP.size : self._end]
-        if given != self._fitted:
-            if ((np.frombuffer(given, '<u4') ^ self._head) & self._meant).any():
-                return False
-            self._fitted = given
+        if serialized.startswith(self._fitted, _STAMP.size):
+            return True
+        head = np.frombuffer(serialized, '<u4', len(self._head), _STAMP.size)
+        if ((head ^ self._head) & self._meant).any():
+            return False
+        self._fitted = head.tobytes()
         return True
 
     def stamp(self, serialized: bytes) -> tuple[int, int]:
