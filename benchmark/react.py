@@ -2,12 +2,13 @@
 """How long it takes from a nudge on the topic to the first messages that show it.
 
 A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run as a process each, as in
-use; this one nudges to and fro at random instants. The norm over rotors of the rates in
-joint_states is the same from frame to frame while the wall moves freely, and a nudge changes it by
-its speed: the first frame in which it is farther than half the speed from what it was when the
-nudge was published shows the nudge. The first soliton_state that shows it is that of this frame.
-Messages count as come when they reach this process, by the time that the middleware notes; where
-the system allows it, this process goes before ordinary ones, so as not to measure itself.
+use; this one nudges to and fro at random instants. While the wall moves freely, rates in
+joint_states hardly change from frame to frame, and a nudge changes them by its speed (norm over
+rotors): the first frame whose rates are farther than half the speed from those of the frame before
+shows the nudge. The first soliton_state that shows it is that of this frame.
+Messages count as come when they reach this process, by the time that the middleware notes. So as
+not to measure itself, this process goes before ordinary ones, where the system allows it, and
+sleeps from well before a nudge until what follows has long come.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
@@ -39,12 +40,15 @@ RATE = 1000.0
 SPEED = 2.0
 DIRECTIONS = (1, -1, -1, 1)
 PAUSES = (0.04, 0.06)
+WATCHING = 0.02
 IMPERCEPTIBLE = 1e-6
 LISTENING = 0.1
 POLL = 0.002
 SETTLING = 2.0
 LONGEST_WAIT = 30.0
 SECOND = 1e-9
+
+Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
@@ -64,16 +68,21 @@ class Inbox:
         self._subscription = node.create_subscription(
             topic.type, topic.name, lambda _: None, topic.qos, raw=True
         )
+        self._come: list[Come] = []
 
-    def take(self) -> list[Come]:
-        """Take what is waiting."""
-        taken = []
+    def look(self) -> list[Come]:
+        """What has come since it was emptied."""
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
                 raw, info = message
-                taken.append(Come(raw, info['source_timestamp'], info['received_timestamp']))
-        return taken
+                sent, received = info['source_timestamp'], info['received_timestamp']
+                self._come.append(Come(raw, sent, received))
+        return self._come
+
+    def empty(self) -> None:
+        """Forget what has come."""
+        self.look().clear()
 
 
 def main() -> None:
@@ -92,10 +101,11 @@ def main() -> None:
             processes.enter_context(running(node_command(name, given)))
         go_first(True)
         node = rclpy.create_node('benchmark')
-        reactions = [Reactions(node).measure(nudges, turn, rounds) for turn in range(rounds)]
+        reactions = Reactions(node)
+        measured = [reactions.measure(nudges, turn, rounds) for turn in range(rounds)]
         node.destroy_node()
     write(
-        Part('react', figures=figures_of(reactions), details={'seconds': reactions}),
+        Part('react', figures=figures_of(measured), details={'seconds': measured}),
         arguments.output,
     )
 
@@ -110,14 +120,14 @@ class Reactions:
         self._joints = Inbox(node, interfaces.JOINT_STATES)
         self._states = Inbox(node, interfaces.SOLITON_STATE)
         until(self._nudge.get_subscription_count, 'edge_actuator')
-        until(self._states.take, 'soliton_state')
+        until(self._states.look, 'soliton_state')
         until(self._obeyed, 'a nudge that the edge actuator obeys')
         time.sleep(SETTLING)
 
     def _obeyed(self) -> bool:
         self._nudge.publish(Float64(data=IMPERCEPTIBLE))
         time.sleep(LISTENING)
-        return bool(self._impulses.take())
+        return bool(self._impulses.look())
 
     def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
         """Time from each of so many nudges to what follows [s]."""
@@ -125,74 +135,70 @@ class Reactions:
         progress = ProgressLine(f'round {turn + 1} of {rounds}, nudges', nudges)
         seconds: dict[str, list[float]] = {}
         for number in range(nudges):
+            for inbox in (self._impulses, self._joints, self._states):
+                inbox.empty()
             time.sleep(chance.uniform(*PAUSES))
-            for inbox in (self._impulses, self._states):
-                inbox.take()
-            before = norm_of_rates(self._joints.take()[-1])
-            for what, since in self._nudged(DIRECTIONS[number % len(DIRECTIONS)], before).items():
+            for what, since in self._nudged(DIRECTIONS[number % len(DIRECTIONS)]).items():
                 seconds.setdefault(what, []).append(since * SECOND)
             progress.show(number + 1)
         progress.end(f'round {turn + 1} of {rounds}: {nudges} nudges')
         return seconds
 
-    def _nudged(self, direction: int, before: float) -> dict[str, int]:
+    def _nudged(self, direction: int) -> dict[str, int]:
         """Time from a nudge to what follows [ns]."""
         published = time.time_ns()
         self._nudge.publish(Float64(data=direction * SPEED))
-        shown = first(self._joints, lambda come: abs(norm_of_rates(come) - before) > SPEED / 2)
+        time.sleep(WATCHING)
+        shown = until(lambda: self._jump_since(published), 'a frame that shows the nudge')
         stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
-        state = first(self._states, lambda come: stamp_of_state(come) >= stamp)
-        impulses = first(self._impulses, lambda _: True)
+        state = until(lambda: self._state_of(stamp), 'a soliton_state that shows the nudge')
+        impulses = until(self._impulses.look, 'the impulses of the nudge')[0]
         return {
             'rotor_impulses': impulses.sent - published,
             'joint_states': shown.received - published,
             'soliton_state': state.received - published,
         }
 
+    def _jump_since(self, instant: int) -> Come | None:
+        """The first frame since an instant [ns] whose rates jump."""
+        frames = self._joints.look()
+        rates = [deserialize_message(come.message, JointState).velocity for come in frames]
+        jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1) > SPEED / 2
+        since = (come for come, jump in zip(frames[1:], jumps, strict=True) if jump)
+        return next((come for come in since if come.received > instant), None)
 
-def figures_of(reactions: list[dict[str, list[float]]]) -> list[Figure]:
+    def _state_of(self, stamp: int) -> Come | None:
+        """The first soliton_state of a frame with this stamp [ns] or a later one."""
+        return next((come for come in self._states.look() if stamp_of(come) >= stamp), None)
+
+
+def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
     """Percentiles of each round."""
     goal = f'{1e3 * (2 / RATE + 1e-3):g} ms at most'
     return [
         Figure(
             f'nudge to {what}, p{share}',
             's',
-            [float(np.percentile(seconds[what], share)) for seconds in reactions],
+            [float(np.percentile(seconds[what], share)) for seconds in measured],
             goal if share == 99 and what != 'rotor_impulses' else '',
         )
-        for what in reactions[0]
+        for what in measured[0]
         for share in (50, 99)
     ]
 
 
-def first(inbox: Inbox, shows: Callable[[Come], bool]) -> Come:
-    """The first message that shows something."""
-    found: list[Come] = []
-
-    def look() -> bool:
-        found.extend(come for come in inbox.take() if shows(come))
-        return bool(found)
-
-    until(look, 'a message that shows the nudge')
-    return found[0]
-
-
-def until(condition: Callable[[], Any], what: str) -> None:
-    """Poll until something is there."""
+def until(condition: Callable[[], Result], what: str) -> Result:
+    """Poll until something is there, and return it."""
     deadline = time.monotonic() + LONGEST_WAIT
-    while not condition():
+    while not (found := condition()):
         if time.monotonic() > deadline:
             raise TimeoutError(f'waited {LONGEST_WAIT:g} s for {what}')
         time.sleep(POLL)
+    return found
 
 
-def norm_of_rates(come: Come) -> float:
-    rates = deserialize_message(come.message, JointState).velocity
-    return float(np.linalg.norm(rates))
-
-
-def stamp_of_state(come: Come) -> int:
-    return time_from_msg(deserialize_message(come.message, SolitonState).header.stamp)
+def stamp_of(state: Come) -> int:
+    return time_from_msg(deserialize_message(state.message, SolitonState).header.stamp)
 
 
 if __name__ == '__main__':

@@ -39,6 +39,7 @@ def assert_same(decoder: JointStateDecoder, message: JointState, serialized: byt
     joints = decoder.decode(serialized)
     expected = joint_states_from_msg(message)
     assert joints[:4] == expected[:4]
+    assert decoder.stamp(serialized) == expected.stamp
     np.testing.assert_array_equal(joints.position, expected.position)
     np.testing.assert_array_equal(joints.velocity, expected.velocity)
 

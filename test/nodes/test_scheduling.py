@@ -9,7 +9,7 @@ import threading
 import pytest
 
 from soliton_linkage_nodes import scheduling
-from soliton_linkage_nodes.scheduling import FirstAsLongAsIdle, go_first
+from soliton_linkage_nodes.scheduling import FirstAsLongAsIdle, go_first, let_others_go
 
 
 def policies_of_a_thread() -> list[int]:
@@ -52,6 +52,25 @@ def test_where_it_is_not_allowed_nothing_changes(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(os, 'sched_setscheduler', forbid)
     assert len(set(policies_of_a_thread())) == 1
+
+
+@pytest.mark.parametrize('first', [False, True])
+def test_a_thread_lets_others_go_where_it_goes_first_itself(
+    monkeypatch: pytest.MonkeyPatch, first: bool
+) -> None:
+    if first and not allowed():
+        pytest.skip('this user may not go first')
+    yielded: list[bool] = []
+    monkeypatch.setattr(os, 'sched_yield', lambda: yielded.append(True))
+
+    def run() -> None:
+        go_first(first)
+        let_others_go()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert yielded == [True] * first
 
 
 def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch) -> None:

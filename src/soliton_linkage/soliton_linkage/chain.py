@@ -291,7 +291,8 @@ def uprightness(angles: ArrayLike) -> int:
     A flipper keeps to one side for ever: its inner rotors lean from right to left through the
     top, or through the bottom where it was assembled upside down.
     """
-    return -1 if np.cos(staggered(angles))[1:-1].sum() < 0 else 1
+    vertical = np.cos(angles)
+    return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 
 
 def check_shape(values: ArrayLike, rotors: int, what: str = 'angle') -> None:

@@ -57,7 +57,8 @@ class ElasticSimulation(Simulation):
         return self.chain.spring_torques(self.angles)
 
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        rates[list(self.fixed)] = 0.0
+        if self.fixed:
+            rates[list(self.fixed)] = 0.0
         return angles, rates
 
     def _packed(self) -> Array:

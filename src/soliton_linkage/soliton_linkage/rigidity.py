@@ -13,6 +13,8 @@ from soliton_linkage.chain import Array, Chain, Motion, uprightness
 # Stands in for a coupling that vanishes, far below rounding beside any that does not.
 _VANISHING = 1e-280
 _BLOCK = 500
+# Between 1 over it and it, squares and their sums are far from the ends of the range of doubles.
+_FAR_FROM_OVERFLOW = 1e100
 
 
 def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
@@ -60,18 +62,18 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     """Unit vector t [1] with R t = 0 at a configuration, shape (N,); exact in O(N).
 
     The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that each component has
-    its ratio to the next to rounding; it is followed in numbers with an exponent of their own,
-    which no valley between two walls is too deep for. The sign is that of the maximal minors of
-    R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}: along a motion of the linkage t turns
-    continuously and never flips. Raises ValueError for periodic ends, between which it takes
-    more than relaxed springs to have a zero mode.
+    its ratio to the next to rounding; where doubles do not reach far enough, it is followed in
+    numbers with an exponent of their own, which no valley between two walls is too deep for. The
+    sign is that of the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}: along a
+    motion of the linkage t turns continuously and never flips. Raises ValueError for periodic
+    ends, between which it takes more than relaxed springs to have a zero mode.
     """
-    return _zero_mode_of(*_bands_of_free_chain(chain, angles))
+    return _zero_mode_of(*_levers_of_free_chain(chain, angles))
 
 
 def mode_centre(mode: Array) -> float:
     """Where a mode sits [rotor spacings], sum_n n t_n^2 of a unit vector t."""
-    return float(np.arange(len(mode)) @ mode**2)
+    return float(np.add.reduce(np.arange(len(mode)) * mode * mode))
 
 
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
@@ -85,7 +87,7 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     reversed. A spinner's edge rotor passes no such line: its wall moves towards the last rotor
     while sum_n h_n grows.
     """
-    first, second = _bands_of_free_chain(chain, angles)
+    first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
     if chain.motion is Motion.SPINNER:
         return mode if float(np.cos(angles) @ mode) >= 0 else -mode
@@ -94,22 +96,34 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     return mode if start * np.sign(first[0]) * np.sign(second[-1]) >= 0 else -mode
 
 
-def _bands_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
+def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
+    """A_n l_n and B_n l_n [m^2/rad], see `Chain.springs`: their ratio is that of A_n and B_n."""
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and no zero mode of its '
             'own; free its ends, or look for accidental ones with zero_modes'
         )
-    return rigidity_bands(chain, chain.check_angles(angles))
+    horizontal, vertical = chain.positions(chain.check_angles(angles))
+    h_left, h_right = horizontal[:-1], horizontal[1:]
+    v_left, v_right = vertical[:-1], vertical[1:]
+    across, up = chain.spacings + (h_right - h_left), v_right - v_left
+    return h_left * up - v_left * across, v_right * across - h_right * up
 
 
-def _zero_mode_of(*bands: Array) -> Array:
-    first, second = (_without_zeros(band) for band in bands)
-    mantissas, exponents = _cumulative_product(-first / second)
-    mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
-    sign = (-1) ** np.count_nonzero(second < 0)
+def _zero_mode_of(first: Array, second: Array) -> Array:
+    mode = np.ones(len(first) + 1)
+    with np.errstate(all='ignore'):
+        np.multiply.accumulate(-first / second, out=mode[1:])
+    sizes = np.abs(mode)
+    smallest, largest = np.minimum.reduce(sizes), np.maximum.reduce(sizes)
+    if not 1 / _FAR_FROM_OVERFLOW < smallest <= largest < _FAR_FROM_OVERFLOW:
+        first, second = _without_zeros(first), _without_zeros(second)
+        mantissas, exponents = _cumulative_product(-first / second)
+        mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
+    mirrored = np.add.reduce(second < 0) % 2
     # In long chains BLAS, which norm calls, wakes threads that take longer than the sum.
-    return np.asarray(mode / (sign * np.sqrt(np.sum(mode**2))))
+    length = np.sqrt(np.add.reduce(mode * mode))
+    return np.asarray(mode / (-length if mirrored else length))
 
 
 def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -132,5 +146,5 @@ def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
     return mantissas, powers + exponents
 
 
-def _without_zeros(band: Array) -> Array:
-    return np.where(np.abs(band) < _VANISHING, _VANISHING, band)
+def _without_zeros(lever: Array) -> Array:
+    return np.where(np.abs(lever) < _VANISHING, _VANISHING, lever)

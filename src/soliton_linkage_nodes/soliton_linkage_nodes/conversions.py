@@ -128,9 +128,9 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
     rates = np.asarray(message.velocity, dtype=np.float64)
     _check_array('joint_states.position', message.name, angles)
     if not len(rates):
-        return Frame(angles[order], None)
+        return Frame(np.array(angles[order]), None)
     _check_array('joint_states.velocity', message.name, rates)
-    return Frame(angles[order], rates[order])
+    return Frame(np.array(angles[order]), np.array(rates[order]))
 
 
 class FrameReader:
@@ -254,9 +254,9 @@ def check_names(source: str, names: Sequence[str]) -> None:
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
 
 
-def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp] | slice:
     if tuple(names) == joint_names:
-        return np.arange(len(names))
+        return slice(None)
     place = {name: index for index, name in enumerate(names)}
     if len(place) != len(names):
         check_names('joint_states.name', names)

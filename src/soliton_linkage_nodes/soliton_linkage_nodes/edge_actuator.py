@@ -46,8 +46,9 @@ from soliton_linkage_nodes.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.joint_state_buffer import ImpulseBuffer, publish_buffer
 from soliton_linkage_nodes.joint_states import JointStateDecoder
 from soliton_linkage_nodes.kick_record import Kick
-from soliton_linkage_nodes.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.scheduling import let_others_go
 
 _NANOSECONDS = 10**9
 # Half of what the queue of rotor_impulses holds, so that none that is accepted is lost.
@@ -130,6 +131,10 @@ class EdgeActuator(Node):
         self._source = ChainSource(self, self._diagnostics, self._learn)
         refuse_unknown(self)
         self._listen()
+        self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
+
+    def _follow_parameters(self) -> None:
+        self.settings = current(self, EdgeActuatorParameters)
 
     def _declare_joint_limits(self) -> dict[str, float]:
         joints = self.settings.joints
@@ -233,14 +238,14 @@ class EdgeActuator(Node):
             self._torques.publish(torques_to_msg(driver.named, torques, now))
 
     def _obey_nudge(self, name: str, message: Float64) -> None:
-        edge = Edge(self.get_parameter('nudge_edge').value)
+        edge = Edge(self.settings.nudge_edge)
         kick = EdgeOrder(edge, Kind.KICK, message.data)
-        if self.get_parameter('nudge_as').value == Kind.KICK.value:
+        if self.settings.nudge_as == Kind.KICK.value:
             self._obey_order(name, kick)
             return
         kick.check(self._limits, self._pneumatics)
         chain = self._ready(self._torques).named.chain
-        duration = float(self.get_parameter('nudge_duration').value)
+        duration = self.settings.nudge_duration
         impulse = chain.moment_of_inertia * message.data
         pressure = self._pneumatics.pulse_pressure(impulse, duration)
         self._obey_order(name, EdgeOrder(edge, Kind.PRESSURE, pressure, duration))
@@ -288,6 +293,7 @@ class EdgeActuator(Node):
             )
         now = self.get_clock().now().nanoseconds
         publish_buffer(self._impulses, self._impulse_buffer.fill(now, impulses))
+        let_others_go()
         rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
         work = work_of_impulse(driver.named.chain, rates, impulses)
         driver.record.booked = self._booked
@@ -364,7 +370,7 @@ class EdgeActuator(Node):
 
     def _stamp_before(self) -> int | None:
         """Stamp of the frame before the latest [ns]; None where there was none."""
-        return None if self._previous is None else self._decoder.decode(self._previous).stamp
+        return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def _report(self) -> Report:
         age = time.monotonic() - self._latest_at

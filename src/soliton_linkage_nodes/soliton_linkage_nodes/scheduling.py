@@ -24,6 +24,16 @@ def go_first(first: bool) -> None:
         os.sched_setscheduler(0, policy, priority)
 
 
+def let_others_go() -> None:
+    """Let those threads go that go first as well and wait for the same core.
+
+    A thread of SCHED_FIFO that has woken others keeps them waiting until it sleeps, where the
+    other cores are busy. An ordinary thread, which might lose its core for long, goes on.
+    """
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_yield()
+
+
 class FirstAsLongAsIdle:
     """Lets a thread go first while it mostly waits, so that overload takes nothing from others."""
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import sys
 from dataclasses import dataclass
@@ -20,23 +19,23 @@ from soliton_linkage.gravity import Gravity
 from soliton_linkage.passage import find_obstacles
 from soliton_linkage.quantities import quantity
 from soliton_linkage.simulation import Simulation
-from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes import interfaces
 from soliton_linkage_nodes.chain_source import declare_chain
 from soliton_linkage_nodes.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    impulses_from_msg,
     time_to_msg,
     torques_from_msg,
 )
 from soliton_linkage_nodes.delivery import DeliveryPublisher
 from soliton_linkage_nodes.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.impulse_decoder import ImpulseDecoder
 from soliton_linkage_nodes.joint_state_buffer import publish_buffer
 from soliton_linkage_nodes.pacing import PacedLoop
 from soliton_linkage_nodes.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.process import run
+from soliton_linkage_nodes.scheduling import let_others_go
 from soliton_linkage_nodes.sensed_joints import SensedJoints
 from soliton_linkage_nodes.simulated_world import World, WorldParameters, rotors_of
 from soliton_linkage_nodes.simulation_control import SimulationControl
@@ -101,6 +100,7 @@ class Simulator(Node):
         names = default_joint_names(chain.number_of_rotors)
         self._named = NamedChain(chain, names)
         self._rotors = {name: rotor for rotor, name in enumerate(names)}
+        self._impulses = ImpulseDecoder(self._rotors, settings.impulse_limit)
         period = 1 / settings.publish_rate
         missing = rotors_of('missing_joints', settings.missing_joints, names)
         self._joints = SensedJoints(self._named, period, errors, missing)
@@ -158,8 +158,9 @@ class Simulator(Node):
         self._chain_publisher = self.create_publisher(
             interfaces.CHAIN.type, interfaces.CHAIN.name, interfaces.CHAIN.qos
         )
+        topic = interfaces.ROTOR_IMPULSES
+        self.create_subscription(topic.type, topic.name, self._on_impulses, topic.qos, raw=True)
         for topic, callback in (
-            (interfaces.ROTOR_IMPULSES, self._on_impulses),
             (interfaces.ROTOR_TORQUES, self._on_torques),
             (interfaces.TILT, self._on_tilt),
         ):
@@ -170,11 +171,12 @@ class Simulator(Node):
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
+        let_others_go()
         self._delivery.note(stamp, simulation)
 
-    def _on_impulses(self, message: RotorImpulses) -> None:
+    def _on_impulses(self, serialized: bytes) -> None:
         try:
-            impulses = impulses_from_msg(self._rotors, message, self.settings.impulse_limit)
+            impulses = self._impulses.decode(serialized)
         except ValueError as error:
             self._diagnostics.refuse('rotor_impulses', error)
             return
@@ -245,8 +247,6 @@ def _finished(simulator: Simulator) -> bool:
 
 def main() -> None:
     """Run the simulator until it is told to stop."""
-    # The pacing thread must not wait 5 ms for the interpreter, nor for the garbage of imports.
+    # The pacing thread must not wait 5 ms for the interpreter.
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    gc.collect()
-    gc.freeze()
     run(Simulator, _finished, first=True)
