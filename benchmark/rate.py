@@ -144,10 +144,12 @@ class Bench:
             else:
                 failed = value
             value = min(math.sqrt(held * failed), most)
+        step = STEP_DOWN
         while held >= least:
             if run(held, self._confirming).holds:
                 return [float(round(held))]
-            held *= STEP_DOWN
+            held *= step
+            step *= step
         return []
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from soliton_linkage.chain import Array
 
 ORDER = 10
-STABLE_STEP = 0.6
+STABLE_STEP = 0.63
 """Longest step in units of 1 / omega; vibrations of frequency omega stay bounded up to 0.649."""
 
 STARTING_STEPS = 9

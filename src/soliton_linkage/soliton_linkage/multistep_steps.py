@@ -48,6 +48,7 @@ from soliton_linkage.nystrom_steps import (
     DRIFTS,
     KICKS,
     LARGEST_TURN,
+    MEASURED_EVERY,
     Checks,
     CompiledSteps,
     Steps,
@@ -59,8 +60,6 @@ Numbers = NDArray[np.int64]
 
 _FEWEST_PLACES = 32
 """Loops over less are not vectorised."""
-_MEASURED = 16
-"""Of so many steps one has its error measured."""
 _STEPS_UNTIL_EXACT = 1000
 """Cosines and sines drift away from the angles by a rounding a step, at random."""
 
@@ -133,7 +132,7 @@ class MultistepSteps:
         """
         self._step = step
         self._past.last = self._past.told = STARTING_STEPS
-        checks = Checks(absolute, relative, Checks.every - STARTING_STEPS)
+        checks = Checks(absolute, relative, MEASURED_EVERY - STARTING_STEPS)
         return self._loops.begin(self._past, state, step, checks)
 
     def advance(self, count: int, absolute: Array, relative: float) -> tuple[Array, int, float]:
@@ -144,7 +143,7 @@ class MultistepSteps:
         more than half a radian in a step. If it took less than count steps it has to begin anew.
         """
         past = self._past
-        checks = Checks(absolute, relative, past.last - STARTING_STEPS, _MEASURED)
+        checks = Checks(absolute, relative, past.last - STARTING_STEPS)
         told, steps = past.told, past.told + count + AHEAD - past.last
         state, error = self._loops.advance(past, self._step, steps, checks)
         return state, past.told - told, error

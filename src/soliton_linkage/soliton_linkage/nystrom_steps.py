@@ -65,6 +65,9 @@ KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]
 LARGEST_TURN = 0.5
 """Of a rotor in one drift [rad], up to which the compiled loops are exact to rounding."""
 
+MEASURED_EVERY = 32
+"""Of how many steps one has its error measured."""
+
 _VECTOR = 8
 
 Springs = tuple[tuple[float, float, float, float, float], Array, bool]
@@ -83,19 +86,16 @@ class Checks:
     relative: float
     taken: int = 0
     """Steps of the same length that were taken before."""
-    every: int = 32
-    """Of how many steps one has its error measured."""
 
     def measured(self, count: int) -> list[int]:
         """Which of the next steps have their error measured; the next one is 1.
 
         Of the first step of a length, which says little of a motion that begins, of two soon
-        after it, and then of every 32nd or as it is given.
+        after it, and then of every 32nd.
         """
-        every, end = self.every, self.taken + count
-        regular = range(every * (self.taken // every + 1), end + 1, every)
-        steps = [number - self.taken for number in sorted({1, 4, 16, *regular})]
-        return [step for step in steps if 0 < step <= count]
+        regular = range(MEASURED_EVERY - self.taken % MEASURED_EVERY, count + 1, MEASURED_EVERY)
+        early = [step - self.taken for step in (1, 4, 16)]
+        return [*(step for step in early if 0 < step <= count), *regular]
 
 
 class Steps(Protocol):
