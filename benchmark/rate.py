@@ -131,7 +131,7 @@ class Bench:
         least: float,
         most: float,
     ) -> list[float]:
-        """Double or halve until one holds and one does not, bisect, and confirm."""
+        """Bisect between one that holds and one that does not, and confirm in longer strides."""
 
         def run(value: float, seconds: float) -> Run:
             return self.run(name, command, *sizes(value), seconds)

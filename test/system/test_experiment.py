@@ -231,10 +231,12 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
 
 def wait_for_line(process: subprocess.Popen[str], begin: str) -> None:
     assert process.stdout is not None
+    said = []
     for line in process.stdout:
         if line.startswith(begin):
             return
-    pytest.fail(f'the experiment ended without a line that begins with {begin!r}')
+        said.append(line)
+    pytest.fail(f'no line began with {begin!r} before the experiment ended: {"".join(said[-20:])}')
 
 
 def predicted_speed(run: RecordedRun, scenario: str) -> float:
