@@ -15,7 +15,7 @@ from soliton_linkage.chain import Array
 from soliton_linkage.chain_motion import ChainMotion
 from soliton_linkage.multistep import SymmetricMultistep
 from soliton_linkage.multistep_steps import MultistepSteps
-from soliton_linkage.nystrom_steps import KICKS, CompiledSteps
+from soliton_linkage.nystrom_steps import KICKS, VECTOR, CompiledSteps, zeros_in_line
 
 REPEATS = 7
 BUDGET = 2e6
@@ -63,13 +63,16 @@ def moving(size: int) -> tuple[ChainMotion, Array]:
 def loops(size: int) -> dict[str, list[float]]:
     """Over rows long enough to drown the call, as many times as there is a budget."""
     longer = max(size, 8000)
-    work = np.random.default_rng(1).uniform(-0.1, 0.1, (4, longer + 1))
-    kicks, turns, memory = (np.zeros((16, longer)) for _ in range(3))
+    work = zeros_in_line(4, longer + VECTOR)
+    work[:] = np.random.default_rng(1).uniform(-0.1, 0.1, work.shape)
+    kicks, turns, memory = (zeros_in_line(16, longer) for _ in range(3))
     coefficients = (1.1, 0.2, 0.3, 0.4, 0.5)
     calls: dict[str, Callable[[], object]] = {
-        'springs': lambda: multistep_kernels.pull_even(work, longer, coefficients, kicks, 10),
-        'turns from kicks': lambda: multistep_kernels.recall(kicks, turns, memory, 9),
-        'turning': lambda: multistep_kernels.turn(work, turns, 9),
+        'springs': lambda: multistep_kernels.pull_even(
+            work, 0, longer, longer, coefficients, (0.0, 0.0), kicks, 10
+        ),
+        'turns from kicks': lambda: multistep_kernels.recall(kicks, turns, memory, 9, 0, longer),
+        'turning': lambda: multistep_kernels.turn(work, turns, 9, 0, longer),
         'spring, kick and turn of SymplecticNystrom': lambda: nystrom_kernels.kick_and_turn(
             *work, 0, longer, longer, coefficients, (1e-9, 1e-9), (0.0, 0.0)
         ),

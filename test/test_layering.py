@@ -40,7 +40,7 @@ PROGRAMS = {path.stem for path in MODULES if is_run(path)}
 @pytest.mark.parametrize('path', PHYSICS, ids=lambda path: path.stem)
 def test_physics_imports_nothing_but_itself_and_numerics(path: Path) -> None:
     allowed = ALLOWED_IN_STUDIES if path.parent.name == 'studies' else ALLOWED_IN_PHYSICS
-    compiled = {'numba'} if path.stem in ('nystrom_kernels', 'compiling') else set()
+    compiled = {'numba'} if path.stem == 'compiling' else set()
     assert {name.split('.')[0] for name in imported(path)} <= allowed | compiled
 
 

@@ -33,10 +33,10 @@ def motions() -> Mapping[str, ChainMotion]:
     rough = unit_chain(11, deviations=deviating(11, 10))
     return {
         'flipper': ChainMotion(unit_chain(11)),
-        'whole vectors': ChainMotion(unit_chain(12)),
+        'whole vectors': ChainMotion(unit_chain(16)),
         'two rotors': ChainMotion(unit_chain(2)),
         'spinner': ChainMotion(unit_chain(13, SPINNER)),
-        'ring': ChainMotion(unit_chain(12, periodic=True)),
+        'ring': ChainMotion(unit_chain(16, periodic=True)),
         'ring, padded': ChainMotion(unit_chain(10, periodic=True)),
         'deviating': ChainMotion(rough),
         'deviating ring': ChainMotion(unit_chain(10, periodic=True, deviations=deviating(10, 10))),

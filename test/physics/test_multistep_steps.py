@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chain_motions import MOTIONS, lively_state
+from chain_motions import MOTIONS, lively_state, unit_chain
 
 from soliton_linkage.chain import Array
 from soliton_linkage.chain_motion import ChainMotion
@@ -152,6 +152,18 @@ def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
             np.testing.assert_allclose(state, expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize('beyond', [-8, -1, 0, 1, 700])
+def test_chains_that_are_taken_in_blocks_take_the_same_steps(beyond: int) -> None:
+    kernels = pytest.importorskip('soliton_linkage.multistep_kernels')
+    motion = ChainMotion(unit_chain(2 * kernels.ROTORS_IN_CACHE + beyond))
+    (fast, _), (plain, _) = begun(motion, 0.15, True), begun(motion, 0.15, False)
+    state, done, error = fast.advance(40, *tolerances(motion))
+    expected, _, plain_error = plain.advance(40, *tolerances(motion))
+    assert done == 40
+    assert error == pytest.approx(plain_error, rel=1e-4)
+    np.testing.assert_allclose(state, expected, rtol=0, atol=1e-11)
+
+
 def test_compiled_loops_and_numpy_interpolate_alike() -> None:
     pytest.importorskip('numba')
     motion, found = UNDAMPED['deviating'], []
@@ -168,7 +180,7 @@ def test_compiled_loops_and_numpy_interpolate_alike() -> None:
 @pytest.mark.parametrize('name', UNDAMPED)
 def test_a_step_is_of_order_ten(name: str, compiled: bool) -> None:
     motion = UNDAMPED[name]
-    counts, errors = np.array([24, 30, 40]), []
+    counts, errors = np.array([30, 40, 50]), []
     for count in counts:
         steps, _ = begun(motion, 4.0 / count, compiled)
         state, _, _ = steps.advance(int(count) - STARTING_STEPS, *tolerances(motion))
@@ -215,6 +227,20 @@ def test_a_turn_that_grows_too_far_ends_the_steps(compiled: bool) -> None:
     assert 0 < done < 200
     assert error <= 1
     assert 0.2 * np.abs(last[motion.rotors :]).max() > 0.7 * LARGEST_TURN
+
+
+def test_compiled_loops_and_numpy_stop_alike_before_a_turn_too_far() -> None:
+    pytest.importorskip('numba')
+    motion, found = UNDAMPED['flipper'], []
+    state = lively_state(motion, speed=0.0)
+    state[5] += 2.0
+    for compiled in (True, False):
+        steps = MultistepSteps(motion, 200, compiled)
+        steps.begin(state, 0.25, *tolerances(motion))
+        found.append(steps.advance(200, *tolerances(motion)))
+    (fast, done, _), (plain, plain_done, _) = found
+    assert 32 < done == plain_done < 200
+    np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-8)
 
 
 def test_a_fixed_rotor_does_not_move(compiled: bool) -> None:

@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
-from soliton_linkage.compiling import FREEDOMS, Kernel, compile_loop
+from soliton_linkage.compiling import (
+    FREEDOMS,
+    Kernel,
+    arrays_do_not_overlap,
+    compile_loop,
+    take_widest_vectors,
+)
 from soliton_linkage.multistep_coefficients import (
     AHEAD,
     DIFFERENCE,
@@ -31,7 +37,9 @@ from soliton_linkage.nystrom_kernels import (
     COSINES,
     ON_LEFT,
     ON_RIGHT,
+    ONE,
     RATES,
+    ROTORS_IN_CACHE,
     SINES,
     Coefficients,
     copy,
@@ -40,7 +48,6 @@ from soliton_linkage.nystrom_kernels import (
     inlined,
     pull_all,
     take_step,
-    take_widest_vectors,
     turned,
 )
 from soliton_linkage.nystrom_kernels import (
@@ -52,6 +59,8 @@ Q1, Q2, Q3, Q4 = (float(q) for q in RECURSION[1:5])
 B0, B1, B2, B3, B4 = (float(b) for b in RESPONSE[:5])
 D0, D1, D2, D3, D4, D5 = (ERROR * float(d) for d in DIFFERENCE[:6])
 WRAP = MEMORY - 1
+KEPT = 7
+"""Row of work with angles to come back to."""
 
 Numbers = NDArray[np.int64]
 
@@ -63,18 +72,27 @@ def summing(function: Kernel) -> Kernel:
 
 @inlined
 def pull_even(
-    work: Array, number: int, coefficients: Coefficients, kicks: Array, row: int
-) -> None:
+    work: Array,
+    start: int,
+    end: int,
+    number: int,
+    coefficients: Coefficients,
+    before: tuple[float, float],
+    kicks: Array,
+    row: int,
+) -> tuple[float, float]:
     """Kicks of springs that are all alike, as `nystrom_kernels.kick_and_turn` has them."""
     take_widest_vectors()
-    f_before = q_before = 0.0
-    for n in range(kicks.shape[1]):
-        c, c_next = work[COSINES, n], work[COSINES, n + 1]
-        s, s_next = work[SINES, n], work[SINES, n + 1]
+    arrays_do_not_overlap()
+    f_before, q_before = before
+    for n in range(np.uintp(start), np.uintp(end)):
+        c, c_next = work[COSINES, n], work[COSINES, n + ONE]
+        s, s_next = work[SINES, n], work[SINES, n + ONE]
         f, q = cross_and_pull(c, s, c_next, s_next, coefficients)
-        f, q = (f, q) if n < number - 1 else (0.0, 0.0)
+        f, q = (f, q) if n < np.uintp(number - 1) else (0.0, 0.0)
         kicks[row, n] = (f - f_before) * c - (q - q_before)
         f_before, q_before = f, q
+    return f_before, q_before
 
 
 @inlined
@@ -101,37 +119,116 @@ def scaled(coefficients: Coefficients, square: float) -> Coefficients:
 
 
 @inlined
-def recall(kicks: Array, turns: Array, memory: Array, instant: int) -> int:
+def recall(kicks: Array, turns: Array, memory: Array, instant: int, start: int, end: int) -> int:
     """Put the turns of an instant into their row; return how many rotors turn too far."""
     take_widest_vectors()
+    arrays_do_not_overlap()
     wrap = kicks.shape[0] - 1
     now, before = instant & wrap, (instant - 1) & wrap
     w0, w1, w2 = instant & WRAP, (instant - 1) & WRAP, (instant - 2) & WRAP
     w3, w4, w5 = (instant - 3) & WRAP, (instant - 4) & WRAP, (instant - 5) & WRAP
     w6, w7, w8 = (instant - 6) & WRAP, (instant - 7) & WRAP, (instant - 8) & WRAP
     too_far = 0
-    kick, last, turned_now = kicks[now], turns[before], turns[now]
-    for n in range(kick.size):
+    for n in range(np.uintp(start), np.uintp(end)):
         first, second = memory[w1, n] + memory[w7, n], memory[w2, n] + memory[w6, n]
         third, fourth = memory[w3, n] + memory[w5, n], memory[w4, n]
-        newest = (kick[n] - memory[w8, n]) - Q1 * first - Q2 * second - Q3 * third
+        newest = (kicks[now, n] - memory[w8, n]) - Q1 * first - Q2 * second - Q3 * third
         newest -= Q4 * fourth
         response = B0 * (newest + memory[w8, n]) + B1 * first + B2 * second + B3 * third
-        turn = last[n] + (response + B4 * fourth)
+        turn = turns[before, n] + (response + B4 * fourth)
         memory[w0, n] = newest
-        turned_now[n] = turn
+        turns[now, n] = turn
         too_far += not abs(turn) <= LARGEST_TURN
     return too_far
 
 
 @inlined
-def turn(work: Array, turns: Array, row: int) -> None:
+def turn(work: Array, turns: Array, row: int, start: int, end: int) -> None:
     """Turn the rotors."""
     take_widest_vectors()
-    for n in range(turns.shape[1]):
+    arrays_do_not_overlap()
+    for n in range(np.uintp(start), np.uintp(end)):
         x = turns[row, n]
         work[ANGLES, n] += x
         work[COSINES, n], work[SINES, n] = turned(work[COSINES, n], work[SINES, n], x)
+
+
+@inlined
+def take_even_steps(
+    work: Array,
+    number: int,
+    coefficients: Coefficients,
+    rings: tuple[Array, Array, Array],
+    last: int,
+    count: int,
+) -> int:
+    """Take steps between springs that are all alike; return how many turn no rotor too far.
+
+    So that rotors stay in the cache, some are taken through all steps before the next: each step
+    takes one rotor less than that before it, whose kicks it needs.
+    """
+    kicks, turns, memory = rings
+    places, wrap = kicks.shape[1], kicks.shape[0] - 1
+    before, too_far = np.zeros((count, 2)), 0
+    for n in range(places):
+        work[KEPT, n] = work[ANGLES, n]
+    for block in range(0, places, ROTORS_IN_CACHE):
+        end = block + ROTORS_IN_CACHE
+        for step in range(count):
+            now, after = (last + step) & wrap, (last + step + 1) & wrap
+            start, stop = (block - step if block else 0), (end - step if end < places else places)
+            turning = start + min(block, 1), min(stop + 1, places)
+            too_far += recall(kicks, turns, memory, last + step, *turning)
+            turn(work, turns, now, *turning)
+            before[step] = pull_even(
+                work,
+                start,
+                stop,
+                number,
+                coefficients,
+                (before[step, 0], before[step, 1]),
+                kicks,
+                after,
+            )
+    return leave_before(work, turns, last, count) if too_far else count
+
+
+@inlined
+def leave_before(work: Array, turns: Array, last: int, count: int) -> int:
+    """Turn the rotors from KEPT on until one would turn too far; return how many times."""
+    number, wrap = turns.shape[1], turns.shape[0] - 1
+    for n in range(number):
+        work[ANGLES, n] = work[KEPT, n]
+    for step in range(count):
+        row = (last + step) & wrap
+        for n in range(number):
+            if not abs(turns[row, n]) <= LARGEST_TURN:
+                return step
+        for n in range(number):
+            work[ANGLES, n] += turns[row, n]
+    return count
+
+
+@inlined
+def take_uneven_steps(
+    work: Array,
+    number: int,
+    springs: tuple[Coefficients, Array, bool],
+    field: Array,
+    square: float,
+    rings: tuple[Array, Array, Array],
+    last: int,
+    count: int,
+) -> int:
+    """Take steps between springs that each have their own parameters, as `take_even_steps`."""
+    kicks, turns, memory = rings
+    places, wrap = kicks.shape[1], kicks.shape[0] - 1
+    for step in range(count):
+        if recall(kicks, turns, memory, last + step, 0, places):
+            return step
+        turn(work, turns, (last + step) & wrap, 0, places)
+        pull_each(work, number, springs, field, square, kicks, (last + step + 1) & wrap)
+    return count
 
 
 @inlined
@@ -140,19 +237,21 @@ def put_state(
 ) -> None:
     """Write down the angles, once they are smooth, and the rates of an instant."""
     wrap, number = kicks.shape[0] - 1, state.size // 2
-    for n in range(number):
-        state[n] = angles[n]
-        state[number + n] = 0.0
-    for part in range(2):
-        scale, first = (1.0, 1 / step)[part], part * number
-        for j in range(2 * AHEAD):
-            row, weight = (instant + j - AHEAD) & wrap, scale * OF_TURNS[part, j]
-            for n in range(number):
-                state[first + n] += weight * turns[row, n]
-        for j in range(2 * AHEAD + 1):
-            row, weight = (instant + j - AHEAD) & wrap, scale * OF_KICKS[part, j]
-            for n in range(number):
-                state[first + n] += weight * kicks[row, n]
+    for start in range(0, number, ROTORS_IN_CACHE):
+        rotors = np.uintp(start), np.uintp(min(start + ROTORS_IN_CACHE, number))
+        for n in range(*rotors):
+            state[n] = angles[n]
+            state[np.uintp(number) + n] = 0.0
+        for part in range(2):
+            scale, first = (1.0, 1 / step)[part], np.uintp(part * number)
+            for j in range(2 * AHEAD):
+                row, weight = (instant + j - AHEAD) & wrap, scale * OF_TURNS[part, j]
+                for n in range(*rotors):
+                    state[first + n] += weight * turns[row, n]
+            for j in range(2 * AHEAD + 1):
+                row, weight = (instant + j - AHEAD) & wrap, scale * OF_KICKS[part, j]
+                for n in range(*rotors):
+                    state[first + n] += weight * kicks[row, n]
 
 
 @inlined
@@ -235,10 +334,10 @@ def error(
         missed = D0 * (kicks[k0, n] + kicks[k10, n]) + D1 * (kicks[k1, n] + kicks[k9, n])
         missed += D2 * (kicks[k2, n] + kicks[k8, n]) + D3 * (kicks[k3, n] + kicks[k7, n])
         missed += D4 * (kicks[k4, n] + kicks[k6, n]) + D5 * kicks[k5, n]
-        rate = turns[before, n] / step
         of_angle = absolute[n] + relative * abs(work[ANGLES, n])
-        of_rate = absolute[number + n] + relative * abs(rate)
-        squares += (missed / of_angle) ** 2 + (missed / step / of_rate) ** 2
+        of_turn = abs(step) * absolute[number + n] + relative * abs(turns[before, n])
+        ratio = missed / (of_angle * of_turn)  # divisions take most of the time here
+        squares += (ratio * of_turn) ** 2 + (ratio * of_angle) ** 2
     return math.sqrt(squares / (2 * number))
 
 
@@ -268,7 +367,7 @@ def begin(
         if springs[1].size:
             pull_each(work, number, springs, field, step * step, kicks, instant)
         else:
-            pull_even(work, number, even, kicks, instant)
+            pull_even(work, 0, kicks.shape[1], number, even, (0.0, 0.0), kicks, instant)
         if instant == STARTING_STEPS or faster(work, number, LARGEST_TURN / abs(step)):
             break
         for n in range(number):
@@ -333,21 +432,25 @@ def advance(
     instants are that told, the last one, and how many steps to take. Tolerances are those of
     `error`, measured after the steps whose numbers are given. States have one row.
     """
-    kicks, turns, memory = rings
+    kicks, turns, _ = rings
     told, last, count = instants
-    number, wrap = states.shape[1] // 2, kicks.shape[0] - 1
+    number = states.shape[1] // 2
     even = scaled(springs[0], step * step)
-    largest, good, next_measured = 0.0, told, 0
-    for done in range(1, count + 1):
-        if recall(kicks, turns, memory, last):
-            break
-        turn(work, turns, last & wrap)
-        last += 1
+    largest, good, done, next_measured = 0.0, told, 0, 0
+    while done < count:
+        checked = next_measured < measured.size and measured[next_measured] <= count
+        until = measured[next_measured] if checked else count
         if springs[1].size:
-            pull_each(work, number, springs, field, step * step, kicks, last & wrap)
+            taken = take_uneven_steps(
+                work, number, springs, field, step * step, rings, last, until - done
+            )
         else:
-            pull_even(work, number, even, kicks, last & wrap)
-        if next_measured < measured.size and done == measured[next_measured]:
+            taken = take_even_steps(work, number, even, rings, last, until - done)
+        done += taken
+        last += taken
+        if done < until:
+            break
+        if checked:
             next_measured += 1
             found = error(work, kicks, turns, last, step, tolerances[0], tolerances[1])
             largest = max(largest, found)

@@ -49,19 +49,18 @@ from soliton_linkage.nystrom_steps import (
     KICKS,
     LARGEST_TURN,
     MEASURED_EVERY,
+    STEPS_UNTIL_EXACT,
+    VECTOR,
     Checks,
     CompiledSteps,
     Steps,
+    load_angles,
     steps_of,
+    zeros_in_line,
 )
 from soliton_linkage.nystrom_steps import load_loops as load_starting_loops
 
 Numbers = NDArray[np.int64]
-
-_FEWEST_PLACES = 32
-"""Loops over less are not vectorised."""
-_STEPS_UNTIL_EXACT = 1000
-"""Cosines and sines drift away from the angles by a rounding a step, at random."""
 
 
 def load_loops() -> None:
@@ -87,10 +86,9 @@ class Past:
     def __init__(self, places: int, instants: int) -> None:
         """Have room for so many instants."""
         rows = 1 << (instants - 1).bit_length()
-        # Filled now, so that the system does not have to find the room later, page by page.
-        self.kicks = np.full((rows, places), 0.0)
-        self.turns = np.full((rows, places), 0.0)
-        self.memory = np.full((MEMORY, places), 0.0)
+        self.kicks = zeros_in_line(rows, places)
+        self.turns = zeros_in_line(rows, places)
+        self.memory = zeros_in_line(MEMORY, places)
         self.last = self.told = STARTING_STEPS
 
     def rows(self, first: int, end: int) -> Numbers:
@@ -278,8 +276,8 @@ class CompiledLoops:
         self._kernels = kernels
         self._number = motion.rotors
         self._forces = starting.forces
-        self.places = max(starting.places, _FEWEST_PLACES)
-        self._work = np.zeros((11, self.places + 1))
+        self.places = starting.places
+        self._work = zeros_in_line(11, self.places + VECTOR)
         self._since_load = 0
 
     def begin(self, past: Past, state: Array, step: float, checks: Checks) -> tuple[Array, float]:
@@ -303,7 +301,7 @@ class CompiledLoops:
         """State and largest error of steps, whose last one that is good is told."""
         states = np.empty((1, 2 * self._number))
         self._since_load += count
-        if self._since_load > _STEPS_UNTIL_EXACT:
+        if self._since_load > STEPS_UNTIL_EXACT:
             self._load(self._work[0, : self._number].copy())
         past.told, past.last, error = self._kernels.advance(
             self._work,
@@ -333,9 +331,5 @@ class CompiledLoops:
         return states
 
     def _load(self, angles: Array) -> None:
-        """Put angles, cosines and sines into work."""
         self._since_load = 0
-        rows = self._work[:, : self._number]
-        rows[0] = angles
-        np.cos(angles, out=rows[2])
-        np.sin(angles, out=rows[3])
+        load_angles(self._work, angles)

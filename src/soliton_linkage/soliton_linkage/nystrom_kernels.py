@@ -14,19 +14,21 @@ which takes longer than twenty rotors do.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, cast
 
 import numpy as np
-from numba.core import types
-from numba.extending import intrinsic
 
 from soliton_linkage.chain import Array
-from soliton_linkage.compiling import FREEDOMS, Kernel, compile_loop
-from soliton_linkage.nystrom_steps import LARGEST_TURN
+from soliton_linkage.compiling import (
+    FREEDOMS,
+    Kernel,
+    arrays_do_not_overlap,
+    compile_loop,
+    take_widest_vectors,
+)
+from soliton_linkage.nystrom_steps import LARGEST_TURN, VECTOR
 
 ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS = range(7)
-"""Rows of work, shape (11, P + 1); the last four are to come back to.
+"""Rows of work, shape (11, P + VECTOR); the last four are to come back to.
 
 Of the angular accelerations by springs, spring n has that of rotor n at place n of ON_LEFT, and
 that of rotor n+1 at place n+1 of ON_RIGHT.
@@ -58,20 +60,6 @@ def faster(work: Array, number: int, limit: float) -> int:
     for n in range(number):
         found += not abs(work[RATES, n]) <= limit
     return found
-
-
-def _wide(_typing: Any) -> Any:
-    """Vectorise the calling function as wide as the processor can; LLVM stays at half of it."""
-
-    def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        # The method `add` of these attributes refuses names that it does not know.
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-        return context.get_dummy_value()
-
-    return types.void(), generate
-
-
-take_widest_vectors = cast(Callable[[], None], intrinsic(_wide))
 
 
 @inlined
@@ -154,6 +142,7 @@ def kick_and_turn(
     It begins with f and q of the spring before rotor start, and returns those before rotor end.
     """
     take_widest_vectors()
+    arrays_do_not_overlap()
     kick_time, turn_time = times
     f_before, q_before = before
     for n in range(np.uintp(start), np.uintp(end)):
@@ -183,7 +172,7 @@ def take_even_step(
     each one rotor less than the stage before it, whose work on its right neighbour it needs.
     """
     drifts, kicks = stages
-    places = work.shape[1] - 1
+    places = work.shape[1] - VECTOR
     angles, rates, cosines, sines = work[ANGLES], work[RATES], work[COSINES], work[SINES]
     if places <= ROTORS_IN_CACHE:
         turn(work, RATES, 0, places, share * drifts[0])
@@ -298,7 +287,7 @@ def take_step(
     coefficients, rows, _ = springs
     decays, half_inertias = damping
     drifts, kicks = stages
-    places, share, dissipated = work.shape[1] - 1, (1 + length) / 2, 0.0
+    places, share, dissipated = work.shape[1] - VECTOR, (1 + length) / 2, 0.0
     if not rows.size:
         take_even_step(work, number, coefficients, stages, share)
         return dissipated

@@ -68,7 +68,11 @@ LARGEST_TURN = 0.5
 MEASURED_EVERY = 32
 """Of how many steps one has its error measured."""
 
-_VECTOR = 8
+STEPS_UNTIL_EXACT = 1000
+"""Cosines and sines drift away from the angles by a rounding a turn, at random."""
+
+VECTOR = 8
+"""Numbers that a processor takes at once, at most; rows of arrays are made of so many."""
 
 Springs = tuple[tuple[float, float, float, float, float], Array, bool]
 
@@ -137,6 +141,26 @@ def steps_of(motion: ChainMotion, compiled: bool | None) -> Steps:
             stacklevel=2,
         )
         return NumpySteps(motion)
+
+
+def zeros_in_line(rows: int, places: int) -> Array:
+    """Zeros of shape (rows, places), at an address where a line of the cache begins.
+
+    Vectors that lie across two lines take longer. They are filled now, so that the system does
+    not have to find the room later, page by page.
+    """
+    size, line = rows * places, 64
+    room = np.full(size + VECTOR, 0.0)
+    first = -room.ctypes.data % line // room.itemsize
+    return room[first : first + size].reshape(rows, places)
+
+
+def load_angles(work: Array, angles: Array) -> None:
+    """Put angles, cosines and sines into the first rows of work."""
+    rows = work[:, : len(angles)]
+    rows[0] = angles
+    np.cos(angles, out=rows[2])
+    np.sin(angles, out=rows[3])
 
 
 def load_loops() -> None:
@@ -241,13 +265,14 @@ class CompiledSteps:
 
         self._kernels = kernels
         self._motion = motion
-        self.places = -(-motion.rotors // _VECTOR) * _VECTOR
+        self.places = -(-motion.rotors // VECTOR) * VECTOR
         self._springs = self._coefficients()
         self._field = self._accelerations_of_field()
         self._prepared = math.nan
         half_inertias = motion.chain.moments_of_inertia / 2
         self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
-        self._work = np.zeros((11, self.places + 1))
+        self._work = zeros_in_line(11, self.places + VECTOR)
+        self._since_load = STEPS_UNTIL_EXACT
 
     @property
     def forces(self) -> tuple[Springs, Array]:
@@ -261,11 +286,14 @@ class CompiledSteps:
         number = self._motion.rotors
         states = np.empty((count + 1, len(state)))
         states[0] = state
-        angles, rates, cosines, sines = self._work[:4, :number]
-        angles[:] = state[:number]
-        rates[:] = state[number : 2 * number]
-        np.cos(angles, out=cosines)
-        np.sin(angles, out=sines)
+        self._since_load += count
+        if (
+            self._since_load > STEPS_UNTIL_EXACT
+            or (self._work[0, :number] != states[0, :number]).any()
+        ):
+            self._since_load = 0
+            load_angles(self._work, states[0, :number])
+        self._work[1, :number] = state[number : 2 * number]
         self._prepare(step)
         done, error = self._kernels.advance(
             self._work,
