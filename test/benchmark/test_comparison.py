@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import json
 import sys
+from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
+ROOT = Path(__file__).parents[2]
+
+sys.path.insert(0, str(ROOT / 'benchmark'))
 
 from comparison import Comparison, Figure, Part, write
 
@@ -54,3 +57,10 @@ def test_parts_stand_beside_each_other_in_their_order(tmp_path: Path) -> None:
     assert table.index('## integrate') < table.index('## publish')
     assert '3 (3 to 3)' in table
     assert '2 (2 to 2)' not in table
+
+
+def test_the_extra_has_what_the_benchmark_installs() -> None:
+    lines = (ROOT / 'setup/requirements-benchmark.txt').read_text().splitlines()
+    installed = {line.partition(';')[0] for line in lines if not line.startswith('#')}
+    extra = [each for each in requires('soliton_linkage') or [] if '"benchmark"' in each]
+    assert {each.partition(';')[0] for each in extra} == installed
