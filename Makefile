@@ -19,6 +19,7 @@ test: build  ## run the tests; ARGS='-k nudge' goes to pytest
 ifdef ARGS
 	@$(enter) python3 -m pytest $(ARGS)
 else
+	@. setup/environment.sh && setup/peers.sh || echo 'Tests that need the peers are skipped.'
 	@$(enter) python3 -m pytest --numprocesses auto test/physics
 	@$(enter) python3 -m pytest --ignore test/physics
 endif

@@ -71,8 +71,9 @@ def loops(size: int) -> dict[str, list[float]]:
         'springs': lambda: multistep_kernels.pull_even(
             work, 0, longer, longer, coefficients, (0.0, 0.0), kicks, 10
         ),
-        'turns from kicks': lambda: multistep_kernels.recall(kicks, turns, memory, 9, 0, longer),
-        'turning': lambda: multistep_kernels.turn(work, turns, 9, 0, longer),
+        'turns from kicks, and turning': lambda: multistep_kernels.turn(
+            work, kicks, turns, memory, memory, 9, 0, longer
+        ),
         'spring, kick and turn of SymplecticNystrom': lambda: nystrom_kernels.kick_and_turn(
             *work, 0, longer, longer, coefficients, (1e-9, 1e-9), (0.0, 0.0)
         ),

@@ -5,16 +5,7 @@
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-if ! python3 -c 'import heyoka, mcap, mujoco, numba' 2>/dev/null; then
-    [ -d .venv ] || {
-        echo >&2 'setup: the benchmark needs the wheels in .venv, not a full ROS 2 install:' \
-            'run it in a shell that has not sourced one.'
-        exit 1
-    }
-    echo 'Installing what the benchmark compares with into .venv.'
-    python3 -m pip install --quiet --constraint setup/constraints.txt \
-        --requirement setup/requirements-benchmark.txt
-fi
+setup/peers.sh
 parts=$1
 [ "$parts" != all ] ||
     parts=$(PYTHONPATH=benchmark python3 -c 'import comparison; print(*comparison.PARTS)')

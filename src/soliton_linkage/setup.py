@@ -21,7 +21,12 @@ setup(
     install_requires=['matplotlib', 'numpy', 'pyyaml', 'scipy'],
     extras_require={
         'compiled': ['numba'],
-        'benchmark': ['heyoka', 'mcap', 'mujoco; python_version >= "3.11"', 'numba'],
+        'benchmark': [
+            'heyoka; python_version >= "3.11"',
+            'mcap',
+            'mujoco; python_version >= "3.11"',
+            'numba',
+        ],
     },
     entry_points={
         'console_scripts': [f'{name} = soliton_linkage.studies.{name}:main' for name in STUDIES],

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-
-sys.path.insert(0, str(ROOT / 'benchmark'))
+sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
 
 from comparison import Comparison, Figure, Part, write
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_ratio_is_taken_within_a_round() -> None:

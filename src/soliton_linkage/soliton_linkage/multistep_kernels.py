@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array
 from soliton_linkage.compiling import (
@@ -53,7 +52,7 @@ from soliton_linkage.nystrom_kernels import (
 from soliton_linkage.nystrom_kernels import (
     error as difference,
 )
-from soliton_linkage.nystrom_steps import LARGEST_TURN
+from soliton_linkage.nystrom_steps import LARGEST_TURN, Numbers
 
 Q1, Q2, Q3, Q4 = (float(q) for q in RECURSION[1:5])
 B0, B1, B2, B3, B4 = (float(b) for b in RESPONSE[:5])
@@ -61,8 +60,6 @@ D0, D1, D2, D3, D4, D5 = (ERROR * float(d) for d in DIFFERENCE[:6])
 WRAP = MEMORY - 1
 KEPT = 7
 """Row of work with angles to come back to."""
-
-Numbers = NDArray[np.int64]
 
 
 def summing(function: Kernel) -> Kernel:
@@ -119,8 +116,20 @@ def scaled(coefficients: Coefficients, square: float) -> Coefficients:
 
 
 @inlined
-def recall(kicks: Array, turns: Array, memory: Array, instant: int, start: int, end: int) -> int:
-    """Put the turns of an instant into their row; return how many rotors turn too far."""
+def turn(
+    work: Array,
+    kicks: Array,
+    turns: Array,
+    memory: Array,
+    remembered: Array,
+    instant: int,
+    start: int,
+    end: int,
+) -> int:
+    """Turn rotors as the kicks up to an instant ask for; return how many turn too far.
+
+    Memory and what is remembered are one array, of which other rows are written than are read.
+    """
     take_widest_vectors()
     arrays_do_not_overlap()
     wrap = kicks.shape[0] - 1
@@ -130,27 +139,19 @@ def recall(kicks: Array, turns: Array, memory: Array, instant: int, start: int, 
     w6, w7, w8 = (instant - 6) & WRAP, (instant - 7) & WRAP, (instant - 8) & WRAP
     too_far = 0
     for n in range(np.uintp(start), np.uintp(end)):
-        first, second = memory[w1, n] + memory[w7, n], memory[w2, n] + memory[w6, n]
-        third, fourth = memory[w3, n] + memory[w5, n], memory[w4, n]
-        newest = (kicks[now, n] - memory[w8, n]) - Q1 * first - Q2 * second - Q3 * third
+        first = remembered[w1, n] + remembered[w7, n]
+        second = remembered[w2, n] + remembered[w6, n]
+        third, fourth = remembered[w3, n] + remembered[w5, n], remembered[w4, n]
+        newest = (kicks[now, n] - remembered[w8, n]) - Q1 * first - Q2 * second - Q3 * third
         newest -= Q4 * fourth
-        response = B0 * (newest + memory[w8, n]) + B1 * first + B2 * second + B3 * third
-        turn = turns[before, n] + (response + B4 * fourth)
+        response = B0 * (newest + remembered[w8, n]) + B1 * first + B2 * second + B3 * third
+        x = turns[before, n] + (response + B4 * fourth)
         memory[w0, n] = newest
-        turns[now, n] = turn
-        too_far += not abs(turn) <= LARGEST_TURN
-    return too_far
-
-
-@inlined
-def turn(work: Array, turns: Array, row: int, start: int, end: int) -> None:
-    """Turn the rotors."""
-    take_widest_vectors()
-    arrays_do_not_overlap()
-    for n in range(np.uintp(start), np.uintp(end)):
-        x = turns[row, n]
+        turns[now, n] = x
+        too_far += not abs(x) <= LARGEST_TURN
         work[ANGLES, n] += x
         work[COSINES, n], work[SINES, n] = turned(work[COSINES, n], work[SINES, n], x)
+    return too_far
 
 
 @inlined
@@ -170,16 +171,12 @@ def take_even_steps(
     kicks, turns, memory = rings
     places, wrap = kicks.shape[1], kicks.shape[0] - 1
     before, too_far = np.zeros((count, 2)), 0
-    for n in range(places):
-        work[KEPT, n] = work[ANGLES, n]
     for block in range(0, places, ROTORS_IN_CACHE):
         end = block + ROTORS_IN_CACHE
         for step in range(count):
-            now, after = (last + step) & wrap, (last + step + 1) & wrap
             start, stop = (block - step if block else 0), (end - step if end < places else places)
             turning = start + min(block, 1), min(stop + 1, places)
-            too_far += recall(kicks, turns, memory, last + step, *turning)
-            turn(work, turns, now, *turning)
+            too_far += turn(work, kicks, turns, memory, memory, last + step, *turning)
             before[step] = pull_even(
                 work,
                 start,
@@ -188,7 +185,7 @@ def take_even_steps(
                 coefficients,
                 (before[step, 0], before[step, 1]),
                 kicks,
-                after,
+                (last + step + 1) & wrap,
             )
     return leave_before(work, turns, last, count) if too_far else count
 
@@ -224,9 +221,8 @@ def take_uneven_steps(
     kicks, turns, memory = rings
     places, wrap = kicks.shape[1], kicks.shape[0] - 1
     for step in range(count):
-        if recall(kicks, turns, memory, last + step, 0, places):
-            return step
-        turn(work, turns, (last + step) & wrap, 0, places)
+        if turn(work, kicks, turns, memory, memory, last + step, 0, places):
+            return leave_before(work, turns, last, step + 1)
         pull_each(work, number, springs, field, square, kicks, (last + step + 1) & wrap)
     return count
 
@@ -423,7 +419,7 @@ def advance(
     instants: tuple[int, int, int],
     step: float,
     tolerances: tuple[Array, float],
-    measured: Array,
+    measured: Numbers,
     states: Array,
 ) -> tuple[int, int, float]:
     """Take steps and write down what is told; return its instant, the last, and the error.
@@ -440,6 +436,8 @@ def advance(
     while done < count:
         checked = next_measured < measured.size and measured[next_measured] <= count
         until = measured[next_measured] if checked else count
+        for n in range(number):
+            work[KEPT, n] = work[ANGLES, n]
         if springs[1].size:
             taken = take_uneven_steps(
                 work, number, springs, field, step * step, rings, last, until - done

@@ -26,7 +26,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
@@ -53,14 +52,13 @@ from soliton_linkage.nystrom_steps import (
     VECTOR,
     Checks,
     CompiledSteps,
+    Numbers,
     Steps,
     load_angles,
     steps_of,
     zeros_in_line,
 )
 from soliton_linkage.nystrom_steps import load_loops as load_starting_loops
-
-Numbers = NDArray[np.int64]
 
 
 def load_loops() -> None:
@@ -310,7 +308,7 @@ class CompiledLoops:
             (past.told, past.last, count),
             step,
             (checks.absolute, checks.relative),
-            np.array(checks.measured(count), dtype=np.int64),
+            checks.measured(count),
             states,
         )
         return states[0], error

@@ -25,7 +25,7 @@ from soliton_linkage.compiling import (
     compile_loop,
     take_widest_vectors,
 )
-from soliton_linkage.nystrom_steps import LARGEST_TURN, VECTOR
+from soliton_linkage.nystrom_steps import LARGEST_TURN, VECTOR, Numbers
 
 ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS = range(7)
 """Rows of work, shape (11, P + VECTOR); the last four are to come back to.
@@ -340,7 +340,7 @@ def advance(
     damping: tuple[Array, Array],
     stages: tuple[Array, Array],
     tolerances: tuple[Array, float],
-    measured: Array,
+    measured: Numbers,
     states: Array,
 ) -> tuple[int, float]:
     """Fill states[1:] with the state after each step; return how many, and the largest error.

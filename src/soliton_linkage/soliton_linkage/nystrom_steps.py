@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soliton_linkage.chain import Array, Chain
 from soliton_linkage.chain_motion import ChainMotion
@@ -74,6 +75,10 @@ STEPS_UNTIL_EXACT = 1000
 VECTOR = 8
 """Numbers that a processor takes at once, at most; rows of arrays are made of so many."""
 
+Numbers = NDArray[np.int64]
+
+NONE: Numbers = np.empty(0, dtype=np.int64)
+
 Springs = tuple[tuple[float, float, float, float, float], Array, bool]
 
 
@@ -91,15 +96,16 @@ class Checks:
     taken: int = 0
     """Steps of the same length that were taken before."""
 
-    def measured(self, count: int) -> list[int]:
+    def measured(self, count: int) -> Numbers:
         """Which of the next steps have their error measured; the next one is 1.
 
         Of the first step of a length, which says little of a motion that begins, of two soon
         after it, and then of every 32nd.
         """
-        regular = range(MEASURED_EVERY - self.taken % MEASURED_EVERY, count + 1, MEASURED_EVERY)
-        early = [step - self.taken for step in (1, 4, 16)]
-        return [*(step for step in early if 0 < step <= count), *regular]
+        first = MEASURED_EVERY - self.taken % MEASURED_EVERY
+        regular = np.arange(first, count + 1, MEASURED_EVERY)
+        early = [step for step in (1, 4, 16) if self.taken < step <= self.taken + count]
+        return np.append(np.array(early) - self.taken, regular) if early else regular
 
 
 class Steps(Protocol):
@@ -187,7 +193,7 @@ class NumpySteps:
         number = self._motion.rotors
         longest_drift = abs(step) * float(np.abs(DRIFTS).max())
         states, largest = [state.copy()], 0.0
-        measured = checks.measured(count) if checks else []
+        measured = checks.measured(count) if checks else NONE
         for index in range(1, count + 1):
             before = states[-1]
             if not longest_drift * np.abs(before[number : 2 * number]).max() <= LARGEST_TURN:
@@ -302,7 +308,7 @@ class CompiledSteps:
             (self._decays, self._half_inertias),
             self._stages,
             (checks.absolute, checks.relative) if checks else (state, 0.0),
-            np.array(checks.measured(count) if checks else [], dtype=np.int64),
+            checks.measured(count) if checks else NONE,
             states,
         )
         return states[: done + 1], error
