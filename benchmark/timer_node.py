@@ -7,11 +7,13 @@ with a right-hand side in numpy, fills a JointState and publishes it.
 
 from __future__ import annotations
 
+import signal
 import sys
 
 import numpy as np
 import rclpy
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from scipy.integrate import solve_ivp
 from sensor_msgs.msg import JointState
 
@@ -65,7 +67,9 @@ class TimerNode(Node):
 
 
 def main() -> None:
-    rclpy.init()
+    # What a handler of rclpy shuts down under a running callback raises many things.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     rotors, rate, place, velocity = sys.argv[1:]
     node = TimerNode(int(rotors), float(rate), float(place), float(velocity))
     try:

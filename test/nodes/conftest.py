@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import domain_coordinator
@@ -39,12 +39,12 @@ def graph() -> Iterator[Graph]:
 
 @pytest.fixture
 def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
-    """Start a program of the suite on the test's domain."""
+    """Start a program of the suite on the test's domain, or a command that runs it."""
     programs: list[Program] = []
 
-    def start_program(name: str, *arguments: str) -> Program:
+    def start_program(name: str, *arguments: str, command: Sequence[str] = ()) -> Program:
         log = tmp_path / f'{name}_{len(programs)}.log'
-        programs.append(Program(name, list(arguments), graph.domain, log))
+        programs.append(Program(name, list(arguments), graph.domain, log, command))
         return programs[-1]
 
     yield start_program

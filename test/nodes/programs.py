@@ -6,6 +6,8 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -14,16 +16,47 @@ LONGEST_WAIT = 30.0
 STOP_LIMIT = 2.0
 PACKAGE = 'soliton_linkage_nodes'
 
+_SIGNALLED = """
+import os, runpy, sys
+
+moment, number, *sys.argv = sys.argv[1:]
+
+def send(frame, event, argument):
+    code = frame.f_code
+    if event == 'call' and f'{code.co_filename}:{code.co_name}'.endswith(moment):
+        sys.setprofile(None)
+        os.kill(os.getpid(), int(number))
+
+sys.setprofile(send)
+runpy.run_path(sys.argv[0], run_name='__main__')
+"""
+
+
+def signalled(moment: str, number: signal.Signals) -> list[str]:
+    """Return a command that runs a program and sends it a signal when a function is called.
+
+    The moment is the end of a file's name and, after a colon, the function's name, which is
+    `<module>` where a module begins to be imported.
+    """
+    return [sys.executable, '-c', _SIGNALLED, moment, str(int(number))]
+
 
 class Program:
     """A program of the suite as a process, and what it has said so far."""
 
-    def __init__(self, name: str, arguments: list[str], domain: int, log: Path) -> None:
+    def __init__(
+        self,
+        name: str,
+        arguments: list[str],
+        domain: int,
+        log: Path,
+        command: Sequence[str] = (),
+    ) -> None:
         self._log = log
         executable = Path(get_package_prefix(PACKAGE), 'lib', PACKAGE, name)
         with log.open('wb') as stream:
             self.process = subprocess.Popen(
-                [str(executable), *arguments],
+                [*command, str(executable), *arguments],
                 env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
                 stdin=subprocess.DEVNULL,
                 stdout=stream,

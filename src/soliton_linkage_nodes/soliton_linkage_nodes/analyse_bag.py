@@ -33,6 +33,7 @@ from soliton_linkage_nodes.conversions import (
     default_joint_names,
 )
 from soliton_linkage_nodes.joint_states import JointStates
+from soliton_linkage_nodes.process import interrupt_on_signals
 from soliton_linkage_nodes.state_conversions import columns, row
 
 _MOST_DRAWN = 4000
@@ -127,6 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Analyse a bag; exit with 1 where that fails, 130 on Ctrl-C."""
     options = _parser().parse_args(arguments)
     try:
+        interrupt_on_signals()
         given = chain_of_file(options.chain) if options.chain else None
         analyse(options.bag, options.output, given, options.noise)
     except (OSError, ValueError) as error:

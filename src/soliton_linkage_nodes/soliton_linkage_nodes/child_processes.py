@@ -67,10 +67,7 @@ class ChildProcesses:
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Terminate some processes, or all, kill what is left after 1.5 s, return exit codes.
-
-        A node that is still starting ends at once on SIGTERM; SIGINT may get lost in its imports.
-        """
+        """Terminate some processes, or all, kill what is left after 1.5 s, return exit codes."""
         chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
         for process in chosen.values():
             process.terminate()

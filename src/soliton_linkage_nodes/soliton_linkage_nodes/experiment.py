@@ -8,7 +8,6 @@ import json
 import math
 import os
 import shutil
-import signal
 import sys
 import threading
 import time
@@ -39,7 +38,7 @@ from soliton_linkage_nodes.bag_report import (
 from soliton_linkage_nodes.child_processes import ChildProcesses, isolate
 from soliton_linkage_nodes.conversions import chain_from_msg, time_from_msg
 from soliton_linkage_nodes.parameters import declare, refuse_unknown
-from soliton_linkage_nodes.process import initialise, stop_on_signals
+from soliton_linkage_nodes.process import initialise, interrupt_on_signals, stop_on_signals
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _UNUSED = (
@@ -158,8 +157,7 @@ class Experiment:
         finally:
             self._processes.stop()
         # Nothing is left to be stopped in good order.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.default_int_handler)
+        interrupt_on_signals()
         self._go_on()
         run = read_run(self.bag)
         return self._report(run, replayed, pacing)

@@ -36,6 +36,12 @@ def stop_on_signals() -> threading.Event:
     return stopping
 
 
+def interrupt_on_signals() -> None:
+    """Have SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
 def initialise(arguments: list[str] | None = None) -> None:
     """Initialise ROS from the command line, or from arguments; ValueError where they are wrong."""
     try:

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where every program begins: a signal ends it at once until it sets handlers of its own.
+
+Importing a program takes a second, many on a busy machine. A KeyboardInterrupt would end that with
+a trace, or get lost where libraries call Python back.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from functools import partial
+from importlib import import_module
+
+_INTERRUPTED = 130
+
+
+def _start(program: str, interrupted: int = _INTERRUPTED) -> None:
+    """Import a program and run it; `interrupted` is the exit code after SIGINT or SIGTERM."""
+
+    def end(_number: int, _frame: object) -> None:
+        os._exit(interrupted)
+
+    signal.signal(signal.SIGINT, end)
+    signal.signal(signal.SIGTERM, end)
+    import_module(f'soliton_linkage_nodes.{program}').main()
+
+
+simulator = partial(_start, 'simulator', 0)
+edge_actuator = partial(_start, 'edge_actuator', 0)
+soliton_analyser = partial(_start, 'soliton_analyser', 0)
+soliton_steering = partial(_start, 'soliton_steering', 0)
+bag_recorder = partial(_start, 'bag_recorder', 0)
+bag_player = partial(_start, 'bag_player', 0)
+watch_soliton = partial(_start, 'watch_soliton', 0)
+
+analyse_bag = partial(_start, 'analyse_bag')
+check_bag = partial(_start, 'check_bag')
+contraction = partial(_start, 'contraction')
+experiment = partial(_start, 'experiment')
+move_soliton = partial(_start, 'move_soliton')
+nudge = partial(_start, 'nudge')
+recover_bag = partial(_start, 'recover_bag')
