@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build of soliton_linkage_nodes as an ament_python package."""
 
-import sys
 from pathlib import Path
 
 from setuptools import setup
-from setuptools.command.install_scripts import install_scripts
 
 NODES = [
     'simulator',
@@ -27,21 +25,6 @@ TOOLS = [
 ]
 LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
 
-
-class Scripts(install_scripts):
-    """Writes scripts that import nothing before signals are handled.
-
-    Those of setuptools look for their entry point first, for longer than Python itself starts.
-    """
-
-    def run(self) -> None:
-        """Write one for each program."""
-        self.outfiles = []
-        for name in NODES + TOOLS:
-            lines = f'#!{sys.executable}', f'from soliton_linkage_nodes.start import {name}', ''
-            self.write_script(name, '\n'.join([*lines, f'{name}()', '']))
-
-
 setup(
     name='soliton_linkage_nodes',
     version='0.1.0',
@@ -62,6 +45,5 @@ setup(
             f'{name} = soliton_linkage_nodes.start:{name}' for name in NODES + TOOLS
         ],
     },
-    cmdclass={'install_scripts': Scripts},
     zip_safe=False,
 )

@@ -66,12 +66,14 @@ class ChildProcesses:
             raise RuntimeError(self._obituary(node, code))
         return True
 
-    def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Terminate some processes, or all, kill what is left after 1.5 s, return exit codes."""
+    def stop(
+        self, nodes: Sequence[str] | None = None, seconds: float = _TIME_TO_STOP
+    ) -> dict[str, int]:
+        """Terminate some processes, or all, kill what is left after a time, return exit codes."""
         chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
         for process in chosen.values():
             process.terminate()
-        deadline = time.monotonic() + _TIME_TO_STOP
+        deadline = time.monotonic() + seconds
         return {node: _end(process, deadline) for node, process in chosen.items()}
 
     def _log(self, node: str) -> Path:

@@ -51,6 +51,7 @@ _UNUSED = (
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
 _LONGEST_START = 30.0
+_LONGEST_END = 10.0
 _SPIN = 0.02
 _NEAR_EDGE = 2.0
 _AFTERWARDS = 1.2
@@ -246,7 +247,8 @@ class Experiment:
         )
         pacing = self._observer.figures('simulator')
         # The simulator first: no frame is to be analysed that is not recorded.
-        codes = self._processes.stop(['simulator']) | self._processes.stop()
+        codes = self._processes.stop(['simulator'], _LONGEST_END)
+        codes |= self._processes.stop(seconds=_LONGEST_END)
         wrong = {node: code for node, code in codes.items() if code}
         if wrong:
             raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
