@@ -113,3 +113,19 @@ def test_nobody_is_asked_for_more_than_the_most() -> None:
 
 def test_where_nothing_holds_nothing_is_found() -> None:
     assert Imagined(0, 0).most_rotors('ours', lambda *_: []) == []
+
+
+class Unlucky(Imagined):
+    """Fails every other of its short runs."""
+
+    short_runs = 0
+
+    def run(self, name: str, command: Any, rotors: int, rate: float, seconds: float) -> Run:
+        self.short_runs += seconds < 30
+        unlucky = seconds < 30 and self.short_runs % 2 == 1
+        return super().run(name, command, 2 * MOST_ROTORS if unlucky else rotors, rate, seconds)
+
+
+def test_bad_luck_in_one_run_does_not_end_the_search() -> None:
+    (found,) = Unlucky(1234, 1234).most_rotors('ours', lambda *_: [])
+    assert 1234 / 1.2 <= found <= 1234
