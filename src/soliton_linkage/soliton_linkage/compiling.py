@@ -81,7 +81,7 @@ take_widest_vectors = cast(Callable[[], None], intrinsic(_wide))
 
 
 def _apart(_typing: Any) -> Any:
-    """Promise that arrays given to the calling function do not overlap, not even in part.
+    """Promise that nothing is written to one array of the calling function and read from another.
 
     What has to be found out instead takes as long as some twenty rotors do.
     """
