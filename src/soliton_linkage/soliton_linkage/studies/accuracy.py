@@ -12,7 +12,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, as_completed
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,7 +22,7 @@ from soliton_linkage.studies.accuracy_contraction import read_contraction_study
 from soliton_linkage.studies.accuracy_frames import read_frame_study
 from soliton_linkage.studies.accuracy_record import read_record_study
 from soliton_linkage.studies.settings import Section, load_settings
-from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
+from soliton_linkage.studies.workers import local_processes, process_count
 
 _STOPPED = 130
 
@@ -56,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             count = len(part.tasks())
             part.write(results[:count], options.output)
             results = results[count:]
-    except (OSError, ValueError, ArithmeticError, BrokenExecutor) as error:
+    except (OSError, ValueError, ArithmeticError) as error:
         print(f'accuracy: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -86,12 +85,11 @@ def measured(tasks: Sequence[Callable[[], Any]], workers: int) -> list[Any]:
     progress = ProgressLine('accuracy', len(tasks))
     begin = time.monotonic()
     results: dict[int, Any] = {}
-    with local_processes(min(workers, len(tasks))) as executor:
-        with interrupts_held():
-            order = np.random.default_rng(0).permutation(len(tasks)).tolist()
-            futures = {executor.submit(tasks[number]): number for number in order}
+    with local_processes(min(workers, len(tasks))) as processes:
+        order = np.random.default_rng(0).permutation(len(tasks)).tolist()
+        futures = {processes.submit(tasks[number]): number for number in order}
         progress.show(0, 'building the orbits')
-        for future in as_completed(futures):
+        for future in processes.finished():
             results[futures[future]] = future.result()
             left = (time.monotonic() - begin) * (len(tasks) / len(results) - 1)
             progress.show(len(results), f'{left:.0f} s left')

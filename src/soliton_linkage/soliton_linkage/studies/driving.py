@@ -10,11 +10,8 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, Future, as_completed
 from dataclasses import dataclass, replace
-from itertools import chain as joined
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +45,7 @@ from soliton_linkage.studies.move_runs import MoveRun, Task
 from soliton_linkage.studies.moves import read_study, table_lines
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from, load_settings
-from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
+from soliton_linkage.studies.workers import local_processes, process_count
 
 _STOPPED = 130
 _KEYS = ('step', 'work', 'books', 'stiffness', 'tilt', 'moves')
@@ -125,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         plate.save(options.output, 'driving')
         table = '\n'.join([*finding_lines(findings), '', *table_lines(results.moves)]) + '\n'
         (options.output / 'table.md').write_text(table, encoding='utf-8')
-    except (OSError, ValueError, ArithmeticError, BrokenExecutor) as error:
+    except (OSError, ValueError, ArithmeticError) as error:
         print(f'driving: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -155,28 +152,20 @@ def read_driving(settings: Section, quick: bool) -> Study:
 
 def simulated(study: Study, workers: int) -> Results:
     """Results of all tasks, from processes side by side."""
-    with local_processes(workers) as executor:
-        with interrupts_held():
-            moves = {
-                key: [executor.submit(task) for task in tasks]
-                for key, tasks in study.moves.items()
-            }
-            apart = [executor.submit(task) for task in reversed(study.stiffnesses)][::-1]
-            books = {name: executor.submit(task) for name, task in study.books.items()}
-            tilts = {name: executor.submit(task) for name, task in study.tilts.items()}
-            works = {name: executor.submit(task) for name, task in study.works.items()}
-        futures: list[Future[Any]] = [
-            *joined.from_iterable(moves.values()),
-            *apart,
-            *books.values(),
-            *tilts.values(),
-            *works.values(),
-        ]
-        progress = ProgressLine('driving', len(futures))
-        for done, future in enumerate(as_completed(futures), start=1):
+    with local_processes(workers) as processes:
+        moves = {
+            key: [processes.submit(task) for task in tasks] for key, tasks in study.moves.items()
+        }
+        apart = [processes.submit(task) for task in reversed(study.stiffnesses)][::-1]
+        books = {name: processes.submit(task) for name, task in study.books.items()}
+        tilts = {name: processes.submit(task) for name, task in study.tilts.items()}
+        works = {name: processes.submit(task) for name, task in study.works.items()}
+        count = processes.unfinished
+        progress = ProgressLine('driving', count)
+        for done, future in enumerate(processes.finished(), start=1):
             future.result()
             progress.show(done)
-    progress.end(f'driving: {len(futures)} runs made')
+    progress.end(f'driving: {count} runs made')
     return Results(
         {name: future.result() for name, future in works.items()},
         {name: future.result() for name, future in books.items()},

@@ -12,7 +12,6 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
@@ -29,7 +28,7 @@ from soliton_linkage.studies.survey_figures import (
     energy_figure,
     rigid_limit_figure,
 )
-from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
+from soliton_linkage.studies.workers import local_processes, process_count
 
 _STOPPED = 130
 
@@ -82,13 +81,12 @@ def _draw_all(names: list[str], options: argparse.Namespace) -> dict[str, list[C
     """Draw figures side by side; their lines of the table by name."""
     progress = ProgressLine('figures', len(names))
     done: dict[str, list[Comparison]] = {}
-    with local_processes(min(options.workers, len(names))) as executor:
-        with interrupts_held():
-            futures = {
-                executor.submit(draw, name, options.config, options.output, options.quick): name
-                for name in names
-            }
-        for future in as_completed(futures):
+    with local_processes(min(options.workers, len(names))) as processes:
+        futures = {
+            processes.submit(draw, name, options.config, options.output, options.quick): name
+            for name in names
+        }
+        for future in processes.finished():
             done[futures[future]] = future.result()
             waiting = [name for name in names if name not in done]
             progress.show(len(done), f'to do: {", ".join(waiting)}' if waiting else '')

@@ -12,7 +12,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, wait
 from dataclasses import dataclass, replace
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
@@ -33,7 +32,7 @@ from soliton_linkage.studies.chain_films import (
 from soliton_linkage.studies.film_files import SHRINKING, FileKind, file_kind, write_film
 from soliton_linkage.studies.scenes import STYLE, Format, Scene
 from soliton_linkage.studies.settings import Section, load_settings
-from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
+from soliton_linkage.studies.workers import Processes, local_processes, process_count
 
 _KINDS: dict[str, tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]] = {
     'insulator': (Insulation.read, InsulatorScene),
@@ -113,21 +112,16 @@ def make_films(
     total = sum(film.shape.frames for film in films)
     context = multiprocessing.get_context('spawn')
     done: Synchronized[int] = context.Value('q', 0)
-    processes = min(len(films), workers or os.cpu_count() or 1)
+    count = min(len(films), workers or os.cpu_count() or 1)
     with (
         tempfile.TemporaryDirectory(
             prefix='.unfinished-', dir=output, ignore_cleanup_errors=True
         ) as scratch,
-        local_processes(processes, _prepare, (done,)) as executor,
+        local_processes(count, _prepare, (done,)) as processes,
     ):
-        longest_first = sorted(films, key=lambda film: -film.shape.frames)
-        with interrupts_held():
-            futures = [
-                executor.submit(_make, film, Path(scratch), output, kind) for film in longest_first
-            ]
-        _follow(futures, done, total)
-        for future in futures:
-            future.result()
+        for film in sorted(films, key=lambda film: -film.shape.frames):
+            processes.submit(_make, film, Path(scratch), output, kind)
+        _follow(processes, done, total)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -189,20 +183,20 @@ def _shrunk(shape: Format) -> tuple[int, int]:
     return shape.width // SHRINKING // 2 * 2, shape.height // SHRINKING // 2 * 2
 
 
-def _follow(futures: Sequence[Future[None]], done: Synchronized[int], total: int) -> None:
-    """Show progress until all films are finished or one has failed."""
+def _follow(processes: Processes, done: Synchronized[int], total: int) -> None:
+    """Show progress until all films are finished; raises what one has failed with."""
     started = time.monotonic()
     progress = ProgressLine('filming', total)
-    pending: set[Future[None]] = set(futures)
-    while pending:
-        finished, pending = wait(pending, timeout=_POLLING, return_when=FIRST_EXCEPTION)
-        if any(future.exception() for future in finished):
-            return
+    films = processes.unfinished
+    while processes.unfinished:
+        finished = processes.next_finished(_POLLING)
+        if finished:
+            finished.result()
         frames = done.value
         left = (time.monotonic() - started) * (total - frames) / frames if frames else 0.0
         remark = f'{left:.0f} s left' if frames else 'simulating'
         progress.show(frames, f'{frames} of {total} frames, {remark}')
-    progress.end(f'{len(futures)} films, {total} frames in {time.monotonic() - started:.0f} s')
+    progress.end(f'{films} films, {total} frames in {time.monotonic() - started:.0f} s')
 
 
 def _prepare(done: Synchronized[int]) -> None:

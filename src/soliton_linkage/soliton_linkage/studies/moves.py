@@ -10,7 +10,6 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from soliton_linkage.steering import Outcome
 from soliton_linkage.studies.move_pictures import draw_moves
 from soliton_linkage.studies.move_runs import Condition, MoveRun, Task
 from soliton_linkage.studies.settings import Section, chain_from, load_settings
-from soliton_linkage.studies.workers import interrupts_held, local_processes, process_count
+from soliton_linkage.studies.workers import local_processes, process_count
 
 _STOPPED = 130
 _QUICK_MOVES = 2
@@ -49,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table = '\n'.join(table_lines(runs)) + '\n'
         (options.output / 'table.md').write_text(table, encoding='utf-8')
         draw_moves(study.tasks, runs).save(options.output, 'moves')
-    except (OSError, ValueError, ArithmeticError, BrokenExecutor) as error:
+    except (OSError, ValueError, ArithmeticError) as error:
         print(f'moves: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -93,10 +92,9 @@ def made_runs(study: MoveStudy, workers: int) -> dict[tuple[str, str], list[Move
     flat = [(key, task) for key, tasks in study.tasks.items() for task in tasks]
     progress = ProgressLine('moves', len(flat))
     done: dict[int, MoveRun] = {}
-    with local_processes(min(workers, len(flat))) as executor:
-        with interrupts_held():
-            futures = {executor.submit(task): number for number, (_, task) in enumerate(flat)}
-        for future in as_completed(futures):
+    with local_processes(min(workers, len(flat))) as processes:
+        futures = {processes.submit(task): number for number, (_, task) in enumerate(flat)}
+        for future in processes.finished():
             done[futures[future]] = future.result()
             progress.show(len(done))
     progress.end(f'moves: {len(flat)} made')

@@ -12,7 +12,6 @@ import os
 import signal
 import sys
 import time
-from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -41,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print('\ninterrupted; the same command goes on where it was', file=sys.stderr)
         return _INTERRUPTED
-    except BrokenExecutor as error:
+    except ChildProcessError as error:
         print(f'sweep: a worker ended ({error}); the same command goes on', file=sys.stderr)
         return 1
     except (ValueError, OSError) as error:

@@ -7,14 +7,13 @@ import importlib
 import math
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from soliton_linkage.studies.sweep_config import Study
-from soliton_linkage.studies.workers import interrupts_held, local_processes
+from soliton_linkage.studies.workers import Pool, local_processes
 
 _SECONDS_A_CHUNK = 1.0
 _GROWTH = 4
@@ -28,7 +27,7 @@ Chunk = tuple[list[list[str]], list[int], float]
 class Workers:
     """Where chunks of rows are measured, and how many at a time."""
 
-    executor: Executor
+    pool: Pool
     count: int
 
     def measured(self, study: Study, rows: Sequence[int]) -> Iterator[list[list[str]]]:
@@ -37,21 +36,22 @@ class Workers:
         A chunk takes about a second, however long a row does.
         """
         waiting = deque(rows)
-        running: set[Future[Chunk]] = set()
+        finished = self.pool.finished()
+        running = 0
         size = 1
         while waiting or running:
-            while waiting and len(running) < _CHUNKS_A_WORKER * self.count:
+            while waiting and running < _CHUNKS_A_WORKER * self.count:
                 fair = math.ceil(len(waiting) / self.count)
                 chunk = [waiting.popleft() for _ in range(min(size, fair))]
-                with interrupts_held():
-                    running.add(self.executor.submit(measure_rows, study, chunk))
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                cells, left, seconds = future.result()
-                waiting.extendleft(reversed(left))
-                wanted = len(cells) * _SECONDS_A_CHUNK / max(seconds, 1e-9)
-                size = max(1, min(_GROWTH * len(cells), int(wanted)))
-                yield cells
+                self.pool.submit(measure_rows, study, chunk)
+                running += 1
+            result: Chunk = next(finished).result()
+            running -= 1
+            cells, left, seconds = result
+            waiting.extendleft(reversed(left))
+            wanted = len(cells) * _SECONDS_A_CHUNK / max(seconds, 1e-9)
+            size = max(1, min(_GROWTH * len(cells), int(wanted)))
+            yield cells
 
 
 def measure_rows(study: Study, rows: list[int]) -> Chunk:
@@ -71,8 +71,8 @@ def measure_rows(study: Study, rows: list[int]) -> Chunk:
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
     """Processes on this machine; where the sweep fails they end at once."""
-    with local_processes(count) as executor:
-        yield Workers(executor, count)
+    with local_processes(count) as processes:
+        yield Workers(processes, count)
 
 
 @contextmanager
@@ -99,4 +99,20 @@ def cluster_workers(address: str) -> Iterator[Workers]:
         count = sum(client.nthreads().values())
         if not count:
             raise ValueError(f'--scheduler {address} has no worker; start one with dask worker')
-        yield Workers(client.get_executor(), count)
+        yield Workers(_Cluster(client, distributed.as_completed(loop=client.loop)), count)
+
+
+class _Cluster:
+    """Does tasks on a Dask cluster."""
+
+    def __init__(self, client: Any, completed: Any) -> None:
+        self._client = client
+        self._completed = completed
+
+    def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Any:
+        future = self._client.submit(task, *arguments, pure=False)
+        self._completed.add(future)
+        return future
+
+    def finished(self) -> Iterator[Any]:
+        return iter(self._completed)
