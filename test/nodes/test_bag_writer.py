@@ -166,6 +166,23 @@ def test_a_batch_goes_on_in_a_new_file_where_one_is_full(tmp_path: Path, storage
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_what_waits_to_be_written_counts_for_the_size_of_a_file(
+    tmp_path: Path, storage: str
+) -> None:
+    largest, size = 100_000, 500
+    writer = BagWriter(tmp_path / 'run', storage, largest_file=largest)
+    topic = writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
+    writer.write_all((topic, START + number, bytes(size)) for number in range(1000))
+    writer.close({})
+    told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
+    counts = [file['message_count'] for file in told['rosbag2_bagfile_information']['files']]
+    *full, last = counts
+    assert sum(full) + last == 1000
+    assert len(full) >= 5
+    assert all(0.9 * largest < count * size <= largest for count in full)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_a_batch_goes_on_in_a_new_file_where_one_is_long_enough(
     tmp_path: Path, storage: str
 ) -> None:

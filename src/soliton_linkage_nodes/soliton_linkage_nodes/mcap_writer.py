@@ -33,7 +33,7 @@ class McapWriter:
 
     def __init__(self, path: Path, codec: str, library: str) -> None:
         """Create the file; codec is '' or 'zstd'."""
-        self.size = 0
+        self._end = 0
         self.counts: dict[int, int] = {}
         self.span: tuple[int, int] | None = None
         self._codec = codec
@@ -48,6 +48,11 @@ class McapWriter:
         self._told_at = time.monotonic()
         header = mcap.record(Opcode.HEADER, mcap.text(mcap.PROFILE), mcap.text(library))
         self._append(mcap.MAGIC + header)
+
+    @property
+    def size(self) -> int:
+        """How many bytes the file takes with those that wait, unless these will be compressed."""
+        return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
         """Begin to store a topic."""
@@ -92,12 +97,12 @@ class McapWriter:
         length = len(head) + len(packed)
         indexes, offsets = bytearray(), bytearray()
         for number, places in self._places.items():
-            place = self.size + length + len(indexes)
+            place = self._end + length + len(indexes)
             offsets += struct.pack('<HQ', number, place)
             indexes += mcap.message_index_record(number, places)
         index = mcap.record(
             Opcode.CHUNK_INDEX,
-            struct.pack('<QQQQ', start, end, self.size, length),
+            struct.pack('<QQQQ', start, end, self._end, length),
             mcap.sized(bytes(offsets)),
             struct.pack('<Q', len(indexes)),
             mcap.text(self._codec),
@@ -140,7 +145,7 @@ class McapWriter:
     def _add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         record = mcap.metadata_record(name, texts)
         self._append(record)
-        self._metadata.append((self.size - len(record), len(record), name))
+        self._metadata.append((self._end - len(record), len(record), name))
 
     def _summary(self) -> bytes:
         """Repeat the definitions, say where everything is, and end the file."""
@@ -154,7 +159,7 @@ class McapWriter:
             ),
             Opcode.STATISTICS: self._statistics(),
         }
-        start = place = self.size + mcap.RECORD_HEADER.size + 4
+        start = place = self._end + mcap.RECORD_HEADER.size + 4
         offsets = bytearray()
         for opcode, group in groups.items():
             if group:
@@ -180,7 +185,7 @@ class McapWriter:
         return mcap.record(Opcode.STATISTICS, head, span, mcap.sized(counts))
 
     def _append(self, *parts: bytes | bytearray | memoryview) -> None:
-        begin, size = self.size, sum(map(len, parts))
+        begin, size = self._end, sum(map(len, parts))
         try:
             written = os.writev(self._file.fileno(), parts)
             if written < size:
@@ -191,7 +196,7 @@ class McapWriter:
             self._file.truncate(begin)
             self._file.seek(begin)
             raise
-        self.size = begin + size
+        self._end = begin + size
 
 
 def widened(span: tuple[int, int] | None, stamp: int) -> tuple[int, int]:
