@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -30,6 +31,7 @@ class Graph:
         rclpy.init(context=self.context, domain_id=domain)
         self._executor = EventsExecutor(context=self.context)
         self._nodes: list[Node] = []
+        self._refused = False
         self.user = self.start(lambda **kwargs: Node('user', **kwargs))
 
     def start(
@@ -40,7 +42,11 @@ class Graph:
     ) -> Any:
         """Create a node with parameters and spin it from now on."""
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
-        node = create(context=self.context, parameter_overrides=overrides, **kwargs)
+        try:
+            node = create(context=self.context, parameter_overrides=overrides, **kwargs)
+        except BaseException:
+            self._refused = True
+            raise
         self._nodes.append(node)
         self._executor.add_node(node)
         return node
@@ -108,6 +114,9 @@ class Graph:
             node.destroy_node()
         self._executor.shutdown()
         rclpy.shutdown(context=self.context)
+        if self._refused:
+            # What is left of a node that refused its parameters would be heard by the next test.
+            gc.collect()
 
 
 def values(status: Any) -> dict[str, str]:
