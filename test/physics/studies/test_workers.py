@@ -152,20 +152,16 @@ def test_what_a_task_raises_comes_with_where_it_was_and_the_process_goes_on() ->
         assert result(processes, int, '7') == 7
 
 
-def test_a_task_that_the_process_cannot_import_is_told() -> None:
+def test_a_task_that_the_process_cannot_import_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def here() -> None:
         pass
 
-    here.__qualname__ = 'here'
-    here.__module__ = 'argparse'
-    argparse.here = here  # type: ignore[attr-defined]
-    try:
-        with local_processes(1) as processes:
-            with pytest.raises(AttributeError, match="attribute 'here'"):
-                result(processes, here)
-            assert result(processes, abs, -1) == 1
-    finally:
-        del argparse.here  # type: ignore[attr-defined]
+    here.__module__, here.__qualname__ = 'argparse', 'here'
+    monkeypatch.setattr(argparse, 'here', here, raising=False)
+    with local_processes(1) as processes:
+        with pytest.raises(AttributeError, match="attribute 'here'"):
+            result(processes, here)
+        assert result(processes, abs, -1) == 1
 
 
 @pytest.mark.parametrize(
