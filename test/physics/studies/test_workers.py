@@ -73,6 +73,12 @@ def result(processes: Processes, *task: Any) -> Any:
     return future.result()
 
 
+def command_of(program: str, folder: Path) -> list[str]:
+    script = folder / 'program.py'
+    script.write_text(program, encoding='utf-8')
+    return [sys.executable, str(script)]
+
+
 def has_ended(process: int) -> bool:
     """Whether a process runs no more; one that nobody waits for has ended as well."""
     try:
@@ -199,10 +205,9 @@ def test_processes_end_at_once_where_the_work_fails_and_no_others_do() -> None:
 
 
 def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
-    script = tmp_path / 'parent.py'
-    script.write_text(ORPHANING, encoding='utf-8')
+    command = command_of(ORPHANING, tmp_path)
     with subprocess.Popen(
-        [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as parent:
         assert parent.stdout
         child = int(parent.stdout.readline())
@@ -215,11 +220,8 @@ def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_is_kept_from_the_first_processes_of_a_program_too(tmp_path: Path) -> None:
-    script = tmp_path / 'masks.py'
-    script.write_text(MASKS, encoding='utf-8')
-    said = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, check=True
-    )
+    command = command_of(MASKS, tmp_path)
+    said = subprocess.run(command, capture_output=True, text=True, check=True)
     assert said.stdout == '[True, True, True]\n'
 
 
@@ -228,10 +230,9 @@ def test_ctrl_c_is_kept_from_the_first_processes_of_a_program_too(tmp_path: Path
 def test_an_interrupt_ends_it_while_results_are_sent(
     number: int, delay: float, tmp_path: Path
 ) -> None:
-    script = tmp_path / 'sending.py'
-    script.write_text(SENDING, encoding='utf-8')
+    command = command_of(SENDING, tmp_path)
     with subprocess.Popen(
-        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as parent:
         assert parent.stdout
         assert parent.stdout.readline() == 'sending\n'

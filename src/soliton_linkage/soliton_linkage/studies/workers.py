@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 _MOST = 1000
@@ -53,7 +53,9 @@ class Processes:
         """Number of tasks that `next_finished` has not returned yet."""
         return len(self._waiting) + len(self._busy)
 
-    def start(self, count: int, prepare: Callable[..., None] | None, arguments: Any) -> None:
+    def start(
+        self, count: int, prepare: Callable[..., None] | None, arguments: tuple[Any, ...]
+    ) -> None:
         """Start processes of one thread each, which are prepared by a function."""
         context = multiprocessing.get_context('spawn')
         # Started with the first process, it would let Ctrl-C through to that one.
@@ -89,22 +91,23 @@ class Processes:
 
         Raises ChildProcessError where a process has ended.
         """
-        for connection in wait(list(self._busy), timeout):
-            assert isinstance(connection, Connection)
-            try:
-                result, error, trace = connection.recv()
-            except (EOFError, OSError):
-                raise self._loss(connection) from None
-            future = self._busy.pop(connection)
-            self._idle.append(connection)
-            self._hand_out()
-            if error:
-                error.__cause__ = _RemoteError(trace)
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-            return future
-        return None
+        ready = wait(list(self._busy), timeout)
+        if not ready:
+            return None
+        connection = cast(Connection, ready[0])
+        try:
+            result, error, trace = connection.recv()
+        except (EOFError, OSError):
+            raise self._loss(connection) from None
+        future = self._busy.pop(connection)
+        self._idle.append(connection)
+        self._hand_out()
+        if error:
+            error.__cause__ = _RemoteError(trace)
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+        return future
 
     def end(self) -> None:
         """Wait for all tasks, and let the processes end."""
