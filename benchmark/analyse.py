@@ -29,14 +29,14 @@ from rclpy.subscription import Subscription
 from scipy.optimize import curve_fit
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.cycle import Cycle
-from soliton_linkage.progress import ProgressLine
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.studies.progress import ProgressLine
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
-from soliton_linkage_nodes.soliton_analyser import SolitonAnalyser
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 PEER = 'curve_fit of a tanh'
 PEER_TOPIC = 'tanh_fit'
@@ -67,11 +67,11 @@ class Frames:
     def __init__(self, rotors: int, count: int) -> None:
         """Prepare so many frames."""
         self.chain = Chain(number_of_rotors=rotors)
-        self._cycle = Cycle(self.chain)
+        self._orbit = UniformOrbit(self.chain)
         self._buffer = JointStateBuffer(NamedChain(self.chain, default_joint_names(rotors)))
-        self._arc = self._cycle.arc_at(rotors / 4, 0)
+        self._arc = self._orbit.arc_at(rotors / 4, 0)
         slow = min(SPEED / RATE, rotors / 2 / count)
-        self._step = slow * self._cycle.site_arc_at(self._arc)
+        self._step = slow * self._orbit.site_arc_at(self._arc)
         self._generator = np.random.default_rng(1)
         self._stamp = START
         self._count = count
@@ -80,16 +80,16 @@ class Frames:
         """Each frame and the place of its wall [rotors]."""
         rotors = self.chain.number_of_rotors
         effort = np.zeros(rotors)
-        before = self._cycle.configuration(self._arc)
+        before = self._orbit.configuration(self._arc)
         for _ in range(self._count):
             self._arc += self._step
             self._stamp += round(1e9 / RATE)
-            angles = self._cycle.configuration(self._arc)
+            angles = self._orbit.configuration(self._arc)
             rates = (angles - before) * RATE
             before = angles
             noise = NOISE * self._generator.standard_normal((2, rotors))
             frame = self._buffer.write(self._stamp, angles + noise[0], rates + noise[1], effort)
-            yield frame, self._cycle.place(self._arc)
+            yield frame, self._orbit.place(self._arc)
 
 
 class TanhFit:

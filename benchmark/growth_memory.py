@@ -14,7 +14,7 @@ import rclpy
 from processes import node_command, running
 from wall_bag import write_wall_bag
 
-from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.runtime import interfaces
 
 FRAMES = 20
 SPEED = 0.1
@@ -23,7 +23,7 @@ POLL = 0.01
 ANALYSE = """
 import sys
 from pathlib import Path
-from soliton_linkage_nodes.analyse_bag import main
+from soliton_linkage_nodes.programs.analyse_bag import main
 main(sys.argv[1:])
 print(Path('/proc/self/status').read_text())
 """

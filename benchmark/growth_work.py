@@ -17,17 +17,17 @@ from processes import program_command, running
 from rclpy.qos import QoSProfile
 from wall_bag import NOISE, RATE, SECOND, NoisyWall, named_chain
 
-from soliton_linkage.analysis import Analyser
-from soliton_linkage.chain import Chain
-from soliton_linkage.chain_motion import ChainMotion
-from soliton_linkage.nystrom import SymplecticNystrom
-from soliton_linkage.rigidity import zero_mode
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bag_writer import BagWriter
-from soliton_linkage_nodes.bags import type_name
-from soliton_linkage_nodes.inlets import Inlet
-from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
-from soliton_linkage_nodes.writing_thread import Source
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.record.inlets import Inlet
+from soliton_linkage_nodes.bags.record.writing_thread import Source
+from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.runtime import interfaces
 
 FIRST_FRAMES = 30
 STEPS = 50
@@ -54,7 +54,7 @@ def wall_state(rotors: int) -> tuple[np.ndarray, np.ndarray]:
 @contextmanager
 def right_hand_side(rotors: int) -> Iterator[Work]:
     """One call of the equations of motion."""
-    motion = ChainMotion(Chain(number_of_rotors=rotors))
+    motion = EquationOfMotion(Chain(number_of_rotors=rotors))
     state = motion.state(*wall_state(rotors))
     yield Work(lambda: len(motion(0.0, state)) // len(state))
 
@@ -62,7 +62,7 @@ def right_hand_side(rotors: int) -> Iterator[Work]:
 @contextmanager
 def compiled_force(rotors: int) -> Iterator[Work]:
     """One force of the compiled integrator, with all that stands about it in a step."""
-    motion = ChainMotion(Chain(number_of_rotors=rotors))
+    motion = EquationOfMotion(Chain(number_of_rotors=rotors))
     state = motion.state(*wall_state(rotors))
     solver = SymplecticNystrom(motion, 0.0, state, 1e9, first_step=0.01, atol=1e-3, rtol=0.0)
     solver.step()

@@ -10,12 +10,18 @@ from collections.abc import Callable
 import numpy as np
 from integrate_peers import Problem
 
-from soliton_linkage import multistep_kernels, nystrom_kernels
-from soliton_linkage.chain import Array
-from soliton_linkage.chain_motion import ChainMotion
-from soliton_linkage.multistep import SymmetricMultistep
-from soliton_linkage.multistep_steps import MultistepSteps
-from soliton_linkage.nystrom_steps import KICKS, VECTOR, CompiledSteps, zeros_in_line
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators import multistep_loops as multistep_kernels
+from soliton_linkage.dynamics.integrators import nystrom_loops as nystrom_kernels
+from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
+from soliton_linkage.dynamics.integrators.multistep_steps import MultistepSteps
+from soliton_linkage.dynamics.integrators.nystrom_steps import (
+    KICKS,
+    VECTOR,
+    CompiledSteps,
+    zeros_in_line,
+)
+from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
 BUDGET = 2e6
@@ -55,9 +61,9 @@ def symplectic(size: int) -> list[float]:
     return nanoseconds(lambda: steps.advance(state, STEP, count), count * len(KICKS) * size)
 
 
-def moving(size: int) -> tuple[ChainMotion, Array]:
+def moving(size: int) -> tuple[EquationOfMotion, Array]:
     problem = Problem('flipper', size, 1.0, 0.5, 0.97, 0.1)
-    return ChainMotion(problem.chain), np.concatenate([problem.angles, problem.rates])
+    return EquationOfMotion(problem.chain), np.concatenate([problem.angles, problem.rates])
 
 
 def loops(size: int) -> dict[str, list[float]]:

@@ -18,12 +18,12 @@ import mujoco
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from soliton_linkage.actuation import Edge, edge_mode
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.chain_motion import ChainMotion
-from soliton_linkage.chain_solver import ChainSolver
-from soliton_linkage.multistep import SymmetricMultistep
-from soliton_linkage.nystrom import SymplecticNystrom
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
+from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
+from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Array, Chain
 
 Run = Callable[[], Array]
 Ready = Callable[[], Run]
@@ -76,7 +76,7 @@ def symplectic(problem: Problem, tolerance: float) -> Ready:
 
 
 def chain_solver(method: type[ChainSolver], problem: Problem, tolerance: float) -> Ready:
-    motion = ChainMotion(problem.chain)
+    motion = EquationOfMotion(problem.chain)
     state = motion.state(problem.angles, problem.rates)
     absolute = tolerance / math.sqrt(len(state))
 

@@ -24,12 +24,16 @@ import rclpy
 from ament_index_python.packages import get_package_prefix
 from rclpy.publisher import Publisher
 
-from soliton_linkage.chain import Chain
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bag_rescue import recover_bag
-from soliton_linkage_nodes.bags import open_bag, read_topic
-from soliton_linkage_nodes.conversions import NamedChain, default_joint_names, time_from_msg
-from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    default_joint_names,
+    time_from_msg,
+)
+from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.runtime import interfaces
 
 ROTORS = 40
 RATE = 1000.0

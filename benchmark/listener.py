@@ -9,8 +9,8 @@ import rclpy
 from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import JointState
 
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.process import initialise, stop_on_signals
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 
 
 def main() -> None:

@@ -27,16 +27,16 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.chain import Chain
-from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.conversions import (
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage_nodes.messages.conversions import (
     FRAME,
     NamedChain,
     default_joint_names,
     time_to_msg,
 )
-from soliton_linkage_nodes.interfaces import stream_qos
-from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer, publish_buffer
+from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer, publish_buffer
+from soliton_linkage_nodes.runtime.interfaces import stream_qos
 
 Ways = dict[str, Callable[[], None]]
 

@@ -19,8 +19,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from soliton_linkage_nodes.interfaces import JOINT_STATES
-from soliton_linkage_nodes.stored_topic import type_definition
+from soliton_linkage_nodes.bags.stored_topic import type_definition
+from soliton_linkage_nodes.runtime.interfaces import JOINT_STATES
 
 TYPE_NAME = 'sensor_msgs/msg/JointState'
 SUBSCRIPTIONS = ('raw', 'typed')

@@ -17,8 +17,8 @@ from rclpy.signals import SignalHandlerOptions
 from scipy.integrate import solve_ivp
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.initial_states import with_soliton
+from soliton_linkage.dynamics.initial_states import with_soliton
+from soliton_linkage.linkage.chain import Array, Chain
 
 
 class TimerNode(Node):

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 from rclpy.serialization import serialize_message
 
-from soliton_linkage.chain import Chain
-from soliton_linkage.cycle import Cycle
-from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bag_writer import BagWriter
-from soliton_linkage_nodes.bags import type_name
-from soliton_linkage_nodes.conversions import (
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
     time_to_msg,
 )
-from soliton_linkage_nodes.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.runtime import interfaces
 
 START = 10**18
 NOISE = 0.01
@@ -43,16 +43,16 @@ class NoisyWall:
     def __init__(self, rotors: int, deviation: float = NOISE) -> None:
         """Work out the cycle, and draw the noise, which repeats after a million numbers."""
         self._rotors = rotors
-        self._cycle = Cycle(Chain(number_of_rotors=rotors))
+        self._orbit = UniformOrbit(Chain(number_of_rotors=rotors))
         self._noise = deviation * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
 
     def frame(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""
         arc = _ARC_PER_FRAME * number
-        about = self._cycle.stretch(arc)
+        about = self._orbit.stretch(arc)
         begin = number * 2 * self._rotors % _DRAWS
         noise = self._noise[begin : begin + 2 * self._rotors]
-        angles = self._cycle.configuration(arc) + noise[: self._rotors]
+        angles = self._orbit.configuration(arc) + noise[: self._rotors]
         rates = noise[self._rotors :].copy()
         rates[about.first : about.first + len(about.tangent)] += _ARC_RATE * about.tangent
         return angles, rates

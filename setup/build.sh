@@ -44,7 +44,10 @@ mv install/building install/built
 if python3 -c 'import numba' 2>/dev/null; then
     echo 'Compiling loops.'
     python3 -c '
-from soliton_linkage import filter_arrays, frame_arrays, multistep_steps, tail_arrays
+from soliton_linkage.estimation.loops import filter_arrays
+from soliton_linkage.estimation.loops import frame_arrays
+from soliton_linkage.dynamics.integrators import multistep_steps
+from soliton_linkage.estimation.loops import tail_arrays
 multistep_steps.load_loops(), filter_arrays.filter_loops(), frame_arrays.frame_loops()
 tail_arrays.tail_loops()'
 fi

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build of soliton_linkage as an ament_python package."""
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 STUDIES = ['accuracy', 'driving', 'figures', 'films', 'moves', 'sweep']
 
@@ -12,7 +12,7 @@ setup(
     maintainer='soliton_linkage maintainers',
     maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
-    packages=['soliton_linkage', 'soliton_linkage.studies'],
+    packages=find_packages(include=['soliton_linkage', 'soliton_linkage.*']),
     package_data={'soliton_linkage': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
@@ -29,7 +29,9 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [f'{name} = soliton_linkage.studies.{name}:main' for name in STUDIES],
+        'console_scripts': [
+            f'{name} = soliton_linkage.studies.{name}.program:main' for name in STUDIES
+        ],
     },
     zip_safe=False,
 )

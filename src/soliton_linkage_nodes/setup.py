@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NODES = [
     'simulator',
@@ -32,7 +32,7 @@ setup(
     maintainer='soliton_linkage maintainers',
     maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
-    packages=['soliton_linkage_nodes'],
+    packages=find_packages(include=['soliton_linkage_nodes', 'soliton_linkage_nodes.*']),
     package_data={'soliton_linkage_nodes': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage_nodes']),

@@ -14,10 +14,10 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from soliton_linkage.chain import Array
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs.msg import EdgeCommand
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.conversions import (
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.messages.conversions import (
     Frame,
     NamedChain,
     chain_to_msg,
@@ -26,7 +26,7 @@ from soliton_linkage_nodes.conversions import (
     time_to_msg,
     torques_from_msg,
 )
-from soliton_linkage_nodes.edge_actuator import EdgeActuator
+from soliton_linkage_nodes.runtime import interfaces
 
 PATIENT = {'state_timeout': 60.0}
 

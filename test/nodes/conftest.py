@@ -11,9 +11,9 @@ from pathlib import Path
 import domain_coordinator
 import pytest
 
-from soliton_linkage.chain import Chain
-from soliton_linkage_nodes import diagnostics
-from soliton_linkage_nodes.conversions import NamedChain, default_joint_names
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.runtime import diagnostics
 
 sys.path.append(str(Path(__file__).parent))
 

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from soliton_linkage_nodes import interfaces
+from soliton_linkage_nodes.runtime import interfaces
 
 LONGEST_WAIT = 30.0
 _QUEUED = 20

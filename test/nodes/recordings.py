@@ -14,16 +14,16 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes import interfaces
-from soliton_linkage_nodes.bag_writer import BagWriter
-from soliton_linkage_nodes.bags import open_bag, read_messages, type_name
-from soliton_linkage_nodes.conversions import (
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.messages.conversions import (
     Frame,
     NamedChain,
     chain_to_msg,
     frame_to_msg,
     time_to_msg,
 )
+from soliton_linkage_nodes.runtime import interfaces
 
 START = 1_700_000_000 * 10**9
 MILLISECOND = 10**6

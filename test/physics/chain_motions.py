@@ -9,10 +9,10 @@ from collections.abc import Mapping
 import numpy as np
 from chains import FLIPPER, SPINNER
 
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.chain_motion import ChainMotion
-from soliton_linkage.deviations import Deviations
-from soliton_linkage.gravity import Gravity
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.linkage.gravity import Gravity
 
 
 def unit_chain(rotors: int, example: tuple[float, float] = FLIPPER, **others: object) -> Chain:
@@ -28,22 +28,24 @@ def deviating(rotors: int, springs: int) -> Deviations:
     return Deviations(**{n: tuple(rng.normal(0, 0.03, count)) for n, count in lengths.items()})
 
 
-def motions() -> Mapping[str, ChainMotion]:
+def motions() -> Mapping[str, EquationOfMotion]:
     torques = np.random.default_rng(6).normal(0, 0.02, 11)
     rough = unit_chain(11, deviations=deviating(11, 10))
     return {
-        'flipper': ChainMotion(unit_chain(11)),
-        'whole vectors': ChainMotion(unit_chain(16)),
-        'two rotors': ChainMotion(unit_chain(2)),
-        'spinner': ChainMotion(unit_chain(13, SPINNER)),
-        'ring': ChainMotion(unit_chain(16, periodic=True)),
-        'ring, padded': ChainMotion(unit_chain(10, periodic=True)),
-        'deviating': ChainMotion(rough),
-        'deviating ring': ChainMotion(unit_chain(10, periodic=True, deviations=deviating(10, 10))),
-        'gravity and torques': ChainMotion(unit_chain(11), torques, Gravity(0.1, 0.4)),
-        'damped': ChainMotion(unit_chain(11, damping=0.03)),
-        'fixed': ChainMotion(unit_chain(11), torques, fixed=(0, 4)),
-        'all at once': ChainMotion(
+        'flipper': EquationOfMotion(unit_chain(11)),
+        'whole vectors': EquationOfMotion(unit_chain(16)),
+        'two rotors': EquationOfMotion(unit_chain(2)),
+        'spinner': EquationOfMotion(unit_chain(13, SPINNER)),
+        'ring': EquationOfMotion(unit_chain(16, periodic=True)),
+        'ring, padded': EquationOfMotion(unit_chain(10, periodic=True)),
+        'deviating': EquationOfMotion(rough),
+        'deviating ring': EquationOfMotion(
+            unit_chain(10, periodic=True, deviations=deviating(10, 10))
+        ),
+        'gravity and torques': EquationOfMotion(unit_chain(11), torques, Gravity(0.1, 0.4)),
+        'damped': EquationOfMotion(unit_chain(11, damping=0.03)),
+        'fixed': EquationOfMotion(unit_chain(11), torques, fixed=(0, 4)),
+        'all at once': EquationOfMotion(
             dataclasses.replace(rough, damping=0.02), torques, Gravity(0.1, -0.4), (3,)
         ),
     }
@@ -52,7 +54,7 @@ def motions() -> Mapping[str, ChainMotion]:
 MOTIONS = motions()
 
 
-def lively_state(motion: ChainMotion, seed: int = 1, speed: float = 0.2) -> Array:
+def lively_state(motion: EquationOfMotion, seed: int = 1, speed: float = 0.2) -> Array:
     rng = np.random.default_rng(seed)
     angles = motion.chain.uniform_state(1) + rng.normal(0, 0.1, motion.rotors)
     rates = rng.normal(0, speed, motion.rotors) * (motion.inverse_inertias > 0)

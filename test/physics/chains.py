@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from soliton_linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array, Chain
 
 EPS = float(np.finfo(np.float64).eps)
 

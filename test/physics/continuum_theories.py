@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from soliton_linkage.chain import Chain, Motion
-from soliton_linkage.continuum import FlipperTheory, SpinnerTheory
+from soliton_linkage.linkage.chain import Chain, Motion
+from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 
 WIDEST_FLIPPER = (0.5, 0.1)
 Theory = FlipperTheory | SpinnerTheory

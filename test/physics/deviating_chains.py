@@ -10,8 +10,8 @@ import numpy as np
 from chains import EPS, any_angles, any_chain
 from hypothesis import strategies as st
 
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.deviations import Deviations
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import Deviations
 
 
 def random_deviations(rotors: int, springs: int, seed: int, largest: float) -> Deviations:

@@ -9,23 +9,23 @@ from functools import lru_cache
 import numpy as np
 from chains import chain_of
 
-from soliton_linkage.chain import Array
-from soliton_linkage.cycle import Cycle
-from soliton_linkage.elastic_simulation import ElasticSimulation
-from soliton_linkage.steering import Ended, Steering
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.steering import Ended, Steering
 
 Disturbance = Callable[[float], float]
 
 
 @lru_cache(maxsize=32)
-def cycle_of(example: tuple[float, float], rotors: int) -> Cycle:
-    return Cycle(chain_of(example, rotors))
+def cycle_of(example: tuple[float, float], rotors: int) -> UniformOrbit:
+    return UniformOrbit(chain_of(example, rotors))
 
 
-def tangent_at(cycle: Cycle, arc: float) -> Array:
+def tangent_at(orbit: UniformOrbit, arc: float) -> Array:
     """Unit tangent of the orbit [1], shape (N,)."""
-    tangent = np.zeros(cycle.chain.number_of_rotors)
-    about = cycle.stretch(arc)
+    tangent = np.zeros(orbit.chain.number_of_rotors)
+    about = orbit.stretch(arc)
     tangent[about.first : about.first + len(about.tangent)] = about.tangent
     return tangent
 
@@ -33,20 +33,22 @@ def tangent_at(cycle: Cycle, arc: float) -> Array:
 class RigidWall:
     """The one degree of freedom of rigid bars, I s'' = t . tau + I push."""
 
-    def __init__(self, cycle: Cycle, arc: float, rate: float = 0.0, push: float = 0.0) -> None:
-        self.cycle, self.arc, self.rate, self.push = cycle, arc, rate, push
+    def __init__(
+        self, orbit: UniformOrbit, arc: float, rate: float = 0.0, push: float = 0.0
+    ) -> None:
+        self.orbit, self.arc, self.rate, self.push = orbit, arc, rate, push
 
     @property
     def place(self) -> float:
-        return self.cycle.place(self.arc)
+        return self.orbit.place(self.arc)
 
     def frame(self) -> Array:
-        return self.cycle.configuration(self.arc)
+        return self.orbit.configuration(self.arc)
 
     def go_on(self, torques: Array, period: float) -> None:
         """Hold torques [N m] for a period [s]."""
-        force = float(tangent_at(self.cycle, self.arc) @ torques)
-        acceleration = force / self.cycle.chain.moment_of_inertia + self.push
+        force = float(tangent_at(self.orbit, self.arc) @ torques)
+        acceleration = force / self.orbit.chain.moment_of_inertia + self.push
         self.arc += (self.rate + acceleration * period / 2) * period
         self.rate += acceleration * period
 
@@ -82,7 +84,7 @@ class Loop:
         self.frames = 0
         self.ended: Ended | None = None
         self._noise, self._random = noise, np.random.default_rng(seed)
-        self._waiting = [np.zeros(steering.cycle.chain.number_of_rotors)] * delay
+        self._waiting = [np.zeros(steering.orbit.chain.number_of_rotors)] * delay
 
     @property
     def time(self) -> float:

@@ -11,7 +11,7 @@ from chains import any_chain
 from hypothesis import strategies as st
 from mpmath import mp, mpf
 
-from soliton_linkage.chain import Chain
+from soliton_linkage.linkage.chain import Chain
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from soliton_linkage.chain import Array, Chain, Motion
-from soliton_linkage.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 TOLERANCE = 1e-10
 

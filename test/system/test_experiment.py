@@ -17,13 +17,13 @@ import yaml
 from ament_index_python.packages import get_package_prefix
 from matplotlib.image import imread
 
-from soliton_linkage.actuation import Edge, edge_mode
-from soliton_linkage.elastic_simulation import simulate
-from soliton_linkage.track import find_crossings, follow
-from soliton_linkage_nodes.bag_analysis import analysed
-from soliton_linkage_nodes.bag_report import RecordedRun, read_run
-from soliton_linkage_nodes.bags import open_bag, read_topic
-from soliton_linkage_nodes.state_conversions import state_to_msg
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.solitons.track import find_crossings, follow
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.messages.state_conversions import state_to_msg
+from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.bag_report import RecordedRun, read_run
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / 'config'

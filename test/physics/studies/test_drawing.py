@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from linkage_motion import wall_between
 from matplotlib.figure import Figure
 
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.rigidity import zero_mode
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.unit_cell import configuration_curves
 from soliton_linkage.studies.drawing import (
     ChainPicture,
     broken_at_turns,
@@ -28,7 +29,6 @@ from soliton_linkage.studies.drawing import (
     mass_points,
     mode_arrows,
 )
-from soliton_linkage.unit_cell import configuration_curves
 
 FEW = settings(max_examples=15)
 

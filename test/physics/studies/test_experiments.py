@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage.actuation import Edge
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.recording import Recording
-from soliton_linkage.rigid_simulation import RigidSimulation
-from soliton_linkage.rigidity import mode_centre, zero_mode
-from soliton_linkage.static_wall import static_wall
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linear.rigidity import Edge, mode_centre, zero_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.studies.experiments import (
     arctanh_width,
     kick_rates,

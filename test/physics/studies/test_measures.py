@@ -11,20 +11,20 @@ import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, chain_of
 from linkage_motion import site
 
-from soliton_linkage.chain import Chain
-from soliton_linkage.deviations import Deviations, drawn_deviations
-from soliton_linkage.passage import blocked_bonds
-from soliton_linkage.recording import Recording
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.passage import blocked_bonds
+from soliton_linkage.solitons.track import Crossing, Track
 from soliton_linkage.studies.measures import (
     MEASURES,
-    Trial,
+    SweepTrial,
     measure_motion,
     measure_speed,
     measure_survival,
     phonon_share,
     send_wall,
 )
-from soliton_linkage.track import Crossing, Track
 
 QUICK = {'tolerance': 1e-5, 'time_limit': 1000.0}
 
@@ -32,14 +32,14 @@ QUICK = {'tolerance': 1e-5, 'time_limit': 1000.0}
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_without_deviations_the_motion_is_that_of_the_chain(example: tuple[float, float]) -> None:
     chain = chain_of(example, 20)
-    assert measure_motion(chain, Trial()) == {'motion': chain.motion.value, 'obstacles': 0}
+    assert measure_motion(chain, SweepTrial()) == {'motion': chain.motion.value, 'obstacles': 0}
 
 
 def test_one_bond_of_another_class_blocks() -> None:
     chain = chain_of(SPINNER, 9)
     fractions = (*[0.0] * 4, 0.8, *[0.0] * 3)
     mixed = dataclasses.replace(chain, deviations=Deviations(rest_length=fractions))
-    assert measure_motion(mixed, Trial()) == {'motion': 'blocked', 'obstacles': 1}
+    assert measure_motion(mixed, SweepTrial()) == {'motion': 'blocked', 'obstacles': 1}
 
 
 @pytest.mark.parametrize(('example', 'kick'), [(FLIPPER, 0.04), (SPINNER, 0.15)])
@@ -49,7 +49,7 @@ def test_slow_walls_have_the_speed_of_rigid_bars(
     chain = chain_of(example, 14)
     # v = v0 / Lambda, where Lambda / r is the arc of the motion of bars over one spacing.
     _, arc = site(chain, 7, False, False, 3)
-    taken = measure_speed(chain, Trial(kick=kick, **QUICK))
+    taken = measure_speed(chain, SweepTrial(kick=kick, **QUICK))
     assert taken['outcome'] == 'returns'
     slow = kick / (arc * chain.rotor_length / chain.spacing)
     # Springs yield by the square of v / c, 0.02 here; either end of a leg is seen to a frame.
@@ -59,7 +59,8 @@ def test_slow_walls_have_the_speed_of_rigid_bars(
 def test_a_faster_kick_leaves_more_phonons() -> None:
     chain = chain_of(FLIPPER, 20)
     slow, fast = (
-        float(measure_speed(chain, Trial(kick=kick, **QUICK))['phonons']) for kick in (0.1, 0.3)
+        float(measure_speed(chain, SweepTrial(kick=kick, **QUICK))['phonons'])
+        for kick in (0.1, 0.3)
     )
     assert 0 <= slow < 0.01
     assert fast > 10 * slow
@@ -67,7 +68,7 @@ def test_a_faster_kick_leaves_more_phonons() -> None:
 
 def test_the_energy_at_the_wall_and_the_phonons_are_the_whole() -> None:
     chain = chain_of(FLIPPER, 20)
-    recording, track, crossings = send_wall(chain, Trial(kick=0.2, **QUICK))
+    recording, track, crossings = send_wall(chain, SweepTrial(kick=0.2, **QUICK))
     share = phonon_share(chain, recording, track, crossings[0])
     # Waves that are added far from the wall, as fast as they like, count in full.
     middle = float(np.nanmean([crossings[0].start, crossings[0].end]))
@@ -89,13 +90,13 @@ def test_the_energy_at_the_wall_and_the_phonons_are_the_whole() -> None:
 
 def test_without_room_beside_the_wall_phonons_are_not_told() -> None:
     chain = chain_of(FLIPPER, 8)
-    recording, track, _ = send_wall(chain, Trial(kick=0.1, **QUICK))
+    recording, track, _ = send_wall(chain, SweepTrial(kick=0.1, **QUICK))
     whole = Crossing(0.0, float(track.times[-1]), -1, 1.0)
     assert math.isnan(phonon_share(chain, recording, track, whole))
 
 
 def test_a_wall_that_has_no_time_is_lost() -> None:
-    taken = measure_speed(chain_of(FLIPPER, 30), Trial(kick=0.02, time_limit=20.0))
+    taken = measure_speed(chain_of(FLIPPER, 30), SweepTrial(kick=0.02, time_limit=20.0))
     assert taken['outcome'] == 'lost'
     assert math.isnan(float(taken['speed']))
     assert math.isnan(float(taken['phonons']))
@@ -113,14 +114,14 @@ def test_a_path_that_jumps_to_another_wall_is_no_crossing(
         return Track(recording.times, places, 0 * places)
 
     monkeypatch.setattr('soliton_linkage.studies.measures.follow', path)
-    assert len(send_wall(chain, Trial(kick=0.01, time_limit=60.0))[2]) == crossings
+    assert len(send_wall(chain, SweepTrial(kick=0.01, time_limit=60.0))[2]) == crossings
 
 
 @pytest.mark.parametrize('mechanics', ['elastic', 'rigid'])
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
 def test_walls_of_uniform_chains_return(example: tuple[float, float], mechanics: str) -> None:
     kick = 0.3 if example is SPINNER else 0.1
-    trial = Trial(kick=kick, mechanics=mechanics, **QUICK)
+    trial = SweepTrial(kick=kick, mechanics=mechanics, **QUICK)
     taken = measure_survival(chain_of(example, 10), trial)
     assert taken == {'outcome': 'returns', 'obstacles': 0}
 
@@ -131,7 +132,7 @@ def test_bars_that_stop_a_wall_have_obstacles() -> None:
         deviations = drawn_deviations(8, seed, rotor_length=0.08, spacing=0.08)
         chain = dataclasses.replace(chain_of(FLIPPER, 8), deviations=deviations)
         try:
-            taken = measure_survival(chain, Trial(mechanics='rigid'))
+            taken = measure_survival(chain, SweepTrial(mechanics='rigid'))
         except ValueError:
             assert blocked_bonds(chain).any()
             continue
@@ -143,7 +144,7 @@ def test_bars_that_stop_a_wall_have_obstacles() -> None:
 @pytest.mark.parametrize('name', MEASURES)
 def test_a_measure_returns_its_columns_and_its_classes(name: str) -> None:
     measure = MEASURES[name]
-    taken = measure.take(Chain(6), Trial(kick=0.2, tolerance=1e-4, time_limit=100.0))
+    taken = measure.take(Chain(6), SweepTrial(kick=0.2, tolerance=1e-4, time_limit=100.0))
     assert tuple(taken) == measure.columns
     assert measure.shown in measure.columns
     assert not measure.classes or taken[measure.shown] in measure.classes
@@ -152,11 +153,11 @@ def test_a_measure_returns_its_columns_and_its_classes(name: str) -> None:
 @pytest.mark.parametrize(
     ('values', 'complaint'),
     [
-        ({'kick': 0.0}, r'Trial.kick = 0.0 must lie in the range 1e-09 to 1000'),
-        ({'mechanics': 'soft'}, "Trial.mechanics = 'soft' must be one of 'elastic', 'rigid'"),
-        ({'time_limit': 0.0}, r'Trial.time_limit = 0.0 must lie in the range 1 to'),
+        ({'kick': 0.0}, r'SweepTrial.kick = 0.0 must lie in the range 1e-09 to 1000'),
+        ({'mechanics': 'soft'}, "SweepTrial.mechanics = 'soft' must be one of 'elastic', 'rigid'"),
+        ({'time_limit': 0.0}, r'SweepTrial.time_limit = 0.0 must lie in the range 1 to'),
     ],
 )
 def test_a_trial_out_of_range_is_refused(values: dict[str, float], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        Trial(**values)
+        SweepTrial(**values)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage.chain import Chain
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.studies.settings import Section, chain_from, load_settings
 
 SECTION = Section('file.yaml', 'part', {'x': 2, 'name': 'left', 'many': [1, 2.5], 'sub': {'y': 1}})

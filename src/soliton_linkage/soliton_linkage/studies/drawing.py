@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.quiver import Quiver
 
-from soliton_linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array, Chain
 
 # Colours that the colour-blind can tell apart, after Okabe and Ito.
 BLACK = '#000000'

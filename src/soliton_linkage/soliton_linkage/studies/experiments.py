@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.actuation import Edge, edge_mode
-from soliton_linkage.bands import speed_of_sound
-from soliton_linkage.chain import Array, Chain
-from soliton_linkage.elastic_simulation import simulate
-from soliton_linkage.recording import Recording
-from soliton_linkage.soliton import order_field
-from soliton_linkage.static_wall import site_arc
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.static_wall import site_arc
+from soliton_linkage.solitons.tanh_fit import order_field
 
 _ARCTANH_REACH = 0.9
 _FRAMES = 600

@@ -9,16 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.actuation import Edge
-from soliton_linkage.bands import penetration_depth
-from soliton_linkage.chain import Array, Chain, Motion
-from soliton_linkage.elastic_simulation import ElasticSimulation
-from soliton_linkage.passage import blocked_bonds, follow_wall, motion_of_bonds
-from soliton_linkage.quantities import check_quantities, quantity
-from soliton_linkage.recording import Recording
-from soliton_linkage.statics import rest_state
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.traversal import follow_wall
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage.linear.statics import rest_state
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.passage import blocked_bonds, motion_of_bonds
+from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
 from soliton_linkage.studies.experiments import kick_rates
-from soliton_linkage.track import Crossing, Track, find_crossings, follow
 
 BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
@@ -31,7 +32,7 @@ Value = float | int | str
 
 
 @dataclass(frozen=True)
-class Trial:
+class SweepTrial:
     """How a wall is sent through a chain; raises ValueError for what is out of range."""
 
     kick: float = quantity(
@@ -52,7 +53,7 @@ class Trial:
 class Measure:
     """A way to measure a chain, and what its picture shows."""
 
-    take: Callable[[Chain, Trial], dict[str, Value]]
+    take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]
     """What it returns, by name."""
     shown: str
@@ -62,7 +63,7 @@ class Measure:
     """Values of that column, the best first; empty where it is a number."""
 
 
-def measure_motion(chain: Chain, _trial: Trial) -> dict[str, Value]:
+def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
     """Class of motion by the bonds of a chain, and the number of those that may stop a wall."""
     motion = motion_of_bonds(chain)
     return {
@@ -71,7 +72,7 @@ def measure_motion(chain: Chain, _trial: Trial) -> dict[str, Value]:
     }
 
 
-def measure_speed(chain: Chain, trial: Trial) -> dict[str, Value]:
+def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     """Speed [a sqrt(k_e / M)] of a wall kicked from the right edge, and what becomes of it.
 
     The speed is the slope of the wall's path between the outer fifths of the chain; the share
@@ -86,7 +87,7 @@ def measure_speed(chain: Chain, trial: Trial) -> dict[str, Value]:
     }
 
 
-def measure_survival(chain: Chain, trial: Trial) -> dict[str, Value]:
+def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     """Whether a wall crosses the chain and returns, with springs or with rigid bars.
 
     Rigid bars are not moved where no bond is an obstacle.
@@ -101,7 +102,7 @@ def measure_survival(chain: Chain, trial: Trial) -> dict[str, Value]:
     return {'outcome': _outcome(crossed), 'obstacles': obstacles}
 
 
-def send_wall(chain: Chain, trial: Trial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
+def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
     """Kick the wall of a chain of springs off its right edge until it has come back.
 
     Frames are a time unit apart, in which no wall goes further than a spacing or two. A path

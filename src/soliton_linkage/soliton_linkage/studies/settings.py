@@ -10,8 +10,8 @@ from pathlib import Path
 
 import yaml
 
-from soliton_linkage.chain import Chain
-from soliton_linkage.quantities import described_fields
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.quantities import described_fields
 
 _CHAIN_KEYS = (
     'number_of_rotors',

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A wall on its way from edge to edge of a chain of rigid bars, whose deviations may stop it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_centre, rigidity_bands, zero_mode
+from soliton_linkage.linear.statics import rest_state
+from soliton_linkage.linkage.chain import Chain, Motion
+from soliton_linkage.solitons.passage import find_obstacles
+
+_TOLERANCE = 1e-8
+_FRAMES_A_SPACING = 4
+_FRAMES_A_SWING = 40
+_DEPARTED = 1.5
+
+
+@dataclass(frozen=True)
+class Leg:
+    """The way of a wall from one edge of the chain towards the other."""
+
+    direction: int
+    """+1 towards the last rotor, -1 towards rotor 0."""
+    crossed: bool
+    """Whether it reached the other edge."""
+    furthest: float
+    """Where it was furthest from the edge that it left [rotor spacings]."""
+    arc: float
+    """Arc length of the motion [rad], the norm over all rotors."""
+
+
+def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
+    """Move the chain of rigid bars until its wall has crossed it a number of times.
+
+    It starts from the first edge, in the state at rest that leans left, or from the last, in
+    that which leans right. A leg that does not reach the other edge ends it: the wall has come
+    back, or the motion is longer than two turns of every rotor. The place of a wall is the
+    centre of the zero mode. A flipper's has reached an edge when the rotor there passes the line
+    from its pivot to its neighbour's mass, where the mode is on this rotor alone; it goes to the
+    nearest edge first. A spinner's has reached an edge when the mode is largest there. Raises
+    ValueError for periodic ends, for fewer legs than one and where there is no state to start
+    from, ArithmeticError where the bars jam.
+    """
+    _check_ends(chain)
+    if legs < 1:
+        raise ValueError(f'legs = {legs} must be 1 or more; give 2 for a way there and back')
+    angles = rest_state(chain, 1 if edge is Edge.LAST else -1)
+    mode = edge_mode(chain, angles, edge, anywhere=True)
+    spinner = chain.motion is Motion.SPINNER
+    rates = mode if spinner else -mode
+    simulation = RigidSimulation(chain, angles, rates, _frame_arc(chain), _TOLERANCE)
+    walker = _Walker(simulation, chain.number_of_rotors - 1 if edge is Edge.LAST else 0)
+    if not spinner:
+        walker.leg()
+    ways: list[Leg] = []
+    while len(ways) < legs and (not ways or ways[-1].crossed):
+        ways.append(walker.leg())
+    return tuple(ways)
+
+
+def check_passable(chain: Chain) -> None:
+    """Raise ValueError where a wall does not pass through the chain and return.
+
+    No wall passes through a chain with periodic ends, which has no edges.
+    """
+    _check_ends(chain)
+    obstacles = find_obstacles(chain)
+    if not obstacles:
+        return
+    last = follow_wall(chain)[-1]
+    if last.crossed:
+        return
+    obstacle = min(obstacles, key=lambda one: abs(one.bond + 0.5 - last.furthest))
+    first, second = obstacle.rotor_lengths
+    raise ValueError(
+        f'the wall turns back at rotor {last.furthest:.1f} of 0 to {chain.number_of_rotors - 1}: '
+        f'on bond {obstacle.bond} between rotors of {first:.6g} m and {second:.6g} m, '
+        f'{obstacle.spacing:.6g} m apart, the spring of {obstacle.rest_length:.6g} m '
+        f'{obstacle.reason}; lower the deviations of the chain there'
+    )
+
+
+class _Walker:
+    """Moves a chain of rigid bars and watches its wall come to the edges."""
+
+    def __init__(self, simulation: RigidSimulation, edge: int) -> None:
+        self._simulation = simulation
+        self._last = simulation.chain.number_of_rotors - 1
+        self._longest = 4 * math.pi * simulation.chain.number_of_rotors
+        self._edge = edge
+        self._look()
+
+    def leg(self) -> Leg:
+        """Move from where the wall is now until it comes to an edge."""
+        start, left = self._simulation.frame, self._edge
+        direction = -1 if left else 1
+        departure = furthest = self._centre
+        arrived, arc = None, 0.0
+        while arrived is None and arc <= self._longest:
+            edges = self._edges
+            self._simulation.advance()
+            self._look()
+            furthest = direction * max(direction * furthest, direction * self._centre)
+            departed = direction * (furthest - departure) > _DEPARTED
+            arrived = self._arrived(edges, left, departed)
+            arc = (self._simulation.frame - start) * self._simulation.period
+        if arrived is not None:
+            self._edge = arrived
+        return Leg(direction, arrived == self._last - left, furthest, arc)
+
+    def _look(self) -> None:
+        """Note where the mode is, and on which side of their neighbours the edge rotors are."""
+        chain, angles = self._simulation.chain, self._simulation.angles
+        mode = zero_mode(chain, angles)
+        first, second = rigidity_bands(chain, angles)
+        self._centre = mode_centre(mode)
+        self._peak = int(np.argmax(np.abs(mode)))
+        self._edges = (bool(first[0] > 0), bool(second[-1] > 0))
+
+    def _arrived(self, before: tuple[bool, bool], left: int, departed: bool) -> int | None:
+        """Rotor of the edge that the wall has come to in the last frame, if any."""
+        if self._simulation.chain.motion is not Motion.SPINNER:
+            passed = [self._edges[0] != before[0], self._edges[1] != before[1]]
+            return 0 if passed[0] else self._last if passed[1] else None
+        at_edge = self._peak in (0, self._last) and (self._peak != left or departed)
+        return self._peak if at_edge else None
+
+
+def _frame_arc(chain: Chain) -> float:
+    """Arc [rad] in which a wall goes a fraction of a spacing, at a speed of 1 rad/s its time.
+
+    A flipper's rotors turn by 2 theta_bar while the wall goes by its width. However little that
+    is, an edge rotor swings by about a / r, or a radian, before the wall comes back.
+    """
+    spacings = 1 + chain.wall_width / chain.spacing
+    of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
+    swing = min(1.0, chain.spacing / chain.rotor_length)
+    return max(of_wall, swing / _FRAMES_A_SWING)
+
+
+def _check_ends(chain: Chain) -> None:
+    if chain.periodic:
+        raise ValueError(
+            f'Chain.periodic = True joins rotor {chain.number_of_rotors - 1} to rotor 0, so that '
+            'no wall can run from edge to edge; free the ends of the chain'
+        )

@@ -1,0 +1,465 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the frames of a chain show, one after the other: the analyser, as it runs live and offline.
+
+Where the frames show one wall that costs nothing it is placed on the cycle of the chain, by all
+frames so far. Other walls, of which a frame may show several, are placed one by one by a fit to
+that frame alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.estimation.completed_frame import (
+    CompletedFrame,
+    Unwrapper,
+    complete,
+    on_orbit,
+    whole_frame,
+)
+from soliton_linkage.estimation.loops.frame_arrays import frame_loops
+from soliton_linkage.estimation.motion_class import MotionClass, MotionObserver
+from soliton_linkage.estimation.orbit_filter import (
+    OrbitEstimate,
+    OrbitFilter,
+    TrackingStatus,
+    lost,
+)
+from soliton_linkage.estimation.rate_noise import RateNoise
+from soliton_linkage.estimation.state_report import (
+    ArcRate,
+    EdgeRotors,
+    Energies,
+    FrameErrors,
+    FrameState,
+    StateReporter,
+    Topology,
+)
+from soliton_linkage.estimation.wall_width import Width, WidthReporter
+from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
+from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.solitons.continuum import wall_theory
+from soliton_linkage.solitons.tanh_fit import Soliton, find_solitons
+
+CLOCK_LIMIT = 1.0
+_INSIDE = 0.5
+_NANOSECOND = 1e-9
+_FASTEST = 1e9
+_FINEST = 1e-6
+
+NO_WIDTH = Width(math.nan, math.nan, math.nan, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class AnalysedSoliton:
+    """One wall; a quantity that cannot be told is NaN, and so is its standard deviation."""
+
+    rotor: float
+    """Centre in rotor spacings from rotor 0."""
+    position: float
+    """Centre [m] from the pivot of rotor 0."""
+    velocity: float
+    """Of the centre [m/s], positive towards the last rotor."""
+    width: float
+    """Width w of tanh(x / w) [m]; NaN in chains with deviations."""
+    theory_width: float
+    """Width that the continuum theory gives a wall of this velocity [m]."""
+    charge: int
+    """+1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite."""
+    position_deviation: float
+    """Standard deviation of the position [m]."""
+    velocity_deviation: float
+    """Standard deviation of the velocity [m/s]."""
+    width_deviation: float
+    """Standard deviation of the width [m]."""
+
+
+@dataclass(frozen=True)
+class CyclePhase:
+    """Where a chain is on its cycle, in phase; NaN, and leg -1, where it is not known."""
+
+    phase: float
+    """From 0 to 2 pi over a whole cycle [rad]."""
+    rate: float
+    """Rate of the phase [rad/s]."""
+    phase_deviation: float
+    """Standard deviation of the phase [rad]."""
+    rate_deviation: float
+    """Standard deviation of the rate [rad/s]."""
+    completed: int
+    """Whole cycles since the start, with which the phase grows without jumps."""
+    leg: int
+    """Leg of the cycle: as the phase grows, the wall leaves rotor 0 in even legs."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What a frame shows, in the light of those before; None and NaN for what cannot be told."""
+
+    motion: Motion | None
+    """How a wall moves, by the chain's parameters or, where they are not known, by the angles."""
+    measured_motion: MotionClass
+    """The same by the angles alone."""
+    estimate: OrbitEstimate
+    """Where the chain is on its cycle."""
+    cycle: CyclePhase
+    """The same in phase."""
+    solitons: tuple[AnalysedSoliton, ...]
+    """Walls half a spacing or more from the edges, in the order of their place."""
+    topology: Topology | None
+    """Of the whole state."""
+    edge_rotors: EdgeRotors | None
+    """Of the whole state."""
+    energies: Energies | None
+    """Of the whole state."""
+    wobble: Wobble | None
+    """Beside the wall that is on the cycle."""
+    unseen: int
+    """Number of rotors that the frame did not show."""
+
+
+class FrameClock:
+    """Takes the stamps of frames, and refuses those that are late."""
+
+    def __init__(self) -> None:
+        """Begin at the first stamp."""
+        self.time = -math.inf
+        """Instant of the last frame that was taken, from the first on [s]."""
+        self.late = 0
+        """Number of frames that were refused."""
+        self.restarted = False
+        """Whether the last one was by a clock that had been set back."""
+        self._epoch: int | None = None
+
+    def advance(self, stamp: int) -> bool:
+        """Go on to a stamp [ns]; False where it is not later than the last, by up to a second."""
+        if self._epoch is None:
+            self._epoch = stamp
+        time = (stamp - self._epoch) * _NANOSECOND
+        if -CLOCK_LIMIT <= time - self.time <= 0:
+            self.late += 1
+            return False
+        self.restarted = time < self.time
+        self.time = time
+        return True
+
+
+class Analyser:
+    """Analyses the frames of a chain in the order of their time.
+
+    The deviations of the chain are taken for known. Where a chain has no cycle, as `limitation`
+    says, walls are placed by a fit to each frame alone.
+    """
+
+    def __init__(self, chain: Chain, noise: float | None = None) -> None:
+        """Work out the cycle of the chain, which may take seconds where it has deviations.
+
+        The noise is the standard deviation of the angles [rad], None to have it estimated.
+        """
+        self.chain = chain
+        self.limitation = ''
+        self._filter: OrbitFilter | None = None
+        try:
+            self._filter = OrbitFilter(orbit_of(chain), noise, CLOCK_LIMIT)
+        except (ValueError, ArithmeticError) as error:
+            self.limitation = str(error)
+        self._observer = MotionObserver()
+        self._reporter = StateReporter(chain)
+        self._widths: WidthReporter | None = None
+        if self._filter is not None and chain.deviations == NO_DEVIATIONS:
+            self._widths = WidthReporter(chain)
+        self._wobbles = WobbleReporter(chain)
+        self._rate_noise = RateNoise(chain)
+        self._theory = wall_theory(chain)
+        self._unwrapper = Unwrapper(chain.number_of_rotors)
+        self._clock = FrameClock()
+        self._loops = frame_loops()
+
+    @property
+    def offsets(self) -> Array:
+        """Offsets found in the encoders [rad], shape (N,), 0 where none is sure."""
+        if self._filter is None:
+            return np.zeros(self.chain.number_of_rotors)
+        return self._filter.offsets.corrections
+
+    @property
+    def offset_deviations(self) -> Array:
+        """Standard deviations of the offsets [rad], shape (N,)."""
+        if self._filter is None:
+            return np.full(self.chain.number_of_rotors, math.nan)
+        return self._filter.offsets.deviations
+
+    @property
+    def late(self) -> int:
+        """Number of frames that were not later than the one before."""
+        return self._clock.late
+
+    @property
+    def starts(self) -> int:
+        """How often the chain was found anew on its cycle."""
+        return 0 if self._filter is None else self._filter.starts
+
+    def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
+        """Analyse a frame of an instant [ns]; None where it is not later than the one before.
+
+        Angles [rad] and rates [rad/s] are of shape (N,), NaN or infinite where they are not
+        known; angles may be wrapped. A stamp that goes back by more than a second is that of a
+        clock that was set anew, and begins a new record. Raises ValueError for arrays of another
+        shape.
+        """
+        rotors = self.chain.number_of_rotors
+        angles = np.ascontiguousarray(angles, dtype=np.float64)
+        check_shape(angles, rotors, 'angle')
+        if rates is not None:
+            rates = np.ascontiguousarray(rates, dtype=np.float64)
+            check_shape(rates, rotors, 'rate')
+        if not self._clock.advance(stamp):
+            return None
+        if self._clock.restarted:
+            self._observer.restart()
+            self._rate_noise.restart()
+            self._unwrapper = Unwrapper(rotors)
+        estimate, frame = self._read(angles, rates)
+        followed = self._followed(estimate, frame)
+        solitons = self._solitons(frame, estimate, followed)
+        errors = self._errors(estimate, frame)
+        unknown = frame.number_filled and np.isnan(frame.angles).any()
+        state = None if unknown else FrameState(self.chain, frame.angles)
+        return Analysis(
+            motion=self.chain.motion,
+            measured_motion=self._measured_motion(state, frame, errors.noise),
+            estimate=estimate,
+            cycle=cycle_phase(estimate, self._filter.orbit if self._filter else None),
+            solitons=solitons,
+            topology=self._topology(state, solitons),
+            edge_rotors=None if state is None else self._reporter.edge_rotors(state),
+            energies=self._energies(state, frame, estimate, solitons, errors),
+            wobble=self._wobble(frame, estimate, errors) if followed else None,
+            unseen=frame.number_filled,
+        )
+
+    def _read(self, angles: Array, rates: Array | None) -> tuple[OrbitEstimate, CompletedFrame]:
+        """Estimate where the chain is, and complete its frame."""
+        seen = self._unwrapper.unwrapped(angles)
+        if rates is not None:
+            if not self._loops.all_within(rates, _FASTEST):
+                rates = np.where(np.abs(rates) < _FASTEST, rates, np.nan)
+            self._rate_noise.update(self._clock.time, rates)
+        if self._filter is None:
+            estimate = lost(self._clock.time)
+            return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
+        estimate, view = self._filter.update(self._clock.time, seen), self._filter.view
+        corrected = seen - self.offsets
+        expected = None
+        if estimate.status is not TrackingStatus.LOST:
+            whole = whole_frame(self.chain, corrected, rates, view)
+            if whole is not None:
+                return estimate, whole
+            expected = on_orbit(self._filter.orbit, estimate, view)
+        last = self._unwrapper.last - self.offsets
+        return estimate, complete(self.chain, corrected, rates, expected, last)
+
+    def _errors(self, estimate: OrbitEstimate, frame: CompletedFrame) -> FrameErrors:
+        """Errors of a frame, 0 where they are unknown."""
+        noise = estimate.noise if math.isfinite(estimate.noise) else 0.0
+        misfit = estimate.misfit if math.isfinite(estimate.misfit) else 0.0
+        return FrameErrors(
+            noise=noise,
+            rate_noise=self._rate_noise.deviation,
+            lasting=math.sqrt(max(misfit**2 - noise**2, 0.0)),
+            unseen=frame.filled if frame.number_filled else None,
+        )
+
+    def _measured_motion(
+        self, state: FrameState | None, frame: CompletedFrame, noise: float
+    ) -> MotionClass:
+        if state is not None and not frame.number_filled:
+            return self._observer.observe_sines(state.sines, noise)
+        return self._observer.observe(frame.seen, noise)
+
+    def _followed(
+        self, estimate: OrbitEstimate, frame: CompletedFrame
+    ) -> tuple[AnalysedSoliton, ...]:
+        """The wall on the cycle, unless it is at an edge."""
+        chain, place = self.chain, estimate.place
+        if not _INSIDE <= place <= chain.number_of_rotors - 1 - _INSIDE:
+            return ()
+        velocity = estimate.velocity * chain.spacing
+        width = self._width(estimate, frame, velocity)
+        return (
+            AnalysedSoliton(
+                rotor=place,
+                position=place * chain.spacing,
+                velocity=velocity,
+                width=width.measured,
+                theory_width=width.theory,
+                charge=1,
+                position_deviation=estimate.place_deviation * chain.spacing,
+                velocity_deviation=estimate.velocity_deviation * chain.spacing,
+                width_deviation=width.deviation,
+            ),
+        )
+
+    def _width(self, estimate: OrbitEstimate, frame: CompletedFrame, velocity: float) -> Width:
+        """Width of the wall on the cycle, by the rotors that were seen."""
+        angles = frame.seen
+        if estimate.upside_down:
+            angles = math.pi - angles
+        if frame.others or self._widths is None:
+            return NO_WIDTH
+        noise = max(estimate.noise, _FINEST)
+        return self._widths.update(angles, estimate.place, estimate.leg, velocity, noise)
+
+    def _solitons(
+        self,
+        frame: CompletedFrame,
+        estimate: OrbitEstimate,
+        followed: tuple[AnalysedSoliton, ...],
+    ) -> tuple[AnalysedSoliton, ...]:
+        """Walls of a frame, of which the one on the cycle is placed there."""
+        on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
+        if frame.number_filled == len(frame.filled) or (on_it and not frame.others):
+            return followed
+        found = [
+            self._fitted(each) for each in find_solitons(self.chain, frame.angles, frame.rates)
+        ]
+        if on_it and followed:
+            free = [each for each in found if each.charge > 0]
+            place = followed[0].rotor
+            same = min(free, key=lambda each: abs(each.rotor - place), default=None)
+            found = [*followed, *(each for each in found if each is not same)]
+        return tuple(sorted(found, key=lambda each: each.rotor))
+
+    def _fitted(self, soliton: Soliton) -> AnalysedSoliton:
+        """A wall that was fitted to the frame alone."""
+        return AnalysedSoliton(
+            rotor=soliton.rotor,
+            position=soliton.position,
+            velocity=soliton.velocity,
+            width=soliton.width,
+            theory_width=self._theory_width(soliton.velocity),
+            charge=soliton.charge,
+            position_deviation=soliton.position_deviation,
+            velocity_deviation=soliton.velocity_deviation,
+            width_deviation=soliton.width_deviation,
+        )
+
+    def _theory_width(self, velocity: float) -> float:
+        slower = abs(velocity) < self._theory.speed_of_sound
+        return self._theory.width(velocity) if slower else math.nan
+
+    def _topology(
+        self, state: FrameState | None, solitons: tuple[AnalysedSoliton, ...]
+    ) -> Topology | None:
+        if state is None or self.chain.periodic:
+            return None
+        return self._reporter.topology(state, [each.rotor for each in solitons])
+
+    def _energies(
+        self,
+        state: FrameState | None,
+        frame: CompletedFrame,
+        estimate: OrbitEstimate,
+        solitons: tuple[AnalysedSoliton, ...],
+        errors: FrameErrors,
+    ) -> Energies | None:
+        if state is None or (frame.number_filled and not frame.placed):
+            return None
+        rates: Array | ArcRate | None = frame.rates
+        if rates is None and frame.placed and estimate.rate_deviation < abs(estimate.rate):
+            rates = ArcRate(estimate.rate, estimate.rate_deviation)
+        return self._reporter.energies(state, [each.rotor for each in solitons], rates, errors)
+
+    def _wobble(
+        self, frame: CompletedFrame, estimate: OrbitEstimate, errors: FrameErrors
+    ) -> Wobble | None:
+        if self._filter is None or frame.others:
+            return None
+        about = self._filter.orbit.stretch(estimate.arc)
+        wall = RestingWall(about.first, about.angles, estimate.place)
+        return self._wobbles.of_frame(frame.angles, wall, errors.noise, errors.lasting)
+
+
+class UnknownChainAnalyser:
+    """Analyses the frames of a chain of which only the order of its joints is known.
+
+    It tells how a wall moves and about where it is: where u = r sin(phi) changes its sign, which
+    may be more than a rotor spacing from the centre of the wall.
+    """
+
+    limitation = 'the parameters of the chain are not known'
+    starts = 0
+
+    def __init__(self, number_of_rotors: int) -> None:
+        """Raises ValueError for fewer than 2 rotors."""
+        if number_of_rotors < 2:
+            raise ValueError(f'{number_of_rotors} joints are no chain; name 2 or more')
+        self.offsets = np.zeros(number_of_rotors)
+        self.offset_deviations = np.full(number_of_rotors, math.nan)
+        self._observer = MotionObserver()
+        self._clock = FrameClock()
+
+    @property
+    def late(self) -> int:
+        """Number of frames that were not later than the one before."""
+        return self._clock.late
+
+    def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
+        """Analyse a frame, as `Analyser.analyse`; rates say nothing here."""
+        check_shape(angles, len(self.offsets), 'angle')
+        if not self._clock.advance(stamp):
+            return None
+        if self._clock.restarted:
+            self._observer.restart()
+        seen = np.where(np.isfinite(angles), angles, np.nan)
+        measured = self._observer.observe(seen)
+        return Analysis(
+            motion=measured.motion,
+            measured_motion=measured,
+            estimate=lost(self._clock.time),
+            cycle=cycle_phase(lost(self._clock.time), None),
+            solitons=_crossing(self._observer.evidence.place, seen),
+            topology=None,
+            edge_rotors=None,
+            energies=None,
+            wobble=None,
+            unseen=int(np.count_nonzero(np.isnan(seen))),
+        )
+
+
+def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
+    """Phase of an estimate on a cycle.
+
+    Of spinners that were assembled upside down it runs against the arc, so that in either family
+    the wall that leaves rotor 0 from the left-leaning state does so in leg 0, forwards.
+    """
+    if orbit is None or not estimate.leg_known:
+        return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
+    scale = 2 * math.pi / orbit.length
+    backwards = estimate.upside_down and orbit.chain.motion is Motion.SPINNER
+    sense = -1 if backwards else 1
+    completed, phase = divmod(sense * scale * estimate.arc, 2 * math.pi)
+    return CyclePhase(
+        phase=phase,
+        rate=sense * scale * estimate.rate,
+        phase_deviation=scale * estimate.arc_deviation,
+        rate_deviation=scale * estimate.rate_deviation,
+        completed=int(completed) + backwards,
+        leg=1 - estimate.leg if backwards else estimate.leg,
+    )
+
+
+def _crossing(place: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
+    """A wall of which nothing but about where it is and its charge are known; none for NaN."""
+    if math.isnan(place):
+        return ()
+    leans = np.sin(staggered(angles))[: math.floor(place) + 1]
+    charge = 1 if np.nansum(leans) > 0 else -1
+    nan = math.nan
+    return (AnalysedSoliton(place, nan, nan, nan, nan, charge, nan, nan, nan),)

@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one state of a known chain shows: its energies, its topology and its edge rotors.
+
+Walls are given by their places [rotor spacings], found elsewhere. What noise adds to squares is
+taken off them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soliton_linkage.estimation.loops.frame_arrays import frame_loops, sines_of
+from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
+from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
+
+Flags = NDArray[np.bool_]
+
+_REACH_IN_DEPTHS = 8
+_REACH_BESIDE = 3
+_DOMAIN = 0.5
+_LEAST_LOGARITHM = -600.0
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Where the energy of a state is [J]; NaN for all that takes rates where they are unknown."""
+
+    kinetic: float
+    elastic: float
+    kinetic_wake: float
+    """Part of the kinetic energy that is out of reach of every wall."""
+    elastic_wake: float
+    """Part of the elastic energy that is out of reach of every wall."""
+    kinetic_deviation: float
+    """Standard deviation of the kinetic energy, from noise and what is hidden."""
+    elastic_deviation: float
+    """Standard deviation of the elastic energy, from noise and what is hidden."""
+
+    @property
+    def whole(self) -> float:
+        """Kinetic and elastic energy [J]."""
+        return self.kinetic + self.elastic
+
+    @property
+    def wake(self) -> float:
+        """Energy that the walls have left behind [J]."""
+        return self.kinetic_wake + self.elastic_wake
+
+    @property
+    def wall(self) -> float:
+        """Energy within reach of the walls [J]."""
+        return self.whole - self.wake
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Polarisations, winding numbers, charge and zero mode of a state."""
+
+    polarisations: tuple[float, float]
+    """Means before the first wall and beyond the last, +1 leaning right, -1 leaning left."""
+    winding_numbers: tuple[int, int]
+    """Of the uniform states that these sides are in; they differ by the charge."""
+    charge: int
+    """Walls of charge +1 less those of -1."""
+    mode_centre: float
+    """Where the zero mode sits [rotor spacings]."""
+
+
+@dataclass(frozen=True)
+class EdgeRotors:
+    """States of the first and the last rotor."""
+
+    toggled: tuple[bool, bool] | None
+    """Whether each has toggled, against the left-leaning state; None for spinners."""
+    turns: tuple[float, float]
+    """Turns that each has made from a uniform state [1]; NaN for flippers."""
+
+
+@dataclass(frozen=True)
+class FrameErrors:
+    """What is known of the errors of a frame."""
+
+    noise: float = 0.0
+    """Standard deviation of the angles [rad]."""
+    rate_noise: float = 0.0
+    """Standard deviation of the rates [rad/s]."""
+    lasting: float = 0.0
+    """Root mean square of what the orbit leaves of the angles beside the noise [rad]."""
+    unseen: Flags | None = None
+    """Rotors that were not seen, whose angles and rates are the orbit's, shape (N,)."""
+
+
+@dataclass(frozen=True)
+class ArcRate:
+    """How fast a chain goes along its orbit, for want of the rates of its rotors."""
+
+    rate: float
+    """Of the arc length [rad/s]."""
+    deviation: float = 0.0
+    """Standard deviation of the rate [rad/s]."""
+
+
+EXACT = FrameErrors()
+
+
+class FrameState:
+    """A configuration of a chain, with what its quantities have in common computed once."""
+
+    def __init__(self, chain: Chain, angles: ArrayLike) -> None:
+        """Take the angles [rad], shape (N,); raises ValueError where they do not fit."""
+        self.chain = chain
+        self.angles = np.ascontiguousarray(angles, dtype=np.float64)
+        check_shape(self.angles, chain.number_of_rotors)
+        self.sines = sines_of(self.angles)
+        self.springs: Array = np.empty((3, chain.number_of_springs))
+        """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
+        self.twists, self.upright = frame_loops().springs(
+            self.sines.sines,
+            self.sines.cosines,
+            chain.spring_parameters,
+            chain.periodic,
+            self.springs,
+        )
+        if not math.isfinite(self.twists):
+            chain.check_angles(self.angles)
+
+    @property
+    def first(self) -> Array:
+        """Levers A [m/rad], shape (springs,)."""
+        return np.asarray(self.springs[1])
+
+    @property
+    def second(self) -> Array:
+        """Levers B [m/rad], shape (springs,)."""
+        return np.asarray(self.springs[2])
+
+    @cached_property
+    def mode_squares(self) -> Array:
+        """Squares t_n^2 of the unit zero mode [1], t_{n+1} / t_n = -A_n / B_n, shape (N,).
+
+        From the running sum of the logarithms of the ratios: `zero_mode` without signs. Raises
+        ValueError for periodic ends.
+        """
+        if self.chain.periodic:
+            raise ValueError(
+                'a chain with periodic ends has no zero mode of its own; free its ends'
+            )
+        logarithms = np.zeros(self.chain.number_of_rotors)
+        ratios = np.maximum(self.first**2, _TINY) / np.maximum(self.second**2, _TINY)
+        np.log(ratios).cumsum(out=logarithms[1:])
+        logarithms -= logarithms.max()
+        modes = np.exp(np.maximum(logarithms, _LEAST_LOGARITHM))
+        return np.asarray(modes / modes.sum())
+
+
+def energy_reach(chain: Chain) -> float:
+    """Distance from a wall beyond which energy is its wake [rotor spacings], 8 ell / a + 3.
+
+    The energy of a moving wall falls as the square of its tails, e^(-2 x / ell), or faster where
+    speed has contracted it: no more than e^-16 is beyond. Near d = 1, where ell vanishes, the
+    core alone is wider; 3 spacings hold it.
+    """
+    return _REACH_IN_DEPTHS * penetration_depth(chain) / chain.spacing + _REACH_BESIDE
+
+
+class StateReporter:
+    """Reports the states of a chain; what does not change from one to the next is kept.
+
+    Places of walls are in rotor spacings, of shape () or (W,), NaN or empty without a wall.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        """Work out what all states have in common."""
+        self.chain = chain
+        self._reach = energy_reach(chain)
+        self._half_stiffnesses = 0.5 * chain.stiffnesses
+        self._half_inertias = 0.5 * chain.moments_of_inertia
+        plus, minus = couplings(chain)
+        self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
+        self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
+        self._loops = frame_loops()
+        self._last_sign = 1 if chain.number_of_rotors % 2 else -1
+
+    def energies(
+        self,
+        state: FrameState,
+        places: ArrayLike,
+        rates: Array | ArcRate | None = None,
+        errors: FrameErrors = EXACT,
+    ) -> Energies:
+        """Energies of a state [J]; spring n, with (k_e / 2) (l_n - lbar)^2, counts at n + 1/2.
+
+        Noise adds (k_e / 2) (A_n^2 + B_n^2) sigma^2 to the energy of a spring and (I / 2)
+        sigma_rate^2 to that of a rotor, which are taken off, so that energies near 0 may come
+        out negative. Without walls all is wake. Rates are those of the rotors [rad/s], shape
+        (N,), or that of the arc, which tells the kinetic energy (I / 2) sum_n t_n^2 rate^2 but
+        not that of the wake. A rotor that was not seen may hide as much energy as the noise and
+        what the orbit leaves of the others would give it; the deviations count it in full.
+        """
+        walls = self._walls(places)
+        kinetic, kinetic_wake, kinetic_deviation = self._kinetic(state, walls, rates, errors)
+        elastic, elastic_wake, elastic_deviation = self._elastic(state, walls, errors)
+        return Energies(
+            kinetic=kinetic,
+            elastic=elastic,
+            kinetic_wake=kinetic_wake,
+            elastic_wake=elastic_wake,
+            kinetic_deviation=kinetic_deviation,
+            elastic_deviation=elastic_deviation,
+        )
+
+    def topology(self, state: FrameState, places: ArrayLike) -> Topology:
+        """Topology of a state.
+
+        A side's winding number is that of the uniform state that leans as it does on the mean of
+        its bonds; a side without bonds counts as the nearest of them. Raises ValueError for
+        periodic ends.
+        """
+        walls = _finite(places)
+        if self.chain.periodic:
+            raise ValueError(
+                'a chain with periodic ends has no topology of two sides; free its ends'
+            )
+        bonds = self.chain.number_of_springs
+        first, last = (min(walls), max(walls)) if walls else (math.inf, -math.inf)
+        before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
+        beyond = math.ceil(max(min(last - 0.5, bonds - 1.0), 0.0))
+        left, right, at_first, at_last, centre = self._loops.topology(
+            state.springs, before, beyond, _DOMAIN * self._uniform
+        )
+        means = left / (before * self._uniform), right / ((bonds - beyond) * self._uniform)
+        windings = self._windings[means[0] > 0], self._windings[means[1] > 0]
+        charge = int(at_first > 0) - int(at_last > 0)
+        return Topology(means, windings, charge, centre)
+
+    def edge_rotors(self, state: FrameState) -> EdgeRotors:
+        """States of the edge rotors.
+
+        A flipper's edge rotor toggles by passing the line from its pivot to its neighbour's
+        mass, where A_0 or B_{N-2} changes sign; in the left-leaning state A_0 has the sign of
+        d - 1 and B_n that of (-1)^(n+1), upside down the opposite. A spinner's turns are counted
+        in its angle from theta = theta_bar, or from -theta_bar in the family of states that has
+        no such state: half a turn in each passage of a wall.
+        """
+        chain, angles = self.chain, state.angles
+        if chain.motion is Motion.SPINNER:
+            rest = math.copysign(chain.rest_angle, state.twists if state.twists else -1.0)
+            last_rest = rest if chain.number_of_rotors % 2 else math.pi - rest
+            turned = float(angles[0]) - rest, float(angles[-1]) - last_rest
+            return EdgeRotors(None, (turned[0] / (2 * math.pi), turned[1] / (2 * math.pi)))
+        upright = -1 if state.upright < 0 else 1
+        at_first = float(state.first[0]) * upright * (1 if chain.lean_ratio > 1 else -1)
+        at_last = float(state.second[-1]) * upright * self._last_sign
+        return EdgeRotors((at_first < 0, at_last < 0), (math.nan, math.nan))
+
+    def _kinetic(
+        self,
+        state: FrameState,
+        walls: Array,
+        rates: Array | ArcRate | None,
+        errors: FrameErrors,
+    ) -> tuple[float, float, float]:
+        """Kinetic energy, its part in the wake, and the deviation of the whole [J].
+
+        Var T = I^2 sigma^2 (omega^2 + sigma^2 / 2) for each rotor; omega^2 as measured has
+        sigma^2 too much.
+        """
+        if rates is None:
+            return math.nan, math.nan, math.nan
+        if isinstance(rates, ArcRate):
+            half = float(self._half_inertias @ state.mode_squares)
+            variance = rates.deviation**2
+            moving = rates.rate**2 - variance
+            spread = 4 * variance * (max(moving, 0.0) + variance / 2)
+            return half * moving, math.nan, half * math.sqrt(spread)
+        measured = np.ascontiguousarray(rates, dtype=np.float64)
+        check_shape(measured, self.chain.number_of_rotors, 'rate')
+        noisy, hidden = self._half_inertias, 0.0
+        unseen = _some(errors.unseen)
+        if unseen is not None:
+            hidden = float(noisy[unseen].sum()) * errors.rate_noise**2
+            noisy = np.where(unseen, 0.0, noisy)
+        variance = errors.rate_noise**2
+        whole, wake, known, squares = self._loops.kinetic(
+            self._half_inertias, noisy, measured, variance, walls, self._reach
+        )
+        if not math.isfinite(whole):
+            self.chain.check_angles(measured, 'rate')
+        spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
+        return whole, wake, math.hypot(math.sqrt(spread), hidden)
+
+    def _elastic(
+        self, state: FrameState, walls: Array, errors: FrameErrors
+    ) -> tuple[float, float, float]:
+        """Elastic energy, its part in the wake, and the deviation of the whole [J].
+
+        Var V = sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H = R^T k_e R;
+        torques measured with noise have sigma^2 |H|^2 too much. Rotors that were not seen have
+        no noise.
+        """
+        half = left = right = self._half_stiffnesses
+        unseen = _some(errors.unseen)
+        if unseen is not None:
+            seen = ~unseen
+            left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
+        variance = errors.noise**2
+        whole, wake, squares, pulling = self._loops.elastic(
+            state.springs, half, left, right, self.chain.periodic, variance, walls, self._reach
+        )
+        excess = max(pulling - variance * squares, 0.0)
+        deviation = 2 * math.sqrt(variance * (excess + variance * squares / 2))
+        hidden = 0.0 if unseen is None else self._hidden(state, errors, unseen)
+        return whole, wake, math.hypot(deviation, hidden)
+
+    def _hidden(self, state: FrameState, errors: FrameErrors, unseen: Flags) -> float:
+        """Elastic energy that rotors which were not seen may hide [J]."""
+        half = self._half_stiffnesses
+        stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
+        return float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
+
+    def _walls(self, places: ArrayLike) -> Array:
+        """Places of walls that grow, and what is next beyond either end of the chain."""
+        walls = sorted(_finite(places))
+        before, beyond = -math.inf, math.inf
+        if self.chain.periodic and walls:
+            rotors = self.chain.number_of_rotors
+            before, beyond = walls[-1] - rotors, walls[0] + rotors
+        return np.array([before, *walls, beyond])
+
+
+def _finite(places: ArrayLike) -> list[float]:
+    """Places of walls as a list, without those that are not finite."""
+    given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
+    return [place for place in given if math.isfinite(place)]
+
+
+def _some(flags: Flags | None) -> Flags | None:
+    """Flags, or None where none is set."""
+    return flags if flags is not None and flags.any() else None

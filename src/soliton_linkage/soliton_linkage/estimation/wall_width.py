@@ -1,0 +1,469 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How much narrower a moving wall is than the same wall at rest.
+
+While a wall passes, rotor n of an even or odd number goes through angles that tell only how far
+the wall is from it, phi_n = f(X - n). A wall that its speed has contracted by gamma is
+
+    phi_n = f(gamma (X - n)),
+
+which is exact at gamma = 1 in every chain and is Lorentz contraction in the continuum.
+`WallFamily` fits gamma and X to a frame by least squares, `ContractionMean` averages over
+frames, and `WidthReporter` says w / gamma, where the continuum theory has a width w at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from soliton_linkage.estimation.loops.frame_arrays import frame_loops
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.solitons.continuum import wall_theory
+from soliton_linkage.solitons.static_wall import static_wall
+
+_DEPTHS_BESIDE = 14
+_ROTORS_BESIDE = 6
+_SAMPLES = 32
+_STEPS = 128
+_DEGREE = 5
+_SPAN = 6
+_CLEAR = 2
+_ITERATIONS = 12
+_CLOSE = 0.02
+_CLOSEST = 1e-5
+_LONGEST_STEP = 0.5
+_STRONGEST = math.log(8)
+_DEGENERATE = 1e-12
+_COARSEST = math.log(1.5)
+_ROUGH = 0.03
+_FINEST = 1e-6
+_FADE = math.exp(-1 / 5)
+_LONG_FADE = math.exp(-1 / 30)
+_FEWEST = 2.5
+_TYPICAL = 0.01
+_SIGNIFICANT = 2.5
+_CONTRADICTION = 6.0
+_MOST_ALIKE = 0.95
+_WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
+
+
+class Contraction(NamedTuple):
+    """How many times narrower a wall is than at rest; NaN where it cannot be told."""
+
+    logarithm: float
+    """Of the contraction gamma [1]."""
+    deviation: float
+    """Standard deviation of the logarithm, the relative one of gamma [1]; infinite if unknown."""
+    place: float
+    """Place of the wall that goes with it [rotor spacings]."""
+
+    @property
+    def factor(self) -> float:
+        """Contraction gamma [1]."""
+        return math.exp(self.logarithm)
+
+
+UNTOLD = Contraction(math.nan, math.inf, math.nan)
+
+
+class Width(NamedTuple):
+    """Width w of a wall tanh(x / w); NaN where it cannot be told."""
+
+    measured: float
+    """Width at rest in the continuum over the measured contraction [m]; NaN from d = 2 to d_c."""
+    deviation: float
+    """Standard deviation of what is measured [m]."""
+    theory: float
+    """Width of the continuum theory at the wall's speed [m]; NaN from the speed of sound on."""
+    contraction: float
+    """How many times narrower than at rest the wall is, gamma [1]."""
+    contraction_deviation: float
+    """Standard deviation of the contraction [1]."""
+
+
+class WallFamily:
+    """The walls of a chain, contracted by any gamma, as tables of the angle of a rotor.
+
+    Deviations of the chain do not count. Raises ValueError as `static_wall` does.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        """Tabulate the wall at rest, for even and odd rotors and every way of turning over."""
+        self.chain = chain
+        depth = penetration_depth(chain) / chain.spacing
+        self._scale = max(depth, 1.0)
+        self._clear = _CLEAR * max(depth, chain.wall_width / chain.spacing)
+        self._step = self._scale / _STEPS
+        self._half = math.floor((_DEPTHS_BESIDE * depth + _ROTORS_BESIDE) / self._step)
+        legs = 2 if chain.motion is Motion.SPINNER else 1
+        self._tables = [self._table(leg) for leg in range(legs)]
+        self._loops = frame_loops()
+        odd = np.arange(chain.number_of_rotors) % 2
+        self._offsets = (self._half + odd * (2 * self._half + 1)).astype(np.float64)
+
+    def fit(
+        self, angles: Array, place: float, leg: int, noise: float, logarithm: float = 0.0
+    ) -> Contraction:
+        """Contraction of the wall of one frame, near a place and a logarithm of gamma.
+
+        Angles [rad] are those of a chain as the cycle has it, shape (N,), NaN where unknown,
+        with independent noise [rad]; the leg is that of the cycle. Gauss and Newton's method.
+        Nothing is told of a wall that is nearer to an edge than two of its widths or decay
+        lengths, nor where the standard deviation would be more than a factor of 1.5.
+        """
+        centre, last, share = place, 0.0, 1.0
+        for _ in range(_ITERATIONS):
+            step = self.step(angles, centre, leg, logarithm)
+            if not noise * step.deviation < _COARSEST:
+                return UNTOLD
+            # Where steps go to and fro they are too long.
+            share *= 0.6 if step.contracted * last < -0.5 * last**2 else 1.0
+            last = step.contracted
+            centre += share * min(max(step.ahead, -_LONGEST_STEP), _LONGEST_STEP)
+            logarithm += share * min(max(step.contracted, -_LONGEST_STEP), _LONGEST_STEP)
+            if abs(centre - place) > 1 + self._scale or abs(logarithm) > _STRONGEST:
+                return UNTOLD
+            if abs(step.contracted) <= max(_CLOSE * noise * step.deviation, _CLOSEST):
+                return Contraction(logarithm, noise * step.deviation, centre)
+        return UNTOLD
+
+    def step(self, angles: Array, centre: float, leg: int, logarithm: float) -> ContractionStep:
+        """Step of Gauss and Newton's method from X and ln(gamma), arguments as `fit`.
+
+        Least squares with the derivatives gamma f' by X and u f' by ln(gamma), u = gamma (X - n).
+        """
+        last = self.chain.number_of_rotors - 1
+        if not self._clear <= centre <= last - self._clear:
+            return _NO_STEP
+        span = _SPAN * self._scale + 2
+        gamma = math.exp(logarithm)
+        places, both, logs, of_place, of_log = self._loops.contraction_sums(
+            np.ascontiguousarray(angles, dtype=np.float64),
+            self._tables[leg % len(self._tables)],
+            self._offsets,
+            max(math.ceil(centre - span), 1),
+            min(math.floor(centre + span) + 1, last),
+            centre,
+            gamma,
+            self._step,
+            self._half,
+        )
+        determinant = places * logs - both * both
+        if not determinant > _DEGENERATE * places * logs:
+            return _NO_STEP
+        return ContractionStep(
+            ahead=(logs * of_place - both * of_log) / (determinant * gamma),
+            contracted=(places * of_log - both * of_place) / determinant,
+            deviation=math.sqrt(places / determinant),
+        )
+
+    def _table(self, leg: int) -> Array:
+        """Angles f [rad] and two derivatives by X - n, of even and then odd rotors, (3, 2 K)."""
+        beside = 2 * math.ceil((self._half * self._step + 2) / 2)
+        window = replace(
+            self.chain, number_of_rotors=2 * beside + 6, periodic=False, deviations=NO_DEVIATIONS
+        )
+        count = max(round(2 * _SAMPLES / self._scale), 1)
+        places = beside + 2 + 2 * (np.arange(count) + 0.5) / count - 1
+        walls = np.array([static_wall(window, float(place), leg) for place in places])
+        grid = self._step * np.arange(-self._half, self._half + 1)
+        halves = []
+        for first in (2, 1):
+            rotors = np.arange(first, window.number_of_rotors - 1, 2)
+            distances = (places[:, None] - rotors).ravel()
+            order = np.argsort(distances)
+            angles = np.unwrap(walls[:, rotors].ravel()[order])
+            spline = make_interp_spline(distances[order], angles, k=_DEGREE)
+            halves.append(np.array([spline(grid, nu=nu) for nu in range(3)]))
+        return np.ascontiguousarray(np.concatenate(halves, axis=1))
+
+
+class ContractionStep(NamedTuple):
+    """Step of Gauss and Newton's method towards the least squares."""
+
+    ahead: float
+    """Of the place [rotor spacings]."""
+    contracted: float
+    """Of the logarithm of gamma [1]."""
+    deviation: float
+    """Standard deviation of that logarithm for a noise of 1 rad [1/rad]."""
+
+
+_NO_STEP = ContractionStep(0.0, 0.0, math.inf)
+
+
+class ContractionMean:
+    """Mean contraction over the last few rotors that a wall has passed.
+
+    Each frame is a step of Gauss and Newton's method from the mean so far, where it is nearly
+    linear in the noise, with its information as a weight. Frames are gathered in passages of one
+    rotor, of which each counts e^(-1/5) of the next; `PassageScatter` tells what the springs of
+    a wall in motion, and waves, add to the noise.
+    """
+
+    def __init__(self, family: WallFamily) -> None:
+        """Wait for the first frame."""
+        self._family = family
+        self._scatter = PassageScatter()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the mean, as after a kick or a reflection; not how much passages differ."""
+        self._leg = -1
+        self._anchor = math.nan
+        self._before = _NOTHING
+        self._passage = RotorPassage()
+        self._scatter.restart()
+        self._mean: Contraction | None = None
+
+    def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
+        """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
+
+        Starts anew on another leg, and where a passage contradicts those before. Nothing is told
+        of a wall that is at an edge, and by a frame that shows too little.
+        """
+        if leg != self._leg:
+            self.restart()
+            self._leg, self._anchor = leg, place
+        if abs(place - self._anchor) >= 1:
+            self._pass()
+            self._anchor = place
+        mean = self.mean
+        if mean.deviation > _ROUGH:
+            fit = self._family.fit(angles, place, leg, noise)
+            value, deviation = fit.logarithm, fit.deviation
+        else:
+            step = self._family.step(angles, place, leg, mean.logarithm)
+            value, deviation = mean.logarithm + step.contracted, noise * step.deviation
+        if not deviation < _COARSEST:
+            return UNTOLD
+        self._passage.add(value, max(deviation, _FINEST))
+        self._mean = None
+        found = self.mean
+        return Contraction(found.logarithm, found.deviation, place)
+
+    @property
+    def mean(self) -> Contraction:
+        """The mean so far."""
+        if self._mean is None:
+            self._mean = self._reckoned()
+        return self._mean
+
+    def _reckoned(self) -> Contraction:
+        sums = self._before
+        if self._passage.weight:
+            sums = sums.plus(self._passage.mean, self._passage.weight)
+        if not sums.weight:
+            return UNTOLD
+        variance = sums.noise_variance + self._scatter.variance_of_mean(sums.share)
+        return Contraction(sums.mean, math.sqrt(variance), math.nan)
+
+    def _pass(self) -> None:
+        """Take in the passage that is over, unless it contradicts: then it is a new beginning."""
+        done, self._passage = self._passage, RotorPassage()
+        if not done.weight:
+            return
+        self._mean = None
+        if self._before.weight:
+            noise = 1 / done.weight + self._before.noise_variance
+            allowed = noise + (1 + self._before.share) * self._scatter.variance
+            if (done.mean - self._before.mean) ** 2 > _CONTRADICTION**2 * allowed:
+                self._before = _NOTHING
+                self._scatter.restart()
+        self._scatter.update(done)
+        self._before = self._before.faded(_FADE).plus(done.mean, done.weight)
+
+
+class RotorPassage:
+    """Frames while a wall passes a rotor."""
+
+    def __init__(self) -> None:
+        """Begin without frames."""
+        self.weight = self._sum = self._plain = self._variances = 0.0
+        self._count = 0
+
+    def add(self, value: float, deviation: float) -> None:
+        """Take in a frame."""
+        weight = 1 / deviation**2
+        self._sum += weight * value
+        self.weight += weight
+        self._plain += value
+        self._variances += deviation**2
+        self._count += 1
+
+    @property
+    def mean(self) -> float:
+        """Mean with weights."""
+        return self._sum / self.weight
+
+    @property
+    def disagreement(self) -> float:
+        """Mean without weights less that with them."""
+        return self._plain / self._count - self.mean
+
+    @property
+    def disagreement_variance(self) -> float:
+        """Its variance where there is nothing but noise."""
+        return max(self._variances / self._count**2 - 1 / self.weight, 0.0)
+
+
+class _Sums(NamedTuple):
+    """Sums over passages, for a weighted mean and its variance."""
+
+    values: float
+    weight: float
+    noises: float
+    squares: float
+
+    @property
+    def mean(self) -> float:
+        return self.values / self.weight
+
+    @property
+    def noise_variance(self) -> float:
+        """Variance of the mean by noise."""
+        return self.noises / self.weight**2
+
+    @property
+    def share(self) -> float:
+        """One over the number of passages that the mean is made of."""
+        return self.squares / self.weight**2
+
+    def plus(self, value: float, weight: float) -> _Sums:
+        return _Sums(
+            self.values + weight * value,
+            self.weight + weight,
+            self.noises + weight,
+            self.squares + weight**2,
+        )
+
+    def faded(self, fade: float) -> _Sums:
+        return _Sums(
+            fade * self.values, fade * self.weight, fade**2 * self.noises, fade**2 * self.squares
+        )
+
+
+_NOTHING = _Sums(0.0, 0.0, 0.0, 0.0)
+
+
+class PassageScatter:
+    """How much passages differ beyond what noise gives them, and for how long.
+
+    Their differences from the mean of the last 30 have a variance tau^2 beside the noise, and a
+    correlation rho from one to the next, with which a mean of M passages has
+
+        min(1, (1 + rho) / ((1 - rho) M)) tau^2.
+
+    What repeats with every rotor, and so in every passage, makes means with and without weights
+    disagree. Either counts where it is more than chance; until three passages are over tau is
+    taken for 0.01.
+    """
+
+    def __init__(self) -> None:
+        """Begin without passages."""
+        self._excess = self._product = self._shares = self._ratio = self._count = 0.0
+        self._disagreement = self._disagreement_variance = self._passages = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a new mean; what is known of the differences stays."""
+        self._slow = _NOTHING
+        self._last = 0.0
+        self._summarise()
+
+    def update(self, done: RotorPassage) -> None:
+        """Take in a passage."""
+        if self._slow.weight:
+            apart = done.mean - self._slow.mean
+            noise = 1 / done.weight + self._slow.noise_variance
+            self._excess = _LONG_FADE * self._excess + apart**2 - noise
+            self._product = _LONG_FADE * self._product + apart * self._last
+            self._shares = _LONG_FADE * self._shares + 1 + self._slow.share
+            self._ratio = _LONG_FADE * self._ratio + apart**2 / noise
+            self._count = _LONG_FADE * self._count + 1
+            self._last = apart
+        self._disagreement = _LONG_FADE * self._disagreement + done.disagreement
+        self._disagreement_variance = (
+            _LONG_FADE**2 * self._disagreement_variance + done.disagreement_variance
+        )
+        self._passages = _LONG_FADE * self._passages + 1
+        self._slow = self._slow.faded(_LONG_FADE).plus(done.mean, done.weight)
+        self._summarise()
+
+    def variance_of_mean(self, share: float) -> float:
+        """What is added to the variance of a mean of 1 / share passages [1]."""
+        return self._repeated + min(share * self._lasting, 1.0) * self.variance
+
+    def _summarise(self) -> None:
+        """Work out what the next frames have in common."""
+        self.variance = self._variance()
+        """tau^2 [1]; 0 where the noise alone may have done it."""
+        self._lasting = self._together()
+        self._repeated = self._in_all()
+
+    def _variance(self) -> float:
+        if self._count < _FEWEST:
+            return _TYPICAL**2
+        if self._ratio < self._count + _SIGNIFICANT * math.sqrt(2 * self._count):
+            return 0.0
+        return max(self._excess / self._shares, 0.0)
+
+    def _together(self) -> float:
+        """Number of passages that go together, (1 + rho) / (1 - rho)."""
+        if self._count < _FEWEST or self._product <= 0:
+            return 1.0
+        rho = min(self._product / max(self._excess, self._product), _MOST_ALIKE)
+        return (1 + rho) / (1 - rho)
+
+    def _in_all(self) -> float:
+        """Square of the disagreement of means with and without weights, beyond chance."""
+        if self._disagreement**2 <= _SIGNIFICANT**2 * self._disagreement_variance:
+            return 0.0
+        return (self._disagreement / self._passages) ** 2
+
+
+class WidthReporter:
+    """Reports the width of the wall of a chain, frame by frame, beside that of the theory."""
+
+    def __init__(self, chain: Chain) -> None:
+        """Tabulate the walls; raises ValueError as `static_wall` does."""
+        theory = wall_theory(chain)
+        self._speed_of_sound = theory.speed_of_sound
+        self._mean = ContractionMean(WallFamily(chain))
+        undefined = chain.motion is not Motion.SPINNER
+        undefined &= chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
+        self._at_rest = math.nan if undefined else theory.width()
+
+    def restart(self) -> None:
+        """Forget the frames so far, as after a kick."""
+        self._mean.restart()
+
+    def update(
+        self, angles: Array, place: float, leg: int, velocity: float, noise: float
+    ) -> Width:
+        """Width with one more frame; the velocity [m/s], all else as `ContractionMean.update`."""
+        found = self._mean.update(angles, place, leg, noise)
+        width, factor = self._at_rest * math.exp(-found.logarithm), found.factor
+        known = math.isfinite(found.logarithm)
+        return Width(
+            measured=width,
+            deviation=width * found.deviation if known else math.nan,
+            theory=self._at_rest * self._theory_ratio(velocity),
+            contraction=factor,
+            contraction_deviation=factor * found.deviation if known else math.nan,
+        )
+
+    def _theory_ratio(self, velocity: float) -> float:
+        """Width at a velocity [m/s] over that at rest, sqrt(1 - v^2 / c^2); NaN from c on."""
+        if velocity == 0:
+            return 1.0
+        if not abs(velocity) < self._speed_of_sound:
+            return math.nan
+        share = velocity / self._speed_of_sound
+        return math.sqrt((1 - share) * (1 + share))

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the rotors beside a wall deviate from the uniform states: amplitude, decay and wavelength.
+
+Which rotors to look at is told by a wall at rest, not by the noisy angles, so that none is chosen
+for its noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from soliton_linkage.estimation.loops.tail_arrays import tail_loops
+from soliton_linkage.estimation.state_report import energy_reach
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.continuum import exact_tail
+from soliton_linkage.solitons.static_wall import static_wall
+
+_FLAT = 1e-3
+_ROUNDING = 1e-12
+_CERTAIN = 3.0
+_COARSEST = 0.2
+
+
+@dataclass(frozen=True)
+class Wobble:
+    """How rotors beside a wall deviate from the uniform states; NaN where it cannot be told."""
+
+    amplitudes: tuple[float, float]
+    """Overshoot of |u| beyond ub [m] before the wall and beyond it, each of one rotor.
+
+    It is the rotor that leans the most where the wall is at rest; without wobble, d <= 1, the
+    nearest that is at rest to within the noise.
+    """
+    amplitude_deviations: tuple[float, float]
+    """Standard deviations of the amplitudes [m]."""
+    rest_amplitudes: tuple[float, float]
+    """The same overshoots for a wall at rest [m]."""
+    tail_ratio: float
+    """Deviation of a rotor over that of its inner neighbour in the tails [1]."""
+    tail_ratio_deviation: float
+    """Standard deviation of the ratio [1]."""
+    decay_length: float
+    """Distance over which the tails fall by e [m]."""
+    decay_length_deviation: float
+    """Standard deviation of the decay length [m]."""
+    wavelength: float
+    """Twice the distance of the zeros of the tails [m]; NaN where they do not change sign."""
+    wavelength_deviation: float
+    """Standard deviation of the wavelength [m]."""
+    exact_decay_length: float
+    """Theory's decay length, the penetration depth ell [m]."""
+    exact_wavelength: float
+    """Theory's wavelength [m]: 2 a for d > 1, else infinite."""
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude on the side where a wall at rest overshoots more [m]."""
+        return self.amplitudes[self._larger]
+
+    @property
+    def amplitude_deviation(self) -> float:
+        """Standard deviation of that amplitude [m]."""
+        return self.amplitude_deviations[self._larger]
+
+    @property
+    def rest_amplitude(self) -> float:
+        """The same overshoot for a wall at rest [m]."""
+        return self.rest_amplitudes[self._larger]
+
+    @property
+    def _larger(self) -> int:
+        before, beyond = self.rest_amplitudes
+        return int(math.isnan(before) or beyond > before)
+
+
+class RestingWall(NamedTuple):
+    """A wall at rest nearest to that of a state: which rotors are about it, and their angles."""
+
+    first: int
+    """Number of the first rotor."""
+    angles: Array
+    """Actual angles [rad], shape (n,), up to whole turns; as the cycle has them, which the state
+    may be upside down."""
+    place: float
+    """Place of the wall [rotor spacings]."""
+
+
+def wall_at(chain: Chain, place: float) -> RestingWall:
+    """RestingWall at rest at a place [rotor spacings], half a spacing or more from both ends.
+
+    Without deviations, and with edge rotors that have not toggled. Raises ValueError for a place
+    nearer to an end, and as `static_wall` does.
+    """
+    last_place = chain.number_of_rotors - 1.5
+    if not 0.5 <= place <= last_place:
+        raise ValueError(
+            f'place = {place} must lie from 0.5 to the number of rotors less 1.5 = {last_place}; '
+            'take the wall at an edge from the cycle'
+        )
+    beside = math.ceil(energy_reach(chain))
+    nearest = round(place)
+    first, last = max(nearest - beside, 0), min(nearest + beside, chain.number_of_rotors - 1)
+    window = replace(
+        chain, number_of_rotors=2 * beside + 4, periodic=False, deviations=NO_DEVIATIONS
+    )
+    before = beside + 1 + (nearest - beside - 1) % 2
+    angles = static_wall(window, place - nearest + before)
+    shift = before - nearest
+    return RestingWall(first, angles[first + shift : last + shift + 1], place)
+
+
+def wall_on_orbit(orbit: UniformOrbit, arc: float) -> RestingWall:
+    """RestingWall at rest at an arc length [rad] of a cycle."""
+    about = orbit.stretch(arc)
+    return RestingWall(about.first, about.angles, orbit.place(arc))
+
+
+class WobbleReporter:
+    """Reports the wobble of the states of a chain; what all have in common is kept."""
+
+    def __init__(self, chain: Chain) -> None:
+        """Work out what all states have in common."""
+        self.chain = chain
+        tail = exact_tail(chain)
+        self._exact_decay_length = tail.decay_length
+        self._exact_wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
+        self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
+        self._loops = tail_loops()
+
+    def wobble(
+        self, angles: ArrayLike, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
+    ) -> Wobble:
+        """Wobble of a state beside its wall, angles [rad] of shape (N,).
+
+        The ratio lambda is a least-squares fit to the deviations e from rest outwards on both
+        sides, e' = F(e) + (lambda - lambda_0) e with F that of relaxed bars and lambda_0 =
+        (1 - d) / (1 + d) its slope; the wavelength is that of a straight line through the zeros.
+        Of spinners, whose rotors turn over, amplitudes are NaN. Standard deviations are those of
+        the noise [rad] of the angles, and of what lasts beside it [rad], as the root mean square
+        of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
+        """
+        checked = np.ascontiguousarray(self.chain.check_angles(angles))
+        return self.of_frame(checked, wall, noise, lasting)
+
+    def of_frame(self, angles: Array, wall: RestingWall, noise: float, lasting: float) -> Wobble:
+        """The same of angles that are known to be finite, contiguous and one a rotor."""
+        chain, rest = self.chain, self.chain.rest_angle
+        noise = max(noise, _ROUNDING)
+        low = max(wall.first, 1)
+        high = min(wall.first + len(wall.angles), chain.number_of_rotors - 1)
+        before, beyond, tails, zeros = self._loops.wobble(
+            angles,
+            np.ascontiguousarray(wall.angles),
+            wall.first,
+            low,
+            min(max(math.floor(wall.place) + 1, low), high),
+            high,
+            chain.motion is Motion.SPINNER,
+            rest,
+            chain.rotor_length,
+            chain.spacing / chain.rotor_length,
+            0.0 if chain.lean_ratio > 1 else max(noise, _FLAT * rest),
+            noise,
+            math.hypot(noise, lasting),
+        )
+        ratio, ratio_deviation = self._ratio + tails[0], tails[1]
+        decay, decay_deviation = self._decay_length(ratio, ratio_deviation)
+        return Wobble(
+            amplitudes=(before[0], beyond[0]),
+            amplitude_deviations=(before[1], beyond[1]),
+            rest_amplitudes=(before[2], beyond[2]),
+            tail_ratio=ratio,
+            tail_ratio_deviation=ratio_deviation,
+            decay_length=decay,
+            decay_length_deviation=decay_deviation,
+            wavelength=2 * chain.spacing * zeros[0],
+            wavelength_deviation=2 * chain.spacing * zeros[1],
+            exact_decay_length=self._exact_decay_length,
+            exact_wavelength=self._exact_wavelength,
+        )
+
+    def _decay_length(self, ratio: float, deviation: float) -> tuple[float, float]:
+        """Return -a / ln|lambda| and its deviation [m].
+
+        Whether it can be told, to a fifth, is judged by the exact ratio, so that the noise has
+        no part in the choice.
+        """
+        known = abs(self._ratio)
+        if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
+            return math.nan, math.nan
+        if deviation > _COARSEST * known * abs(math.log(known)):
+            return math.nan, math.nan
+        length = -self.chain.spacing / math.log(abs(ratio))
+        return length, length**2 * deviation / (self.chain.spacing * abs(ratio))

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Linear theory of the uniform chain: bands of phonons, sound, zero mode and polarisation.
+
+Waves are those of staggered angles, dtheta_n ~ e^(i k a n). Waves of the actual angles have
+wave numbers pi / a away, since dphi_n = (-1)^n dtheta_n. What tends to 0 in any limit is
+computed in a form in which nothing cancels there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soliton_linkage.linkage.chain import Array, Chain
+
+ComplexArray = NDArray[np.complex128]
+
+
+def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
+    """Return q+ and q- [m/rad] of the state that leans right (+1) or left (-1).
+
+    q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar, and in staggered angles
+    dl_n = -(q+ dtheta_n + q- dtheta_{n+1}) (paper, section 1, which leaves out the minus).
+    Leaning left exchanges q+ with -q-. Raises ValueError for any other lean.
+    """
+    if lean not in (-1, 1):
+        raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
+    sine, cosine = lean * math.sin(chain.rest_angle), math.cos(chain.rest_angle)
+    scale = chain.rotor_length * cosine / chain.rest_length
+    lean_across = 2 * chain.rotor_length * sine
+    return scale * (lean_across + chain.spacing), scale * (lean_across - chain.spacing)
+
+
+def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
+    """Rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
+
+    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]], with det R(k) = q+^2 - q-^2 e^(2 i k a), leads
+    from the amplitudes of the staggered angles of rotors 0 and 1 of cell 0 to the extensions of
+    its two springs, at wave numbers [rad/m] real or complex. The paper (section 1) prints the
+    phase in the lower right corner, where the matrix would have the winding number of the other
+    lean. Raises ValueError for wave numbers that are not finite.
+    """
+    plus, minus = couplings(chain, lean)
+    phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
+    matrix = np.empty((*phases.shape, 2, 2), dtype=np.complex128)
+    matrix[..., 0, 0] = matrix[..., 1, 1] = -plus
+    matrix[..., 0, 1] = -minus
+    matrix[..., 1, 0] = -minus * np.exp(2j * phases)
+    return matrix
+
+
+def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
+    """Dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], shape (..., 2, 2).
+
+    Its eigenvalues are the squared frequencies of both branches at real wave numbers [rad/m].
+    Raises ValueError for those that are not finite.
+    """
+    matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
+    matrix /= chain.rotor_length * chain.time_unit
+    return np.asarray(np.conj(np.swapaxes(matrix, -1, -2)) @ matrix)
+
+
+def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
+    """Angular frequencies [rad/s] of phonons with the given wave numbers [rad/m].
+
+    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, the upper sign for branch +1, the lower
+    for -1 (paper, section 1, with the factor 1/r that it leaves out). In staggered angles and
+    with k from -pi/a to pi/a one branch alone is the whole spectrum. It is computed from the
+    bottom of the band, omega^2 = gap^2 + (2 c / a)^2 sin(k a / 2)^2 for branch +1 and d < 1 or
+    branch -1 and d > 1, with a cosine otherwise. Raises ValueError for another branch and for
+    wave numbers that are not finite.
+    """
+    if branch not in (-1, 1):
+        raise ValueError(f'branch = {branch!r} must be +1 or -1')
+    halves = _phases(chain, np.asarray(wave_numbers, dtype=np.float64)) / 2
+    lowest_at_0 = (chain.lean_ratio < 1) == (branch == 1)
+    profile = np.sin(halves) if lowest_at_0 else np.cos(halves)
+    return np.asarray(np.hypot(gap(chain), 2 * speed_of_sound(chain) / chain.spacing * profile))
+
+
+def gap(chain: Chain) -> float:
+    """Lowest angular frequency of any phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
+
+    That is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a cos(theta_bar) / lbar for d > 1, in
+    units of sqrt(k_e / M). The paper (section 1) has r^2 sin(2 theta_bar) / lbar for any d.
+    """
+    return band_edges(chain)[0]
+
+
+def band_edges(chain: Chain) -> tuple[float, float]:
+    """Lowest and highest angular frequency of the phonons [rad/s].
+
+    sqrt(k_e / M) ||q+| -+ |q-|| / r, which are 2 cos(theta_bar) / lbar times the smaller and
+    the larger of 2 r sin(theta_bar) and a. They meet where d = 1.
+    """
+    scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
+    lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
+    lower, upper = sorted((lean_across, chain.spacing))
+    return scale * lower, scale * upper
+
+
+def speed_of_sound(chain: Chain) -> float:
+    """Speed c [m/s] in omega^2 = gap^2 + c^2 k^2, with k counted from the bottom of the band.
+
+    c = a cos(theta_bar) sqrt(|4 r^2 sin(theta_bar)^2 - a^2|) / lbar sqrt(k_e / M)
+    = a sqrt(|q+ q-|) / r sqrt(k_e / M) (paper, section 1). The bottom lies at k = 0 for d < 1
+    and at pi/a for d > 1, where all actual angles move alike. No wave travels at c: see
+    `largest_group_velocity`.
+    """
+    plus, minus = couplings(chain)
+    return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
+
+
+def largest_group_velocity(chain: Chain) -> float:
+    """Largest d(omega)/dk of any phonon [m/s], a min(|q+|, |q-|) / r sqrt(k_e / M).
+
+    It is reached where |cos(k a)| = min(|q+|, |q-|) / max(|q+|, |q-|), and is less than the
+    speed of sound.
+    """
+    slower = min(map(abs, couplings(chain)))
+    return chain.spacing * slower / (chain.rotor_length * chain.time_unit)
+
+
+def penetration_depth(chain: Chain) -> float:
+    """Decay length of the zero mode from its edge [m], ell = a / ln|q+ / q-|; 0 for d = 1.
+
+    ln|q+ / q-| = ln|(d + 1) / (d - 1)| = 2 artanh(min(d, 1/d)). For small d the depth is
+    a / (2 d); the paper (section 1) has it proportional to 1 / sin(theta_bar).
+    """
+    smaller = min(chain.lean_ratio, 1 / chain.lean_ratio)
+    return chain.spacing / (2 * math.atanh(smaller)) if smaller < 1 else 0.0
+
+
+def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
+    """Complex wave number k [rad/m] of the zero mode, e^(i k a) = -q+ / q-.
+
+    k = -i / ell leaning right (+1), where the mode grows towards the last edge, +i / ell
+    leaning left (-1), and pi / a more for d > 1, where its sign alternates in staggered angles.
+    The imaginary part is infinite at d = 1. The paper (section 1) has sqrt(-omega_0) / c for
+    i omega_0 / c, the limit of small d. Raises ValueError for any other lean.
+    """
+    plus, minus = couplings(chain, lean)
+    depth = penetration_depth(chain)
+    growth = math.copysign(1 / depth if depth else math.inf, abs(plus) - abs(minus))
+    return complex(math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0, -growth)
+
+
+def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
+    """Modes of an endless chain per rotor and angular frequency [s/rad], shape (...).
+
+    g(omega) = 2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))) between the edges
+    of the band, where it is infinite, and 0 outside; its integral is 1. For d = 1 all of it is
+    at the one frequency of the band. Raises ValueError for frequencies [rad/s] that are
+    negative or not finite.
+    """
+    given = np.asarray(frequencies, dtype=np.float64)
+    check_frequencies(given)
+    lowest, highest = band_edges(chain)
+    inside = (given >= lowest) & (given <= highest)
+    above = np.where(inside, (given - lowest) * (given + lowest), 1.0)
+    below = np.where(inside, (highest - given) * (highest + given), 1.0)
+    with np.errstate(divide='ignore'):
+        density = 2 * given / (np.pi * np.sqrt(above) * np.sqrt(below))
+    return np.asarray(np.where(inside, density, 0.0))
+
+
+def winding_number(chain: Chain, lean: int) -> int:
+    """Turns of det R(k) = q+^2 - q-^2 e^(2 i k a) about 0 across the zone of two-rotor cells.
+
+    1 in the left-leaning state (-1), whose zero mode sits at the first edge; 0 in the
+    right-leaning one (+1), whose zero mode sits at the last (paper, section 1). The determinant
+    runs once along a circle about q+^2 of radius q-^2. Raises ValueError for any other lean.
+    """
+    plus, minus = couplings(chain, lean)
+    return int(abs(minus) > abs(plus))
+
+
+def check_frequencies(frequencies: Array) -> None:
+    """Raise ValueError for angular frequencies [rad/s] that are negative or not finite."""
+    wrong = frequencies[~(np.isfinite(frequencies) & (frequencies >= 0))]
+    if wrong.size:
+        raise ValueError(
+            f'frequency = {wrong[0]} rad/s must be a finite number of 0 or more; a mode and its '
+            'reverse count as one'
+        )
+
+
+def _phases(chain: Chain, wave_numbers: NDArray[Any]) -> NDArray[Any]:
+    """Return k a [rad]."""
+    wrong = wave_numbers[~np.isfinite(wave_numbers)]
+    if wrong.size:
+        raise ValueError(
+            f'wave number = {wrong[0]} rad/m must be a finite number; one zone reaches from '
+            '-pi/a to pi/a'
+        )
+    return wave_numbers * chain.spacing

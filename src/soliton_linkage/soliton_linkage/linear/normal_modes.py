@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Normal modes of small vibrations about any configuration with relaxed springs.
+
+With I = M r^2 and the rigidity matrix R of the configuration the modes are the right singular
+vectors of B = k_e^(1/2) R I^(-1/2), and their angular frequencies its singular values. Those are
+exact to rounding of the largest, while the eigenvalues of the dynamical matrix B^T B would leave
+every frequency below 1e-8 of the largest in its rounding errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigvalsh_tridiagonal, svd, svdvals
+
+from soliton_linkage.linear.bands import check_frequencies
+from soliton_linkage.linear.rigidity import rigidity_matrix, zero_mode
+from soliton_linkage.linear.statics import unstretched
+from soliton_linkage.linkage.chain import Array, Chain
+
+_MOST_STRETCH = 1e-6
+
+
+@dataclass(frozen=True)
+class NormalModes:
+    """Frequencies and shapes of the normal modes of a chain of N rotors, slowest first."""
+
+    frequencies: Array
+    """Angular frequencies [rad/s], shape (N,), ascending."""
+    shapes: Array
+    """Change of the angles, one mode a column [rad / (kg^(1/2) m)], shape (N, N).
+
+    shapes^T diag(I) shapes = 1. The sign of a shape, and the choice among modes of the same
+    frequency, have no meaning.
+    """
+    moments_of_inertia: Array
+    """I of each rotor about its pivot [kg m^2], shape (N,)."""
+
+
+def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
+    """Normal modes about a configuration with relaxed springs, with their shapes.
+
+    With free ends the slowest is the zero mode, of frequency 0. Dense: time O(N^3), memory
+    O(N^2). Raises ValueError for angles [rad] at which a spring is stretched.
+    """
+    matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
+    _, singular, rows = svd(matrix)
+    frequencies = np.zeros(chain.number_of_rotors)
+    frequencies[: len(singular)] = singular
+    shapes = rows.T / np.sqrt(chain.moments_of_inertia)[:, None]
+    return NormalModes(frequencies[::-1], shapes[:, ::-1], chain.moments_of_inertia)
+
+
+def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
+    """Angular frequencies [rad/s] of the normal modes alone, shape (N,), ascending.
+
+    With free ends they are the upper half of the eigenvalues of [[0, B^T], [B, 0]], which is
+    tridiagonal with rotors and springs in turn: time O(N^2). Dense and O(N^3) with periodic
+    ends. Raises ValueError for angles [rad] at which a spring is stretched.
+    """
+    relaxed = _relaxed(chain, angles)
+    if chain.periodic:
+        return np.asarray(svdvals(_weighted_rigidity_matrix(chain, relaxed))[::-1])
+    _, first, second = chain.springs(relaxed)
+    levers = np.sqrt(chain.stiffnesses) * np.stack([first, second])
+    levers /= np.sqrt(np.stack([chain.moments_of_inertia[:-1], chain.moments_of_inertia[1:]]))
+    between = levers.T.ravel()
+    pairs = eigvalsh_tridiagonal(np.zeros(len(between) + 1), between, lapack_driver='sterf')
+    frequencies = np.maximum(pairs[chain.number_of_springs :], 0.0)
+    frequencies[0] = 0.0
+    return np.asarray(frequencies)
+
+
+def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
+    """Histogram of modes per rotor and angular frequency [s/rad], shape (bins,).
+
+    The share of the modes that lie between two edges [rad/s], over the distance of the edges;
+    of a long uniform chain it is the mean of `density_of_states` there. Raises ValueError for
+    frequencies that are negative or not finite, and for edges that do not ascend.
+    """
+    counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
+    check_frequencies(counted)
+    if not counted.size:
+        raise ValueError('a density of modes of 0 frequencies has no meaning; give one or more')
+    ascending = bounds.ndim == 1 and len(bounds) > 1 and bool((np.diff(bounds) > 0).all())
+    if not (ascending and np.isfinite(bounds).all()):
+        raise ValueError(
+            f'edges of bins = {np.array2string(bounds, threshold=6)} rad/s must be two or more '
+            'finite numbers in ascending order'
+        )
+    return np.asarray(np.histogram(counted, bounds)[0] / (counted.size * np.diff(bounds)))
+
+
+def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
+    """Energy in each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, shape (..., N).
+
+    eta = shapes^T diag(I) dphi are the coordinates of displacements from the configuration of
+    the modes [rad], and of rates [rad/s], each of shape (..., N). Raises ValueError where either
+    has another number of rotors.
+    """
+    coordinates = _coordinates(modes, displacements, 'displacements')
+    speeds = _coordinates(modes, rates, 'rates')
+    return np.asarray(0.5 * (speeds**2 + (modes.frequencies * coordinates) ** 2))
+
+
+def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
+    """Frequencies [rad/s] and energies [J] of the modes of a moving state, each of shape (N,).
+
+    The modes are those of the nearest configuration with relaxed springs, see `unstretched`.
+    The energies add up to the whole to third order in the distance from it. With free ends the
+    first is that of the zero mode, which is kinetic alone: the motion of the wall as if its
+    springs were rigid. Raises ValueError for angles and rates that do not fit the chain, and
+    where no such configuration is near.
+    """
+    relaxed, displacement = _departure(chain, angles)
+    modes = normal_modes(chain, relaxed)
+    energies = mode_energies(modes, displacement, chain.check_angles(rates, 'rate'))
+    return modes.frequencies, energies
+
+
+def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
+    """Energy of a moving state outside the zero mode [J]: the sum of `phonon_energies` but it.
+
+    E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)), without modes
+    and so in O(N). It counts whatever is not the motion of rigid bars, not only waves: a moving
+    wall compresses its own springs, a share of its energy that grows as the square of its speed
+    and stays counted wherever the wall is. Of several walls only their motion together along
+    the one zero mode is left out. With periodic ends nothing is. Raises ValueError as
+    `phonon_energies` does.
+    """
+    relaxed, displacement = _departure(chain, angles)
+    left = chain.check_angles(rates, 'rate')
+    if not chain.periodic:
+        mode = zero_mode(chain, relaxed)
+        momentum = chain.moments_of_inertia * mode
+        left = left - mode * float(momentum @ left) / float(momentum @ mode)
+    stretches = rigidity_matrix(chain, relaxed) @ displacement
+    return float(0.5 * chain.stiffnesses @ stretches**2 + chain.kinetic_energy(left))
+
+
+def _departure(chain: Chain, angles: ArrayLike) -> tuple[Array, Array]:
+    """Return the nearest configuration with relaxed springs and the way from it [rad]."""
+    given = chain.check_angles(angles)
+    relaxed = unstretched(chain, given)
+    return relaxed, given - relaxed
+
+
+def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
+    given = chain.check_angles(angles)
+    stretches = np.abs(chain.spring_extensions(given)) / chain.rest_lengths
+    spring = int(np.argmax(stretches))
+    if stretches[spring] > _MOST_STRETCH:
+        raise ValueError(
+            f'spring {spring} is stretched by {stretches[spring]:.3g} of its length at rest, more '
+            f'than {_MOST_STRETCH:g}; take the modes of a configuration with relaxed springs, as '
+            'unstretched gives them'
+        )
+    return given
+
+
+def _weighted_rigidity_matrix(chain: Chain, angles: Array) -> Array:
+    """B = k_e^(1/2) R I^(-1/2) [rad/s], shape (springs, N)."""
+    matrix = rigidity_matrix(chain, angles).toarray()
+    weighted = np.sqrt(chain.stiffnesses)[:, None] * matrix
+    return np.asarray(weighted / np.sqrt(chain.moments_of_inertia))
+
+
+def _coordinates(modes: NormalModes, values: ArrayLike, what: str) -> Array:
+    given = np.asarray(values, dtype=np.float64)
+    rotors = len(modes.moments_of_inertia)
+    if given.shape[-1:] != (rotors,):
+        raise ValueError(
+            f'{what} of shape {given.shape} do not fit the modes of {rotors} rotors; give one '
+            'number a rotor on the last axis'
+        )
+    return np.asarray((modes.moments_of_inertia * given) @ modes.shapes)

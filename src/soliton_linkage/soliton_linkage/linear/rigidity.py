@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rigidity matrix of any configuration, its zero modes, and the mode at an edge."""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+from scipy.sparse import csr_array
+
+from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
+
+# Stands in for a coupling that vanishes, far below rounding beside any that does not.
+_VANISHING = 1e-280
+_BLOCK = 500
+# Between 1 over it and it, squares and their sums are far from the ends of the range of doubles.
+_FAR_FROM_OVERFLOW = 1e100
+
+
+class Edge(enum.Enum):
+    """An end of the chain, or the one that the zero mode is nearer to."""
+
+    NEAREST = 'nearest'
+    FIRST = 'first'
+    LAST = 'last'
+
+    def resolved(self, chain: Chain, angles: Array) -> Edge:
+        """Return the end that is meant in a configuration."""
+        return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
+
+
+def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
+    """Return A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1} [m/rad], each of (..., springs)."""
+    _, first, second = chain.springs(angles)
+    return first, second
+
+
+def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
+    """Rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
+    first, second = rigidity_bands(chain, chain.check_angles(angles))
+    springs = np.arange(chain.number_of_springs)
+    rows = np.concatenate([springs, springs])
+    columns = np.concatenate([springs, (springs + 1) % chain.number_of_rotors])
+    shape = (chain.number_of_springs, chain.number_of_rotors)
+    return csr_array((np.concatenate([first, second]), (rows, columns)), shape=shape)
+
+
+def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
+    """Dynamical matrix D = I^(-1/2) R^T k_e R I^(-1/2) [rad^2/s^2], sparse, shape (N, N).
+
+    Its eigenvalues are the squared frequencies of small motions about a configuration with
+    relaxed springs, in the variables sqrt(I_n) dphi_n with I = M r^2.
+    """
+    matrix = rigidity_matrix(chain, angles)
+    scaled = matrix.multiply(1 / np.sqrt(chain.moments_of_inertia)).tocsr()
+    return csr_array(scaled.T @ scaled.multiply(chain.stiffnesses[:, None]))
+
+
+def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
+    """Orthonormal motions [1] that stretch no spring to first order, R t = 0, shape (N, N_0).
+
+    Their number and that of the states of self-stress obey N_0 - N_ss = N - springs (paper,
+    section 1). Singular values below the tolerance times the largest count as 0. Dense, O(N^3).
+    """
+    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray(), rcond=tolerance))
+
+
+def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
+    """Orthonormal tensions [1] that turn no rotor, R^T s = 0, shape (springs, N_ss)."""
+    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray().T, rcond=tolerance))
+
+
+def zero_mode(chain: Chain, angles: Array) -> Array:
+    """Unit vector t [1] with R t = 0 at a configuration, shape (N,); exact in O(N).
+
+    The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that each component has
+    its ratio to the next to rounding; where doubles do not reach far enough, it is followed in
+    numbers with an exponent of their own, which no valley between two walls is too deep for. The
+    sign is that of the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}: along a
+    motion of the linkage t turns continuously and never flips. Raises ValueError for periodic
+    ends, between which it takes more than relaxed springs to have a zero mode.
+    """
+    return _zero_mode_of(*_levers_of_free_chain(chain, angles))
+
+
+def mode_centre(mode: Array) -> float:
+    """Where a mode sits [rotor spacings], sum_n n t_n^2 of a unit vector t."""
+    return float(np.add.reduce(np.arange(len(mode)) * mode * mode))
+
+
+def mode_towards_last(chain: Chain, angles: Array) -> Array:
+    """The zero mode with the sign that moves the wall towards the last rotor [1], shape (N,).
+
+    A wall at an edge goes on into the chain either way, after the edge rotor has swung past the
+    line from its pivot to its neighbour's mass; there its coupling, A_0 or B_{N-2}, changes
+    sign, and with it the wall's direction along the zero mode. The sign to start from is that of
+    the left-leaning state with d < 1, where all A_n and B_n have the sign (-1)^(n+1) and the
+    wall moves towards the last rotor while all theta_n grow; upside down all three signs are
+    reversed. A spinner's edge rotor passes no such line: its wall moves towards the last rotor
+    while sum_n h_n grows.
+    """
+    first, second = _levers_of_free_chain(chain, angles)
+    mode = _zero_mode_of(first, second)
+    if chain.motion is Motion.SPINNER:
+        return mode if float(np.cos(angles) @ mode) >= 0 else -mode
+    rotors = chain.number_of_rotors
+    start = (-1) ** (rotors * (rotors + 1) // 2) * uprightness(angles) ** rotors
+    return mode if start * np.sign(first[0]) * np.sign(second[-1]) >= 0 else -mode
+
+
+def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
+    """Unit zero mode of a configuration that moves the wall away from an edge [1], shape (N,).
+
+    Raises ValueError where the mode sits nearer the other edge, unless it may be anywhere.
+    """
+    return resolved_edge_mode(chain, angles, edge, anywhere)[1]
+
+
+def resolved_edge_mode(
+    chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
+) -> tuple[Edge, Array]:
+    """Return the end that is meant, and the mode as `edge_mode` does."""
+    mode = mode_towards_last(chain, angles)
+    nearest = _nearest(mode)
+    end = nearest if edge is Edge.NEAREST else edge
+    if end is not nearest and not anywhere:
+        raise ValueError(
+            f'the zero mode sits at rotor {mode_centre(mode):.1f} of 0 to '
+            f'{chain.number_of_rotors - 1}, nearer the {nearest.value} edge than the '
+            f'{end.value}; name the {nearest.value} edge'
+        )
+    return end, mode if end is Edge.FIRST else -mode
+
+
+def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
+    """A_n l_n and B_n l_n [m^2/rad], see `Chain.springs`: their ratio is that of A_n and B_n."""
+    if chain.periodic:
+        raise ValueError(
+            'a chain with periodic ends has as many springs as rotors and no zero mode of its '
+            'own; free its ends, or look for accidental ones with zero_modes'
+        )
+    horizontal, vertical = chain.positions(chain.check_angles(angles))
+    h_left, h_right = horizontal[:-1], horizontal[1:]
+    v_left, v_right = vertical[:-1], vertical[1:]
+    across, up = chain.spacings + (h_right - h_left), v_right - v_left
+    return h_left * up - v_left * across, v_right * across - h_right * up
+
+
+def _zero_mode_of(first: Array, second: Array) -> Array:
+    mode = np.ones(len(first) + 1)
+    with np.errstate(all='ignore'):
+        np.multiply.accumulate(-first / second, out=mode[1:])
+    sizes = np.abs(mode)
+    smallest, largest = np.minimum.reduce(sizes), np.maximum.reduce(sizes)
+    if not 1 / _FAR_FROM_OVERFLOW < smallest <= largest < _FAR_FROM_OVERFLOW:
+        first, second = _without_zeros(first), _without_zeros(second)
+        mantissas, exponents = _cumulative_product(-first / second)
+        mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
+    mirrored = np.add.reduce(second < 0) % 2
+    # In long chains BLAS, which norm calls, wakes threads that take longer than the sum.
+    length = np.sqrt(np.add.reduce(mode * mode))
+    return np.asarray(mode / (-length if mirrored else length))
+
+
+def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Products of the first 0, 1, ... factors as mantissas and exponents of 2, (n + 1,).
+
+    Mantissas of a block of factors multiply to no less than 2^-500; those of the blocks are
+    brought back into range one after the other.
+    """
+    mantissas, exponents = np.frexp(np.concatenate([[1.0], factors]))
+    powers = np.cumsum(exponents, dtype=np.int64)
+    products = np.empty_like(mantissas)
+    carried, power = 1.0, 0
+    for start in range(0, len(mantissas), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        products[block] = carried * np.cumprod(mantissas[block])
+        powers[block] += power
+        carried, shift = np.frexp(products[block][-1])
+        power += int(shift)
+    mantissas, exponents = np.frexp(products)
+    return mantissas, powers + exponents
+
+
+def _without_zeros(lever: Array) -> Array:
+    return np.where(np.abs(lever) < _VANISHING, _VANISHING, lever)
+
+
+def _nearest(mode: Array) -> Edge:
+    return Edge.FIRST if mode_centre(mode) <= (len(mode) - 1) / 2 else Edge.LAST

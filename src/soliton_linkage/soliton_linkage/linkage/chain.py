@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain of rotors: its geometry, energy and torques.
+
+Neighbouring masses are joined by springs whose squared length differs from that at rest by
+
+    e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
+    c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar),
+
+with h = r sin(phi), v = r cos(phi). Extensions are computed as e_n / (l_n + lbar), in which no
+length cancels: a relaxed spring has its length at rest to rounding. Where single rotors and
+springs deviate, a, r, lbar, M and k_e have an index of their own.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations
+from soliton_linkage.linkage.quantities import check_quantities, quantity
+
+Array = NDArray[np.float64]
+
+
+class Motion(enum.Enum):
+    """How a wall moves along a chain (paper, 'Topology of the unit cell')."""
+
+    FLIPPER = 'flipper'
+    WOBBLING_FLIPPER = 'wobbling flipper'
+    SPINNER = 'spinner'
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Parameters of a chain; raises ValueError where they are invalid.
+
+    Its ends are free, or periodic: then one more spring joins the last rotor to the image of
+    the first beyond the end. Lengths, masses and all else are those of every rotor and spring,
+    but for the deviations.
+    """
+
+    number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
+    spacing: float = quantity(0.1, 'distance between neighbouring pivots', 'm', 1e-6, 1e3)
+    rotor_length: float = quantity(0.05, 'distance from pivot to mass', 'm', 1e-6, 1e3)
+    rest_angle: float = quantity(
+        0.97, 'staggered angle of the uniform right-leaning state', 'rad', 1e-3, 1.57
+    )
+    mass: float = quantity(0.02, 'mass at the end of each rotor', 'kg', 1e-9, 1e6)
+    stiffness: float = quantity(50.0, 'stiffness of each spring', 'N/m', 1e-9, 1e12)
+    damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0)
+    periodic: bool = quantity(False, 'whether the last rotor is joined to the first')
+    deviations: Deviations = NO_DEVIATIONS
+    """Of single rotors and springs."""
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of their range."""
+        check_quantities(self)
+        if self.periodic and self.number_of_rotors % 2:
+            raise ValueError(
+                f'Chain.number_of_rotors = {self.number_of_rotors} must be even with periodic '
+                'ends, where up and down must alternate all the way round'
+            )
+        self.deviations.check_fit(self.number_of_rotors, self.number_of_springs)
+
+    @property
+    def number_of_springs(self) -> int:
+        """N - 1 with free ends, N with periodic ones."""
+        return self.number_of_rotors - (not self.periodic)
+
+    @cached_property
+    def spacings(self) -> Array:
+        """Distance from each pivot to the next [m], shape (springs,)."""
+        return self._deviating(self.spacing, self.deviations.spacing, self.number_of_springs)
+
+    @cached_property
+    def rotor_lengths(self) -> Array:
+        """Length of each rotor [m], shape (N,)."""
+        deviations = self.deviations.rotor_length
+        return self._deviating(self.rotor_length, deviations, self.number_of_rotors)
+
+    @cached_property
+    def masses(self) -> Array:
+        """Mass at the end of each rotor [kg], shape (N,)."""
+        return self._deviating(self.mass, self.deviations.mass, self.number_of_rotors)
+
+    @cached_property
+    def stiffnesses(self) -> Array:
+        """Stiffness of each spring [N/m], shape (springs,)."""
+        return self._deviating(self.stiffness, self.deviations.stiffness, self.number_of_springs)
+
+    @cached_property
+    def rest_lengths(self) -> Array:
+        """Length of each spring when it is relaxed [m], shape (springs,)."""
+        deviations = self.deviations.rest_length
+        return self._deviating(self.rest_length, deviations, self.number_of_springs)
+
+    @cached_property
+    def dampings(self) -> Array:
+        """Damping of each rotor [N m s/rad], shape (N,)."""
+        return self._deviating(self.damping, self.deviations.damping, self.number_of_rotors)
+
+    @cached_property
+    def moments_of_inertia(self) -> Array:
+        """Of each rotor about its pivot [kg m^2], M r^2, shape (N,)."""
+        return np.asarray(self.masses * self.rotor_lengths**2)
+
+    @cached_property
+    def rest_length(self) -> float:
+        """Length of a relaxed spring without deviation [m].
+
+        lbar = sqrt(a^2 + 4 r^2 cos(theta_bar)^2).
+        """
+        return math.hypot(self.spacing, 2 * self.rotor_length * math.cos(self.rest_angle))
+
+    @cached_property
+    def moment_of_inertia(self) -> float:
+        """Of a rotor without deviations about its pivot [kg m^2], M r^2."""
+        return self.mass * self.rotor_length**2
+
+    @cached_property
+    def time_unit(self) -> float:
+        """Time scale of the springs [s], sqrt(M / k_e)."""
+        return math.sqrt(self.mass / self.stiffness)
+
+    @cached_property
+    def lean_ratio(self) -> float:
+        """How far a rotor leans, d = 2 r sin(theta_bar) / a; flippers with d > 1 wobble."""
+        return 2 * self.rotor_length * math.sin(self.rest_angle) / self.spacing
+
+    @cached_property
+    def critical_lean_ratio(self) -> float:
+        """Lean ratio beyond which the rotors spin, d_c = 2 / sin(theta_bar)."""
+        return 2 / math.sin(self.rest_angle)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """How a wall moves along this chain, decided by d < 1, 1 < d < d_c or d > d_c."""
+        if self.lean_ratio > self.critical_lean_ratio:
+            return Motion.SPINNER
+        return Motion.WOBBLING_FLIPPER if self.lean_ratio > 1 else Motion.FLIPPER
+
+    @cached_property
+    def wall_width(self) -> float:
+        """Width of a slow wall in the continuum [m].
+
+        w = a^2 / (2 r sin(theta_bar)) for flippers (phi^4 theory), r sin(theta_bar) for
+        spinners (sine-Gordon theory).
+        """
+        lean = self.rotor_length * math.sin(self.rest_angle)
+        return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)
+
+    def uniform_state(self, lean: int) -> Array:
+        """Angles of the ground state that leans right (+1) or left (-1) [rad], shape (N,)."""
+        if lean not in (-1, 1):
+            raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
+        return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
+
+    def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
+        """Return one number a rotor as an array of shape (N,); raise ValueError if it is not.
+
+        They are angles, unless said to be something else for the sake of the message.
+        """
+        checked = np.asarray(angles, dtype=np.float64)
+        check_shape(checked, self.number_of_rotors, what)
+        if not math.isfinite(np.add.reduce(checked)) and not np.isfinite(checked).all():
+            rotor = int(np.flatnonzero(~np.isfinite(checked))[0])
+            raise ValueError(f'{what} of rotor {rotor} = {checked[rotor]} must be a finite number')
+        return checked
+
+    def positions(self, angles: Array) -> tuple[Array, Array]:
+        """Horizontal and vertical positions of the masses from their pivots [m], (..., N)."""
+        return self.rotor_lengths * np.sin(angles), self.rotor_lengths * np.cos(angles)
+
+    def springs(self, angles: Array) -> tuple[Array, Array, Array]:
+        """Return extensions [m] and levers A and B [m/rad] of the springs, each (..., springs).
+
+        A_n = dl_n/dphi_n = (h_n dv_n - v_n dh_n) / l_n and
+        B_n = dl_n/dphi_{n+1} = (v_{n+1} dh_n - h_{n+1} dv_n) / l_n, where
+        (dh_n, dv_n) = (a + h_{n+1} - h_n, v_{n+1} - v_n) leads from mass n to mass n+1. Both are
+        0 where the masses meet, so that the spring has no direction.
+        """
+        horizontal, vertical = self.positions(angles)
+        h_left, h_right = self._joined(horizontal)
+        v_left, v_right = self._joined(vertical)
+        parameters = self.spacings, self.offsets, self.rest_lengths
+        return springs_between((h_left, v_left), (h_right, v_right), *parameters)
+
+    def spring_extensions(self, angles: Array) -> Array:
+        """Length of each spring beyond that at rest [m], shape (..., springs)."""
+        return self.springs(angles)[0]
+
+    def elastic_energy(self, angles: Array) -> Array:
+        """Energy in the springs [J], V = sum_n (k_e / 2) (l_n - lbar)^2, shape (...)."""
+        extensions = self.spring_extensions(angles)
+        return np.asarray(0.5 * np.sum(self.stiffnesses * extensions**2, axis=-1))
+
+    def kinetic_energy(self, rates: Array) -> Array:
+        """Energy of the masses [J], T = sum_n (M r^2 / 2) phi_dot_n^2, shape (...)."""
+        return np.asarray(0.5 * np.sum(self.moments_of_inertia * np.square(rates), axis=-1))
+
+    def spring_torques(self, angles: Array) -> Array:
+        """Torque of the springs on each rotor [N m], -dV/dphi, shape (..., N).
+
+        Spring n turns rotor n by -k_e (l_n - lbar) A_n and rotor n+1 by -k_e (l_n - lbar) B_n.
+        """
+        extensions, first, second = self.springs(angles)
+        pull = -self.stiffnesses * extensions
+        return self.gathered(pull * first, pull * second)
+
+    def gathered(self, lefts: Array, rights: Array) -> Array:
+        """Sum over the springs of what each does to its left and its right rotor, (..., N)."""
+        if self.periodic:
+            return np.asarray(lefts + np.roll(rights, 1, axis=-1))
+        sums = np.zeros((*np.shape(lefts)[:-1], self.number_of_rotors))
+        sums[..., :-1] = lefts
+        sums[..., 1:] += rights
+        return sums
+
+    @cached_property
+    def offsets(self) -> Array:
+        """Return c of each spring [m^2]; without deviations none of its terms cancel."""
+        uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
+        r_left, r_right = self._joined(self.rotor_lengths)
+        deviating = (self.spacings**2 - self.spacing**2) + (r_left**2 - self.rotor_length**2)
+        deviating += r_right**2 - self.rotor_length**2
+        return np.asarray(uniform + (deviating - (self.rest_lengths**2 - self.rest_length**2)))
+
+    @cached_property
+    def spring_parameters(self) -> Array:
+        """Rows r [m] of each rotor, a [m], c [m^2] and lbar [m] of each spring, shape (4, N).
+
+        Without periodic ends the last spring is missing: 0.
+        """
+        rows = np.zeros((4, self.number_of_rotors))
+        rows[0] = self.rotor_lengths
+        rows[1:, : self.number_of_springs] = self.spacings, self.offsets, self.rest_lengths
+        return rows
+
+    def _joined(self, values: Array) -> tuple[Array, Array]:
+        """Values of the left and right rotor of each spring, each (..., springs)."""
+        if self.periodic:
+            return values, np.roll(values, -1, axis=-1)
+        return values[..., :-1], values[..., 1:]
+
+    @staticmethod
+    def _deviating(parameter: float, deviations: tuple[float, ...], count: int) -> Array:
+        fractions = np.array(deviations) if deviations else np.zeros(count)
+        return np.asarray(parameter * (1 + fractions))
+
+
+def springs_between(
+    left: tuple[Array, Array],
+    right: tuple[Array, Array],
+    spacings: Array,
+    offsets: Array,
+    rest_lengths: Array,
+) -> tuple[Array, Array, Array]:
+    """Extensions [m] and levers A and B [m/rad] of springs, see `Chain.springs`.
+
+    They join masses at horizontal and vertical positions from their pivots [m], (..., springs).
+    """
+    (h_left, v_left), (h_right, v_right) = left, right
+    across, up = h_right - h_left, v_right - v_left
+    products = h_left * h_right + v_left * v_right
+    excess = offsets + 2 * spacings * across - 2 * products
+    across += spacings
+    lengths = np.hypot(across, up)
+    divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
+    return (
+        excess / (lengths + rest_lengths),
+        (h_left * up - v_left * across) / divisors,
+        (v_right * across - h_right * up) / divisors,
+    )
+
+
+def staggered(angles: ArrayLike) -> Array:
+    """Staggered from actual angles, and back: theta_n = phi_n or pi - phi_n, shape (..., N)."""
+    converted = np.array(angles, dtype=np.float64)
+    converted[..., 1::2] = np.pi - converted[..., 1::2]
+    return converted
+
+
+def uprightness(angles: ArrayLike) -> int:
+    """+1 if the even rotors between the edges point up on the whole, -1 if they hang down.
+
+    A flipper keeps to one side for ever: its inner rotors lean from right to left through the
+    top, or through the bottom where it was assembled upside down.
+    """
+    vertical = np.cos(angles)
+    return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
+
+
+def check_shape(values: ArrayLike, rotors: int, what: str = 'angle') -> None:
+    """Raise ValueError for values that are not one a rotor, in a row."""
+    if np.shape(values) != (rotors,):
+        raise ValueError(
+            f'{what}s of shape {np.shape(values)} do not fit a chain of {rotors} rotors; give one '
+            'a rotor'
+        )
+
+
+def wrapped(differences: ArrayLike) -> Array:
+    """Differences of angles, counted from -pi to pi [rad], shape (...)."""
+    given = np.asarray(differences, dtype=np.float64)
+    return np.asarray(given - 2 * math.pi * np.rint(given * (0.5 / math.pi)))

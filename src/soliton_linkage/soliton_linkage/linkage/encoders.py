@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What encoders on the rotors show of them: noise, steps between readings, and offsets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.quantities import check_quantities, quantity
+
+_LARGEST_SEED = 10**9
+
+
+@dataclass(frozen=True)
+class EncoderErrors:
+    """How readings differ from angles; raises ValueError for values out of their range."""
+
+    noise: float = quantity(
+        0.0, 'standard deviation of each reading', 'rad', 0.0, 10.0, adjustable=True
+    )
+    quantisation: float = quantity(
+        0.0, 'step between readings, 0 for none', 'rad', 0.0, 10.0, adjustable=True
+    )
+    offsets: tuple[float, ...] = quantity(
+        (), 'what readings are constantly too large by, one a rotor [rad]; empty for nothing'
+    )
+    seed: int = quantity(0, 'seed of the noise', '', 0, _LARGEST_SEED)
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their range."""
+        check_quantities(self)
+        for rotor, offset in enumerate(self.offsets):
+            if not math.isfinite(offset):
+                raise ValueError(f'offset of rotor {rotor} = {offset} rad must be a finite number')
+
+    @property
+    def none(self) -> bool:
+        """Whether readings are the angles."""
+        return not (self.noise or self.quantisation or any(self.offsets))
+
+
+class Encoders:
+    """Reads the angles of a chain frame by frame.
+
+    With normal noise n of unit variance and the quantisation q,
+
+        reading = q round((phi + offset + noise n) / q),
+        rate = (reading - reading of the frame before) / period,
+
+    as drivers of encoders have it, which measure no rates: without the frame before it is 0.
+    The noise of a frame depends on the seed and the number of the frame alone.
+    """
+
+    def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:
+        """Read a chain of so many rotors once a period [s]."""
+        if len(errors.offsets) not in (0, number_of_rotors):
+            raise ValueError(
+                f'{len(errors.offsets)} offsets do not fit a chain of {number_of_rotors} rotors; '
+                'give one for each, or none'
+            )
+        self.errors = errors
+        self._rotors = number_of_rotors
+        self._period = period
+        self._before: tuple[int, Array] | None = None
+
+    def forget(self) -> None:
+        """Take the next frame for the first, as after a jump of the angles."""
+        self._before = None
+
+    def read(self, frame: int, angles: Array) -> tuple[Array, Array]:
+        """Readings [rad] and rates [rad/s] of a frame, given its angles [rad], shape (N,) each."""
+        errors = self.errors
+        reading = angles + (errors.offsets or 0.0) + self._noise(frame, errors)
+        step = errors.quantisation
+        if step:
+            reading = step * np.round(reading / step)
+        rates = np.zeros(self._rotors)
+        if self._before is not None and self._before[0] == frame - 1:
+            rates = (reading - self._before[1]) / self._period
+        self._before = (frame, reading)
+        return reading, rates
+
+    def _noise(self, frame: int, errors: EncoderErrors) -> Array:
+        if not errors.noise:
+            return np.zeros(self._rotors)
+        generator = np.random.Generator(
+            np.random.Philox(key=errors.seed, counter=[0, frame, 0, 0])
+        )
+        return errors.noise * generator.standard_normal(self._rotors)

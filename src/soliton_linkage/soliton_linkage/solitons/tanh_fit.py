@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solitons in one frame of angles: where they are, how fast, how wide, and of which charge.
+
+A wall is found by topology and then placed by a fit. Each bond has a polarisation, the side on
+which the chain's zero mode grows across it; a wall is where the polarisation changes sign. The
+order field m, +1 where the chain leans right and -1 where it leans left, is then fitted by
+m = -Q tanh((n - X) / w) around it, least squares over X at the width of a slow wall. The fit
+has a bias that varies with the place between two rotors: under 0.002 rotor spacings for
+d < 0.9 and d > 2.5 d_c, under 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between,
+where no tanh fits a wall.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import minimum_filter1d
+
+from soliton_linkage.linear.bands import couplings
+from soliton_linkage.linear.rigidity import rigidity_bands
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+
+_DOMAIN = 0.5
+_FIT_ITERATIONS = 12
+_FIT_REACH = 4.0
+_WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
+
+
+@dataclass(frozen=True)
+class Soliton:
+    """One domain wall; a quantity that cannot be told from the frame is NaN."""
+
+    rotor: float
+    """Centre in rotor spacings from rotor 0."""
+    position: float
+    """Centre [m] from the pivot of rotor 0."""
+    velocity: float
+    """Of the centre [m/s], positive towards the last rotor."""
+    width: float
+    """Width w of tanh(x / w) [m]."""
+    charge: int
+    """+1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite."""
+    position_deviation: float
+    """Standard deviation of the position [m]."""
+    velocity_deviation: float
+    """Standard deviation of the velocity [m/s]."""
+    width_deviation: float
+    """Standard deviation of the width [m]."""
+
+
+def polarisation(chain: Chain, angles: Array) -> Array:
+    """Side on which the zero mode grows across each bond, shape (..., springs).
+
+    (A^2 - B^2) / (A^2 + B^2) in units of its value in the uniform right-leaning state: +1 there,
+    -1 in the left-leaning state, whatever the turns that the rotors have made.
+    """
+    first, second = rigidity_bands(chain, angles)
+    plus, minus = couplings(chain)
+    uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
+    strength = first**2 + second**2
+    return np.asarray((first**2 - second**2) / (np.where(strength > 0, strength, 1.0) * uniform))
+
+
+def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
+    """Return the order field m [1] and its slope dm/dphi [1/rad], each of shape (N,).
+
+    m = sin(theta) / sin(theta_bar) for flippers. The rotors of a spinner turn through pi, from
+    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi, as the chain was
+    assembled: m = +-cos(theta -+ theta_bar).
+    """
+    theta = staggered(angles)
+    turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
+    if chain.motion is not Motion.SPINNER:
+        scale = math.sin(chain.rest_angle)
+        return np.sin(theta) / scale, turn * np.cos(theta) / scale
+    lean = _spinner_lean(chain, angles)
+    shifted = theta - lean * chain.rest_angle
+    return lean * np.cos(shifted), -lean * turn * np.sin(shifted)
+
+
+def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
+    """Return the walls in a frame, in the order of their place; none is an empty tuple.
+
+    Angles [rad] and, where they are known, rates [rad/s], each of shape (N,). On a ring places
+    run from 0 to N.
+    """
+    checked = chain.check_angles(angles)
+    moving = None if rates is None else chain.check_angles(rates, 'rate')
+    field, slope = order_field(chain, checked)
+    polarised = polarisation(chain, checked)
+    if chain.periodic:
+        return _walls_of_ring(chain, polarised, field, slope, moving)
+    walls = _walls(chain, polarised, field, slope)
+    return tuple(_soliton(chain, wall, moving) for wall in walls)
+
+
+def _walls(chain: Chain, polarised: Array, field: Array, slope: Array) -> list[_TanhFit]:
+    crossings = _polarisation_crossings(polarised)
+    places = [crossing for crossing, _ in crossings]
+    between = [(place + following) / 2 for place, following in pairwise(places)]
+    borders = pairwise([-math.inf, *between, math.inf])
+    return [
+        _TanhFit(
+            chain,
+            field,
+            slope,
+            crossing,
+            charge,
+            (max(low, crossing - 1), min(high, crossing + 1)),
+        )
+        for (crossing, charge), (low, high) in zip(crossings, borders, strict=False)
+    ]
+
+
+def _walls_of_ring(
+    chain: Chain, polarised: Array, field: Array, slope: Array, rates: Array | None
+) -> tuple[Soliton, ...]:
+    """Walls of a ring, which is opened at a spring in the middle of a domain, if there is one."""
+    rotors = chain.number_of_rotors
+    reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
+    clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
+    joint = int(np.argmax(clear)) + 1
+    opened = [np.roll(values, -joint) for values in (polarised, field, slope)]
+    moving = None if rates is None else np.roll(rates, -joint)
+    found = [
+        _soliton(chain, wall, moving)
+        for wall in _walls(chain, opened[0][:-1], opened[1], opened[2])
+    ]
+    turned = []
+    for soliton in found:
+        place = (soliton.rotor + joint) % rotors
+        turned.append(replace(soliton, rotor=place, position=place * chain.spacing))
+    return tuple(sorted(turned, key=lambda soliton: soliton.rotor))
+
+
+def _soliton(chain: Chain, wall: _TanhFit, rates: Array | None) -> Soliton:
+    velocity, velocity_deviation = wall.velocity(rates)
+    width, width_deviation = wall.width()
+    spacing = chain.spacing
+    return Soliton(
+        rotor=wall.centre,
+        position=wall.centre * spacing,
+        velocity=velocity * spacing,
+        width=width * spacing,
+        charge=wall.charge,
+        position_deviation=wall.deviation * spacing,
+        velocity_deviation=velocity_deviation * spacing,
+        width_deviation=width_deviation * spacing,
+    )
+
+
+class _TanhFit:
+    """Least-squares fit of m = -Q tanh((n - X) / w) to the order field around a crossing."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        field: Array,
+        slope: Array,
+        crossing: float,
+        charge: int,
+        bounds: tuple[float, float],
+    ) -> None:
+        self._chain = chain
+        self.charge = charge
+        self._width = chain.wall_width / chain.spacing
+        reach = _FIT_REACH * self._width + 1
+        first, last = 0, chain.number_of_rotors - 1
+        if chain.motion is not Motion.SPINNER:
+            # A flipper's edge rotors rest at one of two angles, of which one has |m| != 1.
+            first, last = first + 1, last - 1
+        first = max(first, math.ceil(crossing - reach))
+        last = min(last, math.floor(crossing + reach))
+        self._rotors = np.arange(first, last + 1, dtype=np.float64)
+        self._field = field[first : last + 1]
+        self._slope = slope[first : last + 1]
+        self.centre = self._fit_centre(crossing, bounds)
+        self.deviation = self._centre_deviation()
+
+    def velocity(self, rates: Array | None) -> tuple[float, float]:
+        """Rate of the fitted centre and its deviation [rotor spacings / s].
+
+        The fit holds sum_n (m_n - f_n) df_n/dX = 0; its time derivative gives dX/dt.
+        """
+        if rates is None or len(self._rotors) < 2:
+            return math.nan, math.nan
+        first = int(self._rotors[0])
+        change = self._slope * rates[first : first + len(self._rotors)]
+        gradient, curvature = self._gradient_and_curvature(self.centre)
+        stiffness = float(gradient @ gradient - (self._field - self._model()) @ curvature)
+        if stiffness <= 0:
+            return math.nan, math.nan
+        velocity = float(gradient @ change) / stiffness
+        residual = change - velocity * gradient
+        return velocity, _deviation(residual, 1, float(gradient @ gradient))
+
+    def width(self) -> tuple[float, float]:
+        """Width of the wall and its deviation [rotor spacings], from a fit of X and w."""
+        chain = self._chain
+        edge = min(self.centre, chain.number_of_rotors - 1 - self.centre)
+        wobbling = chain.motion is not Motion.SPINNER
+        undefined = wobbling and chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
+        if undefined or edge < 2 * self._width or len(self._rotors) < 4:
+            return math.nan, math.nan
+        centre, width = self.centre, self._width
+        for _ in range(_FIT_ITERATIONS):
+            argument = (self._rotors - centre) / width
+            by_centre = self.charge / width * _sech_squared(argument)
+            jacobian = np.stack([by_centre, by_centre * argument], axis=1)
+            residual = self._field + self.charge * np.tanh(argument)
+            normal = jacobian.T @ jacobian
+            if np.linalg.det(normal) <= 0:
+                return math.nan, math.nan
+            step = np.linalg.solve(normal, jacobian.T @ residual)
+            centre += float(np.clip(step[0], -0.5, 0.5))
+            width *= math.exp(float(np.clip(step[1] / width, -0.5, 0.5)))
+            if not 0.1 * self._width < width < 4 * self._width:
+                return math.nan, math.nan
+        deviation = _deviation(residual, 2, 1 / float(np.linalg.inv(normal)[1, 1]))
+        return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
+
+    def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
+        """Newton's method, with Gauss and Newton's strength where the curvature spoils it."""
+        centre = crossing
+        for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
+            gradient, curvature = self._gradient_and_curvature(centre)
+            residual = self._field - self._model(centre)
+            strength = float(gradient @ gradient)
+            if strength < 1e-12:
+                break
+            strength = max(strength - float(residual @ curvature), strength / 4)
+            step = float(gradient @ residual) / strength
+            centre = min(max(centre + step, bounds[0]), bounds[1])
+            if abs(step) < 1e-13 * self._chain.number_of_rotors:
+                break
+        return centre
+
+    def _centre_deviation(self) -> float:
+        gradient, _ = self._gradient_and_curvature(self.centre)
+        return _deviation(self._field - self._model(), 1, float(gradient @ gradient))
+
+    def _model(self, centre: float | None = None) -> Array:
+        place = self.centre if centre is None else centre
+        return np.asarray(-self.charge * np.tanh((self._rotors - place) / self._width))
+
+    def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
+        """First and second derivative of the model by the centre."""
+        argument = (self._rotors - centre) / self._width
+        gradient = self.charge / self._width * _sech_squared(argument)
+        return gradient, 2 * gradient * np.tanh(argument) / self._width
+
+
+def _sech_squared(argument: ArrayLike) -> Array:
+    return np.asarray(1 - np.tanh(argument) ** 2)
+
+
+def _deviation(residual: Array, parameters: int, information: float) -> float:
+    """Standard deviation of a fitted parameter from the residual and J^T J."""
+    freedom = len(residual) - parameters
+    if freedom < 1 or information <= 0:
+        return math.nan
+    return math.sqrt(float(residual @ residual) / freedom / information)
+
+
+def _spinner_lean(chain: Chain, angles: Array) -> int:
+    """Which of a spinner's two families of states: +1 around theta_bar, -1 around its minus.
+
+    They are the two ways to assemble it. (-1)^n A_n and (-1)^n B_n never vanish as the wall
+    moves: they have the signs of -1 and +1 in the first family and the opposite in the second.
+    """
+    first, second = rigidity_bands(chain, angles)
+    levers = second - first
+    return 1 if levers[::2].sum() > levers[1::2].sum() else -1
+
+
+def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
+    """Return where domains of opposite polarisation meet [rotor spacings], with the charge."""
+    bonds = np.flatnonzero(np.abs(polarised) > _DOMAIN)
+    signs = np.sign(polarised[bonds])
+    crossings = []
+    for change in np.flatnonzero(signs[1:] != signs[:-1]):
+        left, right = bonds[change], bonds[change + 1]
+        share = polarised[left] / (polarised[left] - polarised[right])
+        crossings.append((float(left + 0.5 + share * (right - left)), int(signs[change])))
+    return crossings

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The path of a soliton along the chain, and how often and how fast it crossed it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.tanh_fit import find_solitons
+
+_EDGE_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Track:
+    """Place and velocity of the first soliton of each frame; NaN where there was none."""
+
+    times: Array
+    """Instants of the frames [s], shape (T,)."""
+    rotors: Array
+    """Centre of the soliton [rotor spacings], shape (T,)."""
+    velocities: Array
+    """Velocity of the centre [rotor spacings / s], shape (T,)."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """One passage of a soliton between the outer fifths of the chain."""
+
+    start: float
+    """When it left the fifth that it came from [s]."""
+    end: float
+    """When it reached the opposite fifth [s]."""
+    direction: int
+    """+1 towards the last rotor, -1 towards rotor 0."""
+    speed: float
+    """Slope of a straight line through the passage [rotor spacings / s], positive."""
+
+
+class MovingWall(Protocol):
+    """A wall of which place and velocity are known, however they were found."""
+
+    @property
+    def rotor(self) -> float:
+        """Centre [rotor spacings]."""
+
+    @property
+    def velocity(self) -> float:
+        """Of the centre [m/s]."""
+
+
+def track_point(chain: Chain, solitons: Sequence[MovingWall]) -> tuple[float, float]:
+    """Place [rotor spacings] and velocity [rotor spacings / s] of the first soliton, or NaN."""
+    if not solitons:
+        return np.nan, np.nan
+    return solitons[0].rotor, solitons[0].velocity / chain.spacing
+
+
+def follow(chain: Chain, recording: Recording) -> Track:
+    """Find the soliton in every frame of a recording."""
+    rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
+    points = [
+        track_point(chain, find_solitons(chain, angles, rate))
+        for angles, rate in zip(recording.angles, rates, strict=True)
+    ]
+    places = np.array(points, dtype=np.float64).reshape(-1, 2)
+    return Track(recording.times, places[:, 0], places[:, 1])
+
+
+def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
+    """Return the passages from one outer fifth of the chain to the other, in order of time."""
+    last = chain.number_of_rotors - 1
+    side = np.zeros(len(track.times), dtype=np.int8)
+    side[track.rotors <= _EDGE_SHARE * last] = -1
+    side[track.rotors >= (1 - _EDGE_SHARE) * last] = 1
+    outer = np.flatnonzero(side)
+    crossings = []
+    for left, entered in pairwise(outer):
+        if side[left] == side[entered]:
+            continue
+        passage = slice(left, entered + 1)
+        seen = np.isfinite(track.rotors[passage])
+        slope = np.polyfit(track.times[passage][seen], track.rotors[passage][seen], 1)[0]
+        crossings.append(
+            Crossing(
+                start=float(track.times[left]),
+                end=float(track.times[entered]),
+                direction=int(side[entered]),
+                speed=float(abs(slope)),
+            )
+        )
+    return tuple(crossings)

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The unit cell: two rotors and the bar between them, a four-bar linkage of one freedom.
+
+In staggered angles the bar keeps its length where
+
+    cos(theta_1 + theta_2) - cos(2 theta_bar) + (a / r) (sin(theta_2) - sin(theta_1)) = 0
+
+(paper, eq. flip_discrete with the sign of a / r that the geometry gives). With the mean
+s = (theta_1 + theta_2) / 2 and the half difference delta = (theta_2 - theta_1) / 2 it separates,
+
+    sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)),
+
+so that the configurations are mapped to others by s -> -s, that is (theta_1, theta_2) ->
+(-theta_2, -theta_1), and by delta -> pi - delta, that is (theta_2 - pi, theta_1 + pi). Where
+lbar < 2 r - a, the same as r sin(theta_bar)^2 > a or d > d_c, no s = 0 is left and the two signs
+of s are two components: the spinner (paper, 'Phase diagram', fig. 4). Of a chain only the
+parameters enter that all its rotors share, no deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+
+from soliton_linkage.linear.bands import couplings
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+
+Integers = NDArray[np.int64]
+
+_ARC_TOLERANCE = 1e-12
+_CLOSED = 1e-6
+
+
+def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
+    """Staggered theta_2 [rad] that the bar allows for each theta_1, shape (..., 2); NaN for none.
+
+    The condition p cos(theta_2) + q sin(theta_2) = g, with p = r cos(theta_1),
+    q = a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1), has the solutions
+    atan2(q, p) -+ atan2(sqrt(p^2 + q^2 - g^2), g). The root is taken of a product,
+
+        p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
+                          (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)),
+
+    whose first factor is counted from its value at theta_1 = pi / 2, which vanishes at d_c.
+    Raises ValueError for an angle that is not finite.
+    """
+    given = _finite('theta_1', theta_1, 'rad')
+    factor, partners = _partners(chain, given)
+    return np.where(factor[..., None] >= 0, partners, np.nan)
+
+
+def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
+    """Return the components of the cell's configuration space as closed curves on the torus.
+
+    Each has shape (points + 1, 2): staggered angles (theta_1, theta_2) [rad] in even steps of
+    arc length, continuous, the last the same configuration as the first. A flipper has one,
+    which bounds a disc, from s = 0 through the right- and then the left-leaning states. A
+    spinner has two, first that with sin(theta_1 + theta_2) > 0: along each theta_1 grows and
+    theta_2 falls by a turn, so that both actual angles grow by one. Raises ValueError for fewer
+    than 4 points.
+    """
+    if points < 4:
+        raise ValueError(f'points = {points} must be at least 4 along a closed curve')
+    arc = _Arc(chain)
+    pieces = 2 if chain.motion is Motion.SPINNER else 4
+    pieces_done = np.linspace(0, pieces, points + 1)
+    piece = np.minimum(pieces_done.astype(np.int64), pieces - 1)
+    share = pieces_done - piece
+    quarter = arc.configurations(np.where(piece % 2, 1 - share, share))
+    swapped = quarter[:, ::-1] + np.array([-np.pi, np.pi])
+    curve = np.where(((piece == 1) | (piece == 2))[:, None], swapped, quarter)
+    if pieces == 2:
+        return curve[::-1].copy(), -curve[::-1, ::-1]
+    return (np.where((piece >= 2)[:, None], -curve[:, ::-1], curve),)
+
+
+def windings(curve: ArrayLike) -> tuple[int, int]:
+    """Turns of theta_1 and of theta_2 along a closed, continuous curve of shape (K, 2) [rad].
+
+    (0, 0) for a flipper, whose curve can be drawn together to a point, and (1, -1) for both of
+    a spinner. Raises ValueError for a curve that does not close.
+    """
+    followed = _finite('curve', curve, 'rad')
+    if followed.ndim != 2 or followed.shape[0] < 2 or followed.shape[1] != 2:
+        raise ValueError(f'curve of shape {followed.shape} must have the shape (K, 2), K > 1')
+    turns = (followed[-1] - followed[0]) / (2 * np.pi)
+    counts = np.round(turns)
+    if np.abs(turns - counts).max() > _CLOSED:
+        raise ValueError(
+            f'curve ends {turns[0]:.6g} and {turns[1]:.6g} turns from where it starts; give a '
+            'closed curve, its first configuration once more at its end'
+        )
+    return int(counts[0]), int(counts[1])
+
+
+def ground_states(chain: Chain) -> Array:
+    """Staggered angles (theta, theta) of the four uniform states [rad], shape (4, 2).
+
+    theta = theta_bar, -theta_bar, pi - theta_bar and pi + theta_bar: leaning right and left,
+    and the same upside down.
+    """
+    angle = chain.rest_angle
+    return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
+
+
+def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
+    """Index in `configuration_curves` of the curve with each configuration, (..., 2) to (...).
+
+    0 for all of a flipper. On a spinner sin(theta_1 + theta_2) does not vanish: 0 where it is
+    positive, as in the uniform states theta_bar and pi + theta_bar, and 1 in the other two.
+    """
+    given = _finite('configuration', configurations, 'rad')
+    if chain.motion is not Motion.SPINNER:
+        return np.zeros(given.shape[:-1], dtype=np.int64)
+    return np.asarray(np.sin(given.sum(axis=-1)) < 0, dtype=np.int64)
+
+
+def slope_at_ground_state(chain: Chain, lean: int) -> float:
+    """Slope dtheta_2 / dtheta_1 of the curve at a uniform state, -q+ / q- of that lean.
+
+    In the right-leaning state it is (1 + d) / (1 - d), infinite at d = 1, where a second rotor
+    that was dragged along with the first begins to turn against it: from there on flippers
+    wobble. In the left-leaning state it is the inverse. Upside down it is the same.
+    """
+    if lean not in (-1, 1):
+        raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
+    plus, minus = couplings(chain, lean)
+    return -plus / minus if minus else math.inf
+
+
+def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
+    """Class of motion of chains of given r / a and theta_bar [rad], broadcast together.
+
+    The number is the place in `tuple(Motion)`: 0 flipper, 1 wobbling flipper, 2 spinner; it
+    grows with r / a. Raises ValueError for a ratio that is not positive or an angle not between
+    0 and pi / 2.
+    """
+    ratio = _finite('r / a', ratios)
+    if not (ratio > 0).all():
+        raise ValueError(f'r / a = {ratio.min():g} must be above 0')
+    sine = _sine_of_rest(rest_angles)
+    lean_ratio = 2 * ratio * sine
+    return np.asarray((lean_ratio > 1).astype(np.int64) + (lean_ratio > 2 / sine))
+
+
+def flipper_limit(rest_angles: ArrayLike) -> Array:
+    """Ratio r / a above which flippers wobble, d = 1: 1 / (2 sin(theta_bar)), shape (...)."""
+    return np.asarray(0.5 / _sine_of_rest(rest_angles))
+
+
+def spinner_limit(rest_angles: ArrayLike) -> Array:
+    """Ratio r / a above which rotors spin, d = d_c: 1 / sin(theta_bar)^2, shape (...)."""
+    return np.asarray(1 / _sine_of_rest(rest_angles) ** 2)
+
+
+class _Arc:
+    """The piece of a curve with s >= 0 and |delta| <= pi / 2; the rest are its mirror images.
+
+    On it s and delta grow together, so that |dtheta_1 / dtheta_2| <= 1: theta_2 is as good a
+    coordinate as the arc length, at any r / a and however near to d_c, and never has a fold.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self._chain = chain
+        r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
+        widest = math.acos(2 * r * math.cos(chain.rest_angle) ** 2 / (lbar + a))
+        if chain.motion is Motion.SPINNER:
+            narrowest = 2 * math.asin(math.sqrt(_excess(chain) / (2 * r - a + lbar)))
+            start = narrowest - math.pi / 2
+        else:
+            start = -math.asin(min(r / a * math.sin(chain.rest_angle) ** 2, 1.0))
+        self._ends = (start, widest + math.pi / 2)
+
+    def configurations(self, shares: Array) -> Array:
+        """Configurations at the given shares of the arc's length, shape (K, 2)."""
+        start = self._ends[0]
+        lengths = _solved(
+            lambda theta_2, arc: 1 / self._rate(np.full_like(arc, theta_2)), self._ends, 0.0
+        )
+        length = float(lengths.y[0, -1])
+        along = _solved(lambda _, theta_2: self._rate(theta_2), (0.0, length), start).sol
+        theta_2 = np.clip(along(shares * length)[0], *self._ends)
+        return np.stack([self._theta_1(theta_2), theta_2], axis=-1)
+
+    def _theta_1(self, theta_2: Array) -> Array:
+        return -_partners(self._chain, -theta_2)[1][..., 0]
+
+    def _rate(self, theta_2: Array) -> Array:
+        """Return dtheta_2 / ds = 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2)."""
+        chain = self._chain
+        theta_2 = np.clip(theta_2, *self._ends)
+        theta_1 = self._theta_1(theta_2)
+        common = chain.rotor_length * np.sin(theta_1 + theta_2)
+        first = np.abs(common + chain.spacing * np.cos(theta_1))
+        second = np.abs(common - chain.spacing * np.cos(theta_2))
+        slope = np.minimum(second, first) / np.maximum(first, np.finfo(np.float64).tiny)
+        return np.asarray(1 / np.sqrt(1 + slope**2))
+
+
+def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float) -> Any:
+    """Solution of y' = rate(x, y) with y = start at the beginning of the span."""
+    return solve_ivp(
+        rate,
+        span,
+        [start],
+        method='DOP853',
+        dense_output=True,
+        rtol=_ARC_TOLERANCE,
+        atol=_ARC_TOLERANCE,
+    )
+
+
+def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
+    """First factor below the root [m], and both theta_2 [rad], (..., 2), with 0 for it if less."""
+    r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
+    sine, cosine = np.sin(theta_1), np.cos(theta_1)
+    height = 2 * r * math.cos(chain.rest_angle) ** 2
+    narrowest = 4 * r * height * _excess(chain) / ((lbar + a) * (2 * r - a + lbar))
+    first = narrowest + 2 * a * np.sin(np.pi / 4 - theta_1 / 2) ** 2
+    root = np.sqrt(np.maximum(first, 0) * (lbar + height + a * sine))
+    towards = np.arctan2(a - r * sine, r * cosine)
+    away = np.arctan2(root, r * math.cos(2 * chain.rest_angle) + a * sine)
+    return first, np.stack([towards - away, towards + away], axis=-1)
+
+
+def _excess(chain: Chain) -> float:
+    """Return r sin(theta_bar)^2 - a [m], positive for spinners and negative for flippers."""
+    excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
+    spinner = chain.motion is Motion.SPINNER
+    return max(excess, 0.0) if spinner else min(excess, 0.0)
+
+
+def _sine_of_rest(rest_angles: ArrayLike) -> Array:
+    angles = _finite('rest angle', rest_angles, 'rad')
+    wrong = ~((angles > 0) & (angles <= np.pi / 2))
+    if wrong.any():
+        raise ValueError(
+            f'rest angle = {angles[wrong].flat[0]:g} rad must lie above 0 and up to pi / 2'
+        )
+    return np.asarray(np.sin(angles))
+
+
+def _finite(name: str, values: ArrayLike, unit: str = '') -> Array:
+    checked = np.asarray(values, dtype=np.float64)
+    wrong = ~np.isfinite(checked)
+    if wrong.any():
+        shown = f'{checked[wrong].flat[0]}{" " + unit if unit else ""}'
+        raise ValueError(f'{name} = {shown} must be a finite number')
+    return checked

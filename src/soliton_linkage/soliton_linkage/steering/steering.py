@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Carrying a wall to a place and holding it there, by torques along the zero mode.
+
+Along its orbit a chain has one coordinate, the arc s, of inertia I = M r^2 everywhere. A reference
+trajectory
+r(t) leads to the goal, and the force
+
+    F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
+
+along the orbit keeps the wall on it: with the observed arc, rate and disturbance d, errors decay
+as (1 + b t) e^(-b t). Both are taken at the instant from which the torques act, the latency
+after their frame, so that the latency itself costs no stability.
+
+Noise makes a force that goes as b^(5/2), and torques that go as q^(-1/2) where only some rotors
+are actuated (`TorqueAllocation`): there b is lowered by q^(1/5), lest the torques shake the
+chain.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.reference_trajectory import (
+    ReferencePoint,
+    ReferenceTrajectory,
+    bandwidth,
+    gentle_rate,
+    shortest_time,
+    trajectory_to,
+    trajectory_to_rest,
+)
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
+
+_OBSERVER_FASTER = 3.0
+_PERIOD_MEMORY = 50
+_FORCE_RESERVE = 2.0
+_RESTING_TIMES = 3.0
+_PATIENCE_TIMES = 30.0
+_FARTHEST_OFF = 1.5
+_QUIET = 0.2
+
+
+class Outcome(enum.Enum):
+    """How a move ended, or why it never began."""
+
+    REACHED = 'reached'
+    STOPPED = 'stopped'
+    PREEMPTED = 'preempted'
+    OUT_OF_CHAIN = 'out of chain'
+    OUT_OF_REACH = 'out of reach'
+    NO_SOLITON = 'no soliton'
+    SOLITON_LOST = 'soliton lost'
+    NOT_HELD = 'not held'
+    INVALID_SPEED = 'invalid speed'
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The end of a move."""
+
+    outcome: Outcome
+    message: str
+    """The same as a sentence, with values and limits."""
+    place: float
+    """Where the wall was then [rotor spacings], NaN where there was none."""
+
+
+@dataclass(frozen=True)
+class WallState:
+    """Where a wall is and how fast."""
+
+    place: float
+    """[rotor spacings]."""
+    speed: float
+    """Velocity of the place [rotor spacings / s], 0 while the wall waits at an edge."""
+
+
+class Steering:
+    """Observes a wall frame by frame, and says which torques carry it on its way.
+
+    After each `observe` it must be asked for the `torques`, once. It is at rest until `move`.
+    After the end of a move the wall is held where it is, until the next move or `release`; where
+    it is lost, it is let go.
+    """
+
+    def __init__(
+        self,
+        orbit: UniformOrbit,
+        allocation: TorqueAllocation,
+        tolerance: float = 0.1,
+        latency: int = 1,
+    ) -> None:
+        """Keep within the tolerance [rotor spacings]; torques act the latency [frames] later."""
+        self.orbit = orbit
+        self.allocation = allocation
+        self.gentle_speed = gentle_rate(orbit) / orbit.site_arc
+        self._tolerance = tolerance
+        self._inertia = orbit.chain.moment_of_inertia
+        self._period = math.nan
+        self._observer = WallObserver(orbit, _OBSERVER_FASTER * bandwidth(orbit, 1e-3))
+        self._sent = deque([0.0] * (latency + 1), maxlen=latency + 1)
+        self._trajectory: ReferenceTrajectory | None = None
+        self._stopping = False
+        self._resting_since: float | None = None
+        self._moving = False
+        self._quiet = 1.0
+
+    @property
+    def wall(self) -> WallState | None:
+        """The wall as it was in the last frame, None where it is not known."""
+        estimate = self._observer.estimate
+        if estimate is None:
+            return None
+        place = self.orbit.place(estimate.arc)
+        inside = 0 < place < self.orbit.chain.number_of_rotors - 1
+        way = (1 if self.orbit.leg(estimate.arc) % 2 == 0 else -1) if inside else 0
+        return WallState(place, way * estimate.rate / self.orbit.site_arc)
+
+    @property
+    def estimate(self) -> WallEstimate | None:
+        """The wall as it was in the last frame, by the arc."""
+        return self._observer.estimate
+
+    @property
+    def trajectory(self) -> ReferenceTrajectory | None:
+        """The way that the wall is taken, at its end that it is held at; None where it is free."""
+        return self._trajectory
+
+    @property
+    def holding(self) -> bool:
+        """Whether the wall is on a trajectory, or held at the end of one."""
+        return self._trajectory is not None
+
+    def observe(self, time: float, angles: Array) -> Ended | None:
+        """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""
+        before = self._observer.estimate
+        if before is not None and time > before.time:
+            self._measure_period(time - before.time)
+        estimate = self._observer.update(time, angles, self._sent[0])
+        if estimate is None:
+            return self._lost('no wall is seen any more in the angles')
+        if before is not None and estimate.time < before.time:
+            return self._lost(f'the clock went back by {before.time - estimate.time:.3g} s')
+        if self._trajectory is None:
+            return None
+        off = (self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
+        if abs(off) > _FARTHEST_OFF:
+            return self._lost(
+                f'the wall is {abs(off):.2g} rotor spacings off its reference, more than '
+                f'{_FARTHEST_OFF:g}'
+            )
+        return self._judged(self._trajectory, estimate)
+
+    def move(self, place: float, speed: float = 0.0) -> Ended | None:
+        """Begin to carry the wall to a place [rotor spacings]; tell why not, if it cannot be.
+
+        No faster than the speed [rotor spacings / s], nor than is gentle; 0 for that.
+        """
+        estimate = self._observer.estimate
+        refusal = self._refusal(place, speed, estimate)
+        if refusal is not None or estimate is None:
+            return refusal
+        limit = min(speed or math.inf, self.gentle_speed) * self.orbit.site_arc
+        shortest = shortest_time(self._bandwidth / self._quiet)
+        point = self._reference(estimate)
+        goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
+        trajectory = trajectory_to(goal, estimate.time, point, limit, shortest)
+        refusal = self._out_of_reach(place, estimate, trajectory)
+        if refusal is None:
+            self._quiet = self.allocation.least_share(estimate.arc, goal) ** _QUIET
+            shortest = shortest_time(self._bandwidth)
+            self._begin(trajectory_to(goal, estimate.time, point, limit, shortest), stopping=False)
+        return refusal
+
+    def stop(self) -> None:
+        """Brake the wall and hold it where it comes to rest."""
+        estimate = self._observer.estimate
+        if estimate is None or not self._moving:
+            return
+        shortest = shortest_time(self._bandwidth)
+        self._begin(
+            trajectory_to_rest(estimate.time, self._reference(estimate), shortest), stopping=True
+        )
+
+    def release(self) -> None:
+        """Let the wall go."""
+        self._trajectory = None
+        self._moving = False
+
+    def torques(self) -> Array:
+        """Torques for the time from the latency after the last frame on [N m], shape (N,)."""
+        estimate = self._observer.estimate
+        if estimate is None or self._trajectory is None:
+            self._sent.append(0.0)
+            return np.zeros(self.orbit.chain.number_of_rotors)
+        then = estimate
+        if math.isfinite(self._period):
+            for acceleration in list(self._sent)[1:]:
+                then = then.after(self._period, acceleration)
+        point, b = self._trajectory.at(then.time), self._bandwidth
+        wanted = (
+            point.acceleration + 2 * b * (point.rate - then.rate) + b**2 * (point.arc - then.arc)
+        )
+        force = self._inertia * (wanted - then.push)
+        torques, given = self.allocation.torques(then.arc, force)
+        self._sent.append(given / self._inertia)
+        return -torques if estimate.upside_down else torques
+
+    @property
+    def _bandwidth(self) -> float:
+        period = self._period if math.isfinite(self._period) else 1e-3
+        return self._quiet * bandwidth(self.orbit, period)
+
+    def _measure_period(self, elapsed: float) -> None:
+        """Take the running mean of the times between frames [s], and the gains that go with it."""
+        if math.isnan(self._period):
+            self._period = elapsed
+        # A gap says nothing of the period.
+        self._period += (min(elapsed, 2 * self._period) - self._period) / _PERIOD_MEMORY
+        self._observer.bandwidth = _OBSERVER_FASTER * self._bandwidth
+
+    def _begin(self, trajectory: ReferenceTrajectory, stopping: bool) -> None:
+        self._trajectory = trajectory
+        self._stopping = stopping
+        self._moving = True
+        self._resting_since = None
+
+    def _reference(self, estimate: WallEstimate) -> ReferencePoint:
+        """What the wall is to do now: what its trajectory says, or what it does."""
+        if self._trajectory is None:
+            return ReferencePoint(estimate.arc, estimate.rate, 0.0)
+        return self._trajectory.at(estimate.time)
+
+    def _nearest_arc(self, place: float, arc: float) -> float:
+        """Arc length of a place that is nearest to another arc [rad]."""
+        legs = range(self.orbit.number_of_legs)
+        ways = [self.orbit.arc_at(place, leg) - arc for leg in legs]
+        return arc + min((math.remainder(way, self.orbit.length) for way in ways), key=abs)
+
+    def _judged(self, trajectory: ReferenceTrajectory, estimate: WallEstimate) -> Ended | None:
+        """Tell whether the wall has come to rest where it is to be."""
+        if not self._moving or estimate.time < trajectory.end:
+            return None
+        allowed = self._tolerance * self.orbit.site_arc
+        if abs(estimate.arc - trajectory.goal) > allowed:
+            self._resting_since = None
+        elif self._resting_since is None:
+            self._resting_since = estimate.time
+        elif estimate.time - self._resting_since > _RESTING_TIMES / self._bandwidth:
+            outcome = Outcome.STOPPED if self._stopping else Outcome.REACHED
+            return self._ended(outcome, f'the wall is held at {self._here}')
+        if estimate.time - trajectory.end > _PATIENCE_TIMES / self._bandwidth:
+            return self._ended(
+                Outcome.NOT_HELD,
+                f'the wall does not come to rest within {self._tolerance:g} rotor spacings of '
+                f'{self.orbit.place(trajectory.goal):.3f}; it is held at {self._here}',
+            )
+        return None
+
+    @property
+    def _here(self) -> str:
+        return 'no place' if self.wall is None else f'rotor {self.wall.place:.3f}'
+
+    def _ended(self, outcome: Outcome, message: str) -> Ended:
+        self._moving = False
+        return Ended(outcome, message, math.nan if self.wall is None else self.wall.place)
+
+    def _lost(self, message: str) -> Ended | None:
+        held = self.holding
+        self.release()
+        return self._ended(Outcome.SOLITON_LOST, f'{message}; it is let go') if held else None
+
+    def _refusal(self, place: float, speed: float, estimate: WallEstimate | None) -> Ended | None:
+        last = self.orbit.chain.number_of_rotors - 1
+        here = math.nan if self.wall is None else self.wall.place
+        if not 0 <= place <= last:
+            return Ended(
+                Outcome.OUT_OF_CHAIN,
+                f'rotor = {place:g} must lie in the range 0 to {last}; name a place in the chain',
+                here,
+            )
+        if not (math.isfinite(speed) and speed >= 0):
+            return Ended(
+                Outcome.INVALID_SPEED,
+                f'speed = {speed:g} rotor spacings per second must be a finite number of 0 or '
+                f'more; 0 takes {self.gentle_speed:.3g}, the fastest that wakes no phonons',
+                here,
+            )
+        if estimate is None:
+            return Ended(
+                Outcome.NO_SOLITON,
+                'the angles show no wall: they are near no configuration of the chain; let it '
+                'come to rest, or check its parameters',
+                here,
+            )
+        return None
+
+    def _out_of_reach(
+        self, place: float, estimate: WallEstimate, trajectory: ReferenceTrajectory
+    ) -> Ended | None:
+        force = _FORCE_RESERVE * self._inertia * trajectory.strongest
+        if self.allocation.carries(estimate.arc, trajectory.goal, force):
+            return None
+        reach = self.allocation.reach(estimate.arc, force)
+        here = self.orbit.place(estimate.arc)
+        able = (
+            f'they do not get hold of a wall at rotor {here:.2f}'
+            if math.isnan(reach.first)
+            else f'from rotor {here:.2f} they carry it from {reach.first:.2f} to {reach.last:.2f}'
+        )
+        return Ended(
+            Outcome.OUT_OF_REACH,
+            f'rotor = {place:g} is out of reach of the actuators: {able} with torques up to '
+            f'{self.allocation.torque_limit:g} N m and springs that give way by up to '
+            f'{self.allocation.strain_limit:g} rad; actuate more rotors, or go more slowly',
+            here,
+        )

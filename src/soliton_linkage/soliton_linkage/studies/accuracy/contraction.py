@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lorentz contraction of walls, measured from noisy angles alone (paper, Figs. 5 and 6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.estimation.analyser import AnalysedSoliton, Analyser
+from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage.studies.accuracy.table import name_of
+from soliton_linkage.studies.drawing import BLUE, RED
+from soliton_linkage.studies.experiments import kicked, slow_crossing
+from soliton_linkage.studies.plates import Comparison, Plate, write_table
+from soliton_linkage.studies.settings import Section, chain_from
+
+_MIDDLE = 0.3
+_SLACK = 1.1
+_QUICK_EVERY = 4
+_QUICK_FRAMES = 400
+_FEWEST_FRAMES = 10
+
+
+@dataclass(frozen=True)
+class ContractedWall:
+    """Speed and width of one wall, as measured."""
+
+    speed: float
+    """Over that of sound [1]."""
+    speed_deviation: float
+    """Standard deviation of the speed [1]."""
+    width: float
+    """Over that at rest [1]."""
+    width_deviation: float
+    """Standard deviation of the width [1]."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Noiseless walls of the same chain by other means, each of shape (K,)."""
+
+    kicks: tuple[float, ...]
+    """In a sqrt(k_e / M)."""
+    speeds: tuple[float, ...]
+    """In a sqrt(k_e / M)."""
+    widths: tuple[float, ...]
+    """Of a tanh, over that of a slow wall in the continuum [1]."""
+
+
+@dataclass(frozen=True)
+class Walls:
+    """One chain and the kicks that it gets [a sqrt(k_e / M)]."""
+
+    name: str
+    chain: Chain
+    kicks: tuple[float, ...]
+    reference: Reference
+
+
+@dataclass(frozen=True)
+class ContractionStudy:
+    """Chains, their kicks, and the noise of their encoders."""
+
+    walls: tuple[Walls, ...]
+    noise: float
+    """Standard deviation of an angle [rad]."""
+    frames: int
+    """From one edge of the chain to the other."""
+    seed: int
+
+    def tasks(self) -> list[Callable[[], Any]]:
+        """Passages of all walls, then the widths of the walls at rest."""
+        return [
+            *(
+                partial(self.passage, number, kick)
+                for number, walls in enumerate(self.walls)
+                for kick in range(len(walls.kicks))
+            ),
+            *(partial(rest_width, walls.chain) for walls in self.walls),
+        ]
+
+    def write(self, results: Sequence[Any], folder: Path) -> None:
+        """Write table and picture of the results of the tasks."""
+        plate = Plate(Figure(figsize=(6 * len(self.walls), 5), layout='constrained'))
+        panels = plate.figure.subplots(1, len(self.walls), squeeze=False)[0]
+        passages, at_rest = list(results[: -len(self.walls)]), results[-len(self.walls) :]
+        lines: dict[str, list[Comparison]] = {}
+        for axes, walls, rest in zip(panels, self.walls, at_rest, strict=True):
+            own = [passages.pop(0) for _ in walls.kicks]
+            _draw(plate, axes, walls, own, rest)
+            lines[walls.name] = _comparisons(walls, own, rest)
+        plate.save(folder, 'contraction')
+        write_table(lines, folder / 'contraction.md', list(lines))
+
+    def duration(self, walls: int, kick: int) -> float:
+        """Time in which a wall crosses its chain [time units sqrt(M / k_e)], and some more."""
+        chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
+        fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
+        return max(_SLACK * slow_crossing(chain, kicks[kick]), 1.5 * fastest / chain.time_unit)
+
+    def passage(self, walls: int, kick: int) -> ContractedWall:
+        """Kick a chain, both by number, and measure its wall from noisy angles."""
+        chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
+        generator = np.random.default_rng([self.seed, walls, kick])
+        recording = kicked(chain, kicks[kick], self.duration(walls, kick), self.frames)
+        noise = self.noise * generator.standard_normal(recording.angles.shape)
+        return measured_passage(chain, recording.times, recording.angles + noise)
+
+
+def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
+    """Speed and width of a wall in noisy frames, times [s] of shape (T,), angles [rad] (T, N).
+
+    As the analyser reports them while the wall is in the middle of the chain. Raises ValueError
+    where it is not there in ten frames.
+    """
+    analyser = Analyser(chain)
+    stamps = np.rint(1e9 * times).astype(np.int64).tolist()
+    analyses = [analyser.analyse(*frame) for frame in zip(stamps, angles, strict=True)]
+    return passage_of(chain, [each.solitons for each in analyses if each is not None])
+
+
+def passage_of(chain: Chain, frames: Sequence[tuple[AnalysedSoliton, ...]]) -> ContractedWall:
+    """Speed and width of the only wall of frames, on its first way through the middle.
+
+    Means over the frames, which rest on largely the same frames before, with the standard
+    deviation of the surest. Raises ValueError where it is not there in ten frames.
+    """
+    middle = (chain.number_of_rotors - 1) / 2
+    alone = [walls[0] for walls in frames if len(walls) == 1]
+    there = np.array([abs(wall.rotor - middle) < _MIDDLE * middle for wall in alone], dtype=bool)
+    entered = int(np.argmax(np.append(there, True)))
+    left = entered + int(np.argmin(np.append(there[entered:], False)))
+    inside = [wall for wall in alone[entered:left] if math.isfinite(wall.width_deviation)]
+    if len(inside) < _FEWEST_FRAMES:
+        raise ValueError(
+            f'the wall was in the middle of the chain in {len(inside)} frames, of which '
+            f'{_FEWEST_FRAMES} are wanted; record more frames, or kick it less'
+        )
+    sound, at_rest = speed_of_sound(chain), chain.wall_width
+    return ContractedWall(
+        speed=abs(float(np.mean([wall.velocity for wall in inside]))) / sound,
+        speed_deviation=min(wall.velocity_deviation for wall in inside) / sound,
+        width=float(np.mean([wall.width for wall in inside])) / at_rest,
+        width_deviation=min(wall.width_deviation for wall in inside) / at_rest,
+    )
+
+
+def rest_width(chain: Chain) -> float:
+    """Width of a tanh fitted to a wall at rest, over that of the continuum [1].
+
+    The mean over places between a rotor and the next but one, where a wall is again the same.
+    """
+    middle = chain.number_of_rotors // 2 - 1
+    walls = np.array([static_wall(chain, middle + place) for place in np.arange(0, 2, 0.1)])
+    return float(_widths(chain, walls).mean())
+
+
+def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
+    """Read the settings; raises ValueError for what cannot be studied."""
+    section.allow('chains', 'noise', 'frames', 'seed')
+    frames = section.whole_number('frames', 50, 1_000_000)
+    return ContractionStudy(
+        walls=tuple(
+            _walls(name, each, quick)
+            for name, each in section.section('chains').sections().items()
+        ),
+        noise=section.number('noise', 0.0, 1.0),
+        frames=min(frames, _QUICK_FRAMES) if quick else frames,
+        seed=section.whole_number('seed', 0, 2**32),
+    )
+
+
+def _walls(name: str, section: Section, quick: bool) -> Walls:
+    section.allow('chain', 'kicks', 'reference')
+    kicks = section.numbers('kicks', 1e-6, 100.0)
+    known = section.section('reference')
+    known.allow('kicks', 'speeds', 'widths')
+    reference = Reference(
+        known.numbers('kicks', 1e-6, 100.0),
+        known.numbers('speeds', 0.0, 100.0),
+        known.numbers('widths', 0.0, 100.0),
+    )
+    for key, values in (('speeds', reference.speeds), ('widths', reference.widths)):
+        if len(values) != len(reference.kicks):
+            raise known.complaint(
+                key, f'must be as many as its kicks, {len(reference.kicks)}; give one a kick'
+            )
+    chain = chain_from(section.section('chain'))
+    return Walls(name, chain, kicks[::_QUICK_EVERY] if quick else kicks, reference)
+
+
+def _widths(chain: Chain, angles: Array) -> Array:
+    """Widths of the only walls of frames, (T, N), those that can be told, over w_0 [1]."""
+    found = [find_solitons(chain, frame) for frame in angles]
+    widths = np.array([walls[0].width for walls in found if len(walls) == 1])
+    return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
+
+
+def _draw(
+    plate: Plate, axes: Axes, walls: Walls, passages: Sequence[ContractedWall], rest: float
+) -> None:
+    speeds = np.array([passage.speed for passage in passages])
+    widths = np.array([passage.width for passage in passages])
+    fine = np.linspace(0, 1, 400)
+    law = np.sqrt(1 - fine**2)
+    axes.plot(fine, law, color=RED, label='√(1 − v²/c²) (paper)')
+    sound = speed_of_sound(walls.chain) / walls.chain.spacing * walls.chain.time_unit
+    axes.plot(
+        np.array(walls.reference.speeds) / sound,
+        np.array(walls.reference.widths) / rest,
+        'D',
+        color='black',
+        markerfacecolor='none',
+        markersize=11,
+        label='independent integrator, no noise, a tanh',
+    )
+    axes.errorbar(
+        speeds,
+        widths,
+        xerr=[2 * passage.speed_deviation for passage in passages],
+        yerr=[2 * passage.width_deviation for passage in passages],
+        fmt='o',
+        color=BLUE,
+        markersize=4,
+        capsize=3,
+        label='measured from noisy angles, ± 2 std',
+    )
+    axes.set(xlabel='v / c', ylabel='w / w at rest', xlim=(0, 1), ylim=(0, 1.05))
+    axes.set(title=f'{name_of(walls.chain)}, {walls.chain.number_of_rotors} rotors')
+    axes.legend(loc='lower left')
+    plate.note(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
+    deviations = [passage.width_deviation for passage in passages]
+    names = ('v / c [1]', 'standard deviation of w / w at rest [1]')
+    plate.note(walls.name, 'measured', names, speeds, deviations)
+
+
+def _comparisons(
+    walls: Walls, passages: Sequence[ContractedWall], rest: float
+) -> list[Comparison]:
+    """Lines of the table: speed and width of each passage, beside the reference, if any."""
+    chain, reference = walls.chain, walls.reference
+    sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
+    lines = []
+    for kick, passage in zip(walls.kicks, passages, strict=True):
+        known = kick in reference.kicks
+        number = reference.kicks.index(kick) if known else 0
+        speed, width = reference.speeds[number], reference.widths[number] / rest
+        law = math.sqrt(max(1 - passage.speed**2, 0.0))
+        where = f'{name_of(chain)}, v₀ = {kick:g}'
+        for quantity, deviation, paper, measured, expected in (
+            ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),
+            (
+                f'w / w at rest at {passage.speed:.3f} c',
+                passage.width_deviation,
+                f'√(1 − v²/c²) = {law:.4f}',
+                passage.width,
+                width,
+            ),
+        ):
+            lines.append(
+                Comparison(
+                    f'{quantity} ± {deviation:.5f}, {where}',
+                    paper,
+                    'independent integrator' if known else '',
+                    measured,
+                    expected if known else math.nan,
+                )
+            )
+    return lines

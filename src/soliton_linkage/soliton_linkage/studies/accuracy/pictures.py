@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of how well estimators tell the place of a wall."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.studies.accuracy.estimators import (
+    ORBIT_COLD,
+    ORBIT_NEAR,
+    SHIFTED_CROSSING,
+    TANH_FIT,
+    ZERO_CROSSING,
+)
+from soliton_linkage.studies.accuracy.table import Line, name_of
+from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, GREY, RED
+from soliton_linkage.studies.plates import Plate
+
+_STYLES = {
+    ZERO_CROSSING: (RED, 'v'),
+    SHIFTED_CROSSING: ('#cc79a7', '^'),
+    TANH_FIT: (GREEN, 's'),
+    ORBIT_NEAR: (BLUE, 'o'),
+    ORBIT_COLD: (BLACK, 'D'),
+}
+_OFFSET = 0.15
+_SIGNIFICANT = 3.0
+_UNBIASED = 0.002
+_LEAST_BIAS = 1e-5
+_ROUNDING = 1e-12
+_BEYOND = 'place beyond an even rotor [rotor spacings]'
+
+
+def draw_accuracy(lines: Sequence[Line]) -> Plate:
+    """Spread over its bound, bias and coverage, in a column of panels for each noise."""
+    noises = sorted({line.noise for line in lines})
+    chains = list(dict.fromkeys(line.chain for line in lines))
+    width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
+    plate = Plate(Figure(figsize=(max(width, 9), 9), layout='constrained'))
+    panels = plate.figure.subplots(3, len(noises), sharex=True, sharey='row', squeeze=False)
+    for column, noise in zip(panels.T, noises, strict=True):
+        for line in lines:
+            if line.noise == noise:
+                _draw_line(plate, column, line, chains.index(line.chain))
+        _dress(column, noise, [name_of(chain) for chain in chains])
+    panels[0, 0].set(ylabel='std / bound', yscale='log')
+    panels[1, 0].set(ylabel='|bias| [rotor spacings]', yscale='log')
+    panels[1, 0].set_ylim(bottom=_LEAST_BIAS)
+    panels[2, 0].set(ylabel='coverage of the stated 95 % [%]', ylim=(50, 101))
+    drawn = {line.estimator for line in lines}
+    handles = [_handle(name, *_STYLES[name]) for name in _STYLES if name in drawn]
+    handles.append(_handle(f'hollow: within {_SIGNIFICANT:g} standard errors of 0', GREY, 'o'))
+    handles[-1].set_markerfacecolor('white')
+    plate.figure.legend(handles=handles, loc='outside upper center', ncols=len(handles))
+    return plate
+
+
+def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) -> Plate:
+    """Bias without noise against the place between rotors, a panel for each chain."""
+    rows = (len(biases) + 2) // 3
+    plate = Plate(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'))
+    panels = plate.figure.subplots(
+        rows, min(len(biases), 3), sharex=True, sharey=True, squeeze=False
+    )
+    names: set[str] = set()
+    for axes, (chain, (places, found)) in zip(panels.flat, biases, strict=False):
+        for name, bias in found.items():
+            colour, _ = _STYLES[name]
+            size = np.maximum(np.abs(bias), _ROUNDING)
+            axes.plot(places, size, _dashes(name), color=colour, linewidth=2)
+            plate.note(name_of(chain), name, (_BEYOND, 'bias [rotor spacings]'), places, bias)
+            names.add(name)
+        axes.axhline(_UNBIASED, color=GREY, linewidth=0.8, linestyle='--')
+        axes.set(title=name_of(chain), yscale='log', ylim=(_ROUNDING, 9))
+    for axes in panels[-1]:
+        axes.set(xlabel=_BEYOND)
+    for axes in panels[:, 0]:
+        axes.set(ylabel='|bias| [rotor spacings]')
+    handles = [
+        Line2D([], [], color=colour, linestyle=_dashes(name), linewidth=2, label=name)
+        for name, (colour, _) in _STYLES.items()
+        if name in names
+    ]
+    plate.figure.legend(handles=handles, loc='outside upper center', ncols=len(handles))
+    return plate
+
+
+def _draw_line(plate: Plate, column: Sequence[Axes], line: Line, place: int) -> None:
+    found, colour, marker = line.accuracy, *_STYLES[line.estimator]
+    x = place + _OFFSET * (list(_STYLES).index(line.estimator) - 2)
+    panel = f'noise {line.noise:g} rad'
+    series = f'{line.estimator}, {name_of(line.chain)}'
+    unlike_0 = abs(found.bias) > _SIGNIFICANT * found.bias_error
+    for axes, name, y, filled in (
+        (column[0], 'std / bound [1]', found.ratio, True),
+        (column[1], '|bias| [rotor spacings]', abs(found.bias), unlike_0),
+        (column[2], 'coverage [%]', 100 * found.coverage, True),
+    ):
+        face = colour if filled else 'white'
+        axes.plot(x, y, marker, color=colour, markerfacecolor=face, markersize=_size(marker))
+        plate.note(panel, series, ('number of the chain', name), place, y)
+
+
+def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
+    column[0].set(title=f'noise {noise:g} rad')
+    for axes, level in zip(column, (1.0, _UNBIASED, 95.0), strict=True):
+        axes.axhline(level, color=GREY, linewidth=0.8, linestyle='--', zorder=0)
+        for place in range(1, len(names)):
+            axes.axvline(place - 0.5, color='0.9', linewidth=0.8, zorder=0)
+    column[-1].set_xticks(range(len(names)), names, rotation=40, ha='right')
+
+
+def _dashes(name: str) -> Literal['-', ':']:
+    """Return the style of a line, which lets that beneath a cold search be seen."""
+    return ':' if name == ORBIT_COLD else '-'
+
+
+def _size(marker: str) -> float:
+    return 5 if marker == 'D' else 7
+
+
+def _handle(name: str, colour: str, marker: str) -> Line2D:
+    return Line2D(
+        [], [], color=colour, marker=marker, linestyle='', markersize=_size(marker), label=name
+    )

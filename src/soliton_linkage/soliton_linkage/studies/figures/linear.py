@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain as an insulator: its zero mode, the depth that it reaches, and its phonons."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.bands import (
+    dispersion,
+    gap,
+    largest_group_velocity,
+    penetration_depth,
+    speed_of_sound,
+    winding_number,
+)
+from soliton_linkage.linear.normal_modes import mode_frequencies
+from soliton_linkage.linear.rigidity import mode_centre, zero_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage.studies.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    RED,
+    ChainPicture,
+    draw_chain,
+    make_room,
+)
+from soliton_linkage.studies.plates import Plate
+from soliton_linkage.studies.settings import Section, chain_from
+
+_LONG = 400
+
+
+def figure_1(section: Section, quick: bool) -> Plate:
+    """The uniform chain, its zero mode and its depth, a wall, and the phonons (paper, Fig. 1)."""
+    section.allow('chain', 'chains')
+    chain = chain_from(section.section('chain'))
+    others = [chain_from(each) for each in section.section('chains').sections().values()]
+    figure = Figure(figsize=(10, 9.5), layout='constrained')
+    grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
+    top = [figure.add_subplot(grid[row, :]) for row in range(3)]
+    plate = Plate(figure)
+    rest = chain.uniform_state(1)
+    uniform = draw_chain(top[0], chain, rest, rigid=True)
+    wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
+    moving = ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
+    waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
+    make_room([uniform, moving])
+    waiting.axes.set_xlim(moving.axes.get_xlim())
+    for arrows in (moving.arrows, waiting.projections):
+        if arrows is not None:
+            arrows.set_in_layout(False)
+    for axes, title in zip(
+        top,
+        (
+            'a  the linkage, leaning right',
+            'b  springs and the zero mode, which sits at the last rotor',
+            'c, d  a wall at rest, and the horizontal projections of the rotors',
+        ),
+        strict=True,
+    ):
+        axes.set_title(title, loc='left')
+    names = ('rotor n', 'phi [rad]')
+    plate.note('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
+    plate.note('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
+    _draw_depths(plate, figure.add_subplot(grid[3, 0]), [chain, *others])
+    _draw_bands(plate, figure.add_subplot(grid[3, 1]), [chain, *others])
+    for each in [chain, *others]:
+        _compare(plate, each, 100 if quick else _LONG)
+    return plate
+
+
+def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
+    """The zero mode of each chain on a logarithmic scale, over the decay of theory."""
+    for chain, colour, marker in zip(chains, (BLUE, RED, GREEN), 'os^', strict=False):
+        mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
+        from_edge = np.arange(chain.number_of_rotors)[::-1]
+        depth = penetration_depth(chain) / chain.spacing
+        axes.plot(from_edge, mode, marker, color=colour, label=_name(chain))
+        axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
+        names = ('rotors from the last', 'zero mode |t| [1]')
+        plate.note('e', _name(chain), names, from_edge, mode)
+    axes.set(
+        yscale='log',
+        ylim=(1e-7, 2),
+        xlabel='rotors from the last',
+        ylabel='zero mode |t|',
+        title='e  the zero mode decays with its depth (lines)',
+    )
+    axes.legend()
+
+
+def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
+    """Frequencies of the phonons: lines of theory, dots of a finite chain with free ends."""
+    for chain, colour, marker in zip(chains, (BLUE, RED, GREEN), 'os^', strict=False):
+        numbers = np.linspace(0, math.pi, 200)
+        line = dispersion(chain, numbers / chain.spacing) * chain.time_unit
+        axes.plot(numbers, line, '-', color=colour)
+        rotors = chain.number_of_rotors
+        found = mode_frequencies(chain, chain.uniform_state(1))[1:] * chain.time_unit
+        steps = np.arange(1, rotors) * math.pi / rotors
+        ascending = np.argsort(dispersion(chain, steps / chain.spacing))
+        placed = np.empty(rotors - 1)
+        placed[ascending] = found
+        axes.plot(steps, placed, marker, color=colour, label=_name(chain), markersize=4)
+        names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
+        plate.note('f', _name(chain), names, steps, placed)
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    axes.set(
+        xlabel='wave number k a, staggered angles',
+        ylabel=r'frequency $\omega\,\sqrt{M/k_e}$',
+        title='f  no phonon below the gap',
+    )
+    axes.legend()
+
+
+def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
+    """Set the numbers of linear theory beside those of the modes of a long chain."""
+    name, spacing, unit = _name(chain), chain.spacing, chain.time_unit
+    long_chain = Chain(
+        rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness
+    )
+    frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
+    mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
+    paper_gap = chain.rotor_length**2 * math.sin(2 * chain.rest_angle) / chain.rest_length
+    plate.compare(
+        f'gap ω₀ √(M/kₑ), {name}',
+        f'r² sin 2θ̄ / l̄ = {paper_gap / spacing:.5g} (units of a)',
+        '||q₊| − |q₋|| / r',
+        _extrapolated_gap(frequencies),
+        gap(chain) * unit,
+    )
+    plate.compare(
+        f'speed of sound c √(M/kₑ) / a, {name}',
+        'cos θ̄ √|4r² sin² θ̄ − a²| / l̄',
+        'the same, about the lowest frequency',
+        _curvature(frequencies),
+        speed_of_sound(chain) * unit / spacing,
+    )
+    plate.compare(
+        f'largest group velocity √(M/kₑ) / a, {name}',
+        'c, as if without a gap',
+        'min(|q₊|, |q₋|) / r',
+        float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
+        largest_group_velocity(chain) * unit / spacing,
+    )
+    plate.compare(
+        f'penetration depth ℓ / a, {name}',
+        '1 / ln((1 + d) / |1 − d|), d = 2r sin θ̄ / a',
+        'the same',
+        -1 / float(np.log(mode[-2] / mode[-1])),
+        penetration_depth(chain) / spacing,
+    )
+    centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))
+    plate.compare(
+        f'zero mode of the right-leaning state, {name} (0 first edge, 1 last)',
+        'winding number 0: right edge (but ℓ > 0 said to be left)',
+        f'winding number {winding_number(chain, 1)}: last edge',
+        float(centre > rotors / 2),
+        1.0,
+    )
+
+
+def _extrapolated_gap(frequencies: Array) -> float:
+    """Gap of an infinite chain, from the two lowest modes of a finite one.
+
+    omega_j^2 = gap^2 + curvature j^2 + O(j^4) for the lowest modes j = 1, 2.
+    """
+    squares = np.sort(frequencies)[:2] ** 2
+    return math.sqrt((4 * squares[0] - squares[1]) / 3)
+
+
+def _curvature(frequencies: Array) -> float:
+    """Speed of sound [spacings], from the same two modes of N rotors, k a = pi j / N."""
+    squares = np.sort(frequencies)[:2] ** 2
+    return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi
+
+
+def _name(chain: Chain) -> str:
+    return f'r/a = {chain.rotor_length / chain.spacing:g}, θ̄ = {chain.rest_angle:g}'

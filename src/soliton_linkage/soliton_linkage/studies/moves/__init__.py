@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Solitons carried to places on simulated chains."""

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of walls on their way, of their errors and of the phonons that they wake."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, RED
+from soliton_linkage.studies.moves.runs import MoveRun, Task
+from soliton_linkage.studies.plates import Plate
+
+_COLOURS = (BLUE, GREEN, RED, PURPLE, BLACK)
+_WANTED = 0.1
+_LEAST_ERROR = 1e-6
+_LEAST_SHARE = 1e-16
+_Key = tuple[str, str]
+
+
+def draw_moves(
+    tasks: Mapping[_Key, Sequence[Task]], runs: Mapping[_Key, Sequence[MoveRun]]
+) -> Plate:
+    """Places, distances from the goal and phonons against time, a column for each chain."""
+    chains = list(dict.fromkeys(name for name, _ in tasks))
+    conditions = list(dict.fromkeys(title for _, title in tasks))
+    plate = Plate(Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained'))
+    panels = plate.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
+    for column, name in zip(panels.T, chains, strict=True):
+        for number, title in enumerate(conditions):
+            colour = _COLOURS[number % len(_COLOURS)]
+            for task, run in zip(tasks[name, title], runs[name, title], strict=True):
+                _draw_run(plate, column, f'{name}, {title}', colour, task, run)
+        column[0].set(title=name)
+        column[1].axhline(_WANTED, color=GREY, linestyle='--', linewidth=0.8)
+        column[2].set(xlabel='time since the goal was given [s]')
+    panels[0, 0].set(ylabel='place [rotor spacings]')
+    panels[1, 0].set(ylabel='|place - goal| [rotor spacings]', yscale='log')
+    panels[2, 0].set(ylabel='phonons over the peak energy of the wall [1]', yscale='log')
+    for number, title in enumerate(conditions):
+        panels[0, 0].plot([], [], color=_COLOURS[number % len(_COLOURS)], label=title)
+    plate.figure.legend(loc='outside upper center', ncols=len(conditions))
+    return plate
+
+
+def _draw_run(
+    plate: Plate, column: Sequence[Axes], series: str, colour: str, task: Task, run: MoveRun
+) -> None:
+    off = np.maximum(np.abs(run.places - task.goal), _LEAST_ERROR)
+    share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
+    for axes, name, values in (
+        (column[0], 'place [rotor spacings]', run.places),
+        (column[1], 'distance from the goal [rotor spacings]', off),
+        (column[2], 'phonons over the peak energy of the wall [1]', share),
+    ):
+        axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)
+        plate.note(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""metadata.yaml of a bag, version 9, as Jazzy's rosbag2 writes and reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+
+METADATA_VERSION: Final = 9
+METADATA_FILE: Final = 'metadata.yaml'
+_KEY: Final = 'rosbag2_bagfile_information'
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file of a bag: how many messages it holds, and when the first and the last came [ns]."""
+
+    name: str
+    messages: int
+    start: int
+    end: int
+
+
+def bag_information(
+    storage: str,
+    topics: Mapping[StoredTopic, int],
+    files: Sequence[StoredFile],
+    custom_data: Mapping[str, str],
+) -> dict[str, Any]:
+    """What a bag of some topics, each with so many messages, says about itself."""
+    filled = [file for file in files if file.messages] or list(files)
+    start = min(file.start for file in filled)
+    return {
+        'version': METADATA_VERSION,
+        'storage_identifier': storage,
+        'duration': {'nanoseconds': max(file.end for file in filled) - start},
+        'starting_time': {'nanoseconds_since_epoch': start},
+        'message_count': sum(file.messages for file in files),
+        'topics_with_message_count': [
+            {'topic_metadata': _topic(topic), 'message_count': count}
+            for topic, count in topics.items()
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file.name for file in files],
+        'files': [_file(file) for file in files],
+        'custom_data': dict(custom_data) or None,
+        'ros_distro': 'jazzy',
+    }
+
+
+def as_text(information: Mapping[str, Any]) -> str:
+    """What a bag says about itself as the text that its files hold."""
+    return str(yaml.safe_dump(dict(information), sort_keys=False, allow_unicode=True))
+
+
+def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
+    """Write metadata.yaml, whole or not at all."""
+    text = yaml.safe_dump({_KEY: dict(information)}, sort_keys=False, allow_unicode=True)
+    unfinished = folder / f'{METADATA_FILE}.unfinished'
+    unfinished.write_text(text, encoding='utf-8')
+    unfinished.replace(folder / METADATA_FILE)
+
+
+def read_metadata(folder: Path) -> dict[str, Any] | None:
+    """What metadata.yaml says about a bag, None where there is none that can be read."""
+    try:
+        loaded = yaml.load((folder / METADATA_FILE).read_text(encoding='utf-8'), _LOADER)
+        information = loaded[_KEY]
+    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+        return None
+    return information if isinstance(information, dict) else None
+
+
+def custom_data_of(metadata: str) -> dict[str, str]:
+    """Texts that are kept in what a file says about its bag, as far as they can be read."""
+    try:
+        custom = yaml.load(metadata, _LOADER).get('custom_data') or {}
+        return {str(key): str(value) for key, value in custom.items()}
+    except (yaml.YAMLError, AttributeError):
+        return {}
+
+
+def _topic(topic: StoredTopic) -> dict[str, Any]:
+    return {
+        'name': topic.name,
+        'type': topic.type_name,
+        'serialization_format': topic.serialization,
+        'offered_qos_profiles': yaml.safe_load(topic.profiles) or [],
+        'type_description_hash': topic.digest,
+    }
+
+
+def _file(file: StoredFile) -> dict[str, Any]:
+    return {
+        'path': file.name,
+        'starting_time': {'nanoseconds_since_epoch': file.start},
+        'duration': {'nanoseconds': file.end - file.start},
+        'message_count': file.messages,
+    }

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of rosbag2's layout that survive the end of their writer, whatever ends it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from rclpy.qos import QoSProfile
+
+from soliton_linkage_nodes.bags.metadata import (
+    StoredFile,
+    as_text,
+    bag_information,
+    write_metadata,
+)
+from soliton_linkage_nodes.bags.record.mcap_writer import McapWriter
+from soliton_linkage_nodes.bags.record.sqlite_writer import SqliteWriter
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, type_definition
+
+STORAGES = ('mcap', 'sqlite3')
+COMPRESSIONS = ('none', 'zstd')
+
+_FLUSH_INTERVAL = 0.25
+_NOTE_INTERVAL = 1.0
+_RESERVE = 'space_for_the_index'
+_RESERVE_BYTES = 2**20
+_SECOND = 10**9
+
+
+class BagWriter:
+    """A bag that is being written, in a directory named `<name>_<first free number>`.
+
+    Its files are `<name>_0`, `<name>_1`, ... Every quarter of a second, or when `tick` is called
+    after that time, what was written is handed to the system, which keeps it if the process is
+    killed. Where the disk is full, a file of 1 MiB that was kept free makes room for the index.
+
+    It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
+    bag cannot be written.
+    """
+
+    def __init__(
+        self,
+        name: Path,
+        storage: str,
+        compression: str = 'none',
+        largest_file: int = 0,
+        longest_file: float = 0.0,
+    ) -> None:
+        """Create the directory; a new file is begun after so many bytes or seconds, if any."""
+        if compression != 'none' and storage != 'mcap':
+            raise ValueError(
+                f'compression {compression!r} is not for storage {storage!r}; use mcap, or none'
+            )
+        self.path = name
+        self.topics: list[StoredTopic] = []
+        self.finished = False
+        self._is_open = False
+        self._begun: int | None = None
+        self._name = name.name
+        self._storage = storage
+        self._codec = '' if compression == 'none' else compression
+        self._largest_file = largest_file
+        self._longest_file = round(longest_file * _SECOND)
+        self._files: list[StoredFile] = []
+        self._counts: dict[int, int] = {}
+        self._custom_data: dict[str, str] = {}
+        self._noted: dict[str, str] = {}
+        self._flushed_at = time.monotonic()
+        self._noted_at = self._flushed_at - _NOTE_INTERVAL
+        with self._complaining():
+            self.path = _first_free(name)
+            self.path.mkdir(parents=True)
+            (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
+            self._file = self._open_file()
+            self._is_open = True
+
+    @property
+    def messages(self) -> int:
+        """Messages stored so far."""
+        # Other threads may ask while a topic is added: the lists are made at one go.
+        return sum(list(self._counts.values())) + sum(list(self._file.counts.values()))
+
+    @property
+    def files(self) -> int:
+        """Files begun so far."""
+        return len(self._files) + 1
+
+    def add_topic(self, topic: str, type_name: str, qos: QoSProfile) -> StoredTopic:
+        """Begin to store a topic, with the quality of service to replay it with.
+
+        Raises ValueError where the definition of its type is not to be had.
+        """
+        return self.add_topic_of_publishers(topic, type_name, [qos])
+
+    def add_topic_of_publishers(
+        self, topic: str, type_name: str, profiles: Sequence[QoSProfile]
+    ) -> StoredTopic:
+        """Begin to store a topic that several publishers offer, each in its quality of service."""
+        definition, digest = type_definition(type_name)
+        text = profiles_text(list(profiles))
+        stored = StoredTopic(0, topic, type_name, definition, 'ros2msg', digest, text)
+        return self.add_stored_topic(stored)
+
+    def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
+        """Begin to store a topic that is told whole; return it with its number in this bag."""
+        number = len(self.topics) + 1
+        stored = StoredTopic(**{**topic.__dict__, 'number': number})
+        self.topics.append(stored)
+        with self._complaining():
+            self._file.add_topic(stored)
+        return stored
+
+    def write(self, topic: StoredTopic, stamp: int, serialized: bytes) -> None:
+        """Store a serialized message that was received at a time since the epoch [ns]."""
+        self.write_all([(topic, stamp, serialized)])
+
+    def write_all(self, messages: Iterable[tuple[StoredTopic, int, bytes]]) -> None:
+        """Store serialized messages, each with its topic and when it was received [ns]."""
+        with self._complaining():
+            for topic, stamp, serialized in messages:
+                if self._begun is None:
+                    self._begun = stamp
+                elif self._is_full(stamp - self._begun):
+                    self._split()
+                    self._begun = stamp
+                self._file.write(topic.number, stamp, serialized)
+        self.tick()
+
+    def tick(self) -> None:
+        """Hand what was written to the system, if the last time was not just now."""
+        now = time.monotonic()
+        with self._complaining():
+            if now - self._flushed_at >= _FLUSH_INTERVAL:
+                self._flushed_at = now
+                self._file.flush()
+            if self._custom_data != self._noted and now - self._noted_at >= _NOTE_INTERVAL:
+                self._noted_at = now
+                self._noted = dict(self._custom_data)
+                self._file.note(self._noted)
+
+    def note(self, custom_data: Mapping[str, str]) -> None:
+        """Keep texts in the bag's metadata, also if the bag is never closed."""
+        self._custom_data.update(custom_data)
+
+    def split(self) -> None:
+        """Go on in a new file."""
+        with self._complaining():
+            self._split()
+
+    def close(self, custom_data: Mapping[str, str] | None = None) -> None:
+        """Finish the bag, with texts that are kept in its metadata."""
+        self.note(custom_data or {})
+        with self._complaining():
+            self._close_file()
+            self._finish()
+            (self.path / _RESERVE).unlink()
+
+    def rescue(self) -> None:
+        """Finish a bag that could not be written, with what the disk took, as far as it goes."""
+        try:
+            (self.path / _RESERVE).unlink(missing_ok=True)
+            if self._is_open:
+                self._file.discard()
+                self._close_file()
+            self._finish()
+        except OSError:
+            if self._is_open:
+                self._file.abandon()
+
+    def _split(self) -> None:
+        self._close_file()
+        self._is_open = False
+        self._file = self._open_file()
+        self._begun = None
+        self._is_open = True
+        for topic in self.topics:
+            self._file.add_topic(topic)
+        self._noted = {}
+
+    def _finish(self) -> None:
+        write_metadata(self.path, self._information([]))
+        self.finished = True
+
+    def _is_full(self, span: int) -> bool:
+        return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
+
+    def _open_file(self) -> McapWriter | SqliteWriter:
+        suffix = McapWriter.suffix if self._storage == 'mcap' else SqliteWriter.suffix
+        path = self.path / f'{self._name}_{len(self._files)}{suffix}'
+        if self._storage == 'mcap':
+            return McapWriter(path, self._codec, f'soliton_linkage {suite_version()}')
+        return SqliteWriter(path)
+
+    def _close_file(self) -> None:
+        self._file.flush()
+        start, end = self._file.span or (time.time_ns(),) * 2
+        name = f'{self._name}_{len(self._files)}{self._file.suffix}'
+        stored = StoredFile(name, sum(self._file.counts.values()), start, end)
+        self._file.close(as_text(self._information([stored])))
+        for number, count in self._file.counts.items():
+            self._counts[number] = self._counts.get(number, 0) + count
+        self._file.counts = {}
+        self._files.append(stored)
+
+    def _information(self, last: Sequence[StoredFile]) -> dict[str, object]:
+        counts = {
+            topic: self._counts.get(topic.number, 0) + self._file.counts.get(topic.number, 0)
+            for topic in self.topics
+        }
+        files = [*self._files, *last]
+        return bag_information(self._storage, counts, files, self._custom_data)
+
+    @contextmanager
+    def _complaining(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OSError(
+                f'bag {str(self.path)!r} cannot be written: {error}; choose another output'
+            ) from error
+
+
+def suite_version() -> str:
+    """Version of the suite that writes a bag."""
+    return version('soliton_linkage_nodes')
+
+
+def _first_free(name: Path) -> Path:
+    number = 0
+    while (path := name.parent / f'{name.name}_{number}').exists():
+        number += 1
+    return path

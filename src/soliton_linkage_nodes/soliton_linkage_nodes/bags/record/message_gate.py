@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which messages a recorder lets pass: all, none while it is paused, or the last few seconds."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from soliton_linkage_nodes.bags.record.writing_thread import Taken
+
+_SECOND = 10**9
+_MOST_KEPT = 512 * 2**20
+
+
+class MessageGate:
+    """Passes messages on, or holds them back.
+
+    Of a latched topic the last message is always kept, so that what is let pass can be
+    understood. The last seconds of a snapshot take 512 MiB at most.
+    """
+
+    def __init__(self, snapshot: float = 0.0, paused: bool = False) -> None:
+        """Keep the last seconds for snapshots, or, for 0, let everything pass."""
+        self.paused = paused
+        self._window = round(snapshot * _SECOND)
+        self._latched: dict[str, Taken] = {}
+        self._kept: deque[Taken] = deque()
+        self._bytes = 0
+
+    def take(self, messages: Iterable[Taken]) -> list[Taken]:
+        """Return those of some messages that are to be recorded now."""
+        if self.paused:
+            self._remember(messages)
+            return []
+        if not self._window:
+            return list(messages)
+        for message in messages:
+            self._kept.append(message)
+            self._bytes += len(message.serialized)
+        self._forget()
+        return []
+
+    def resume(self) -> list[Taken]:
+        """End a pause and return what is to be recorded: the last latched messages."""
+        self.paused = False
+        return [] if self._window else self._take_latched()
+
+    def snapshot(self) -> list[Taken]:
+        """Return the last seconds, with the last latched messages before them, and forget them."""
+        taken = [*self._take_latched(), *self._kept]
+        self._kept.clear()
+        self._bytes = 0
+        return taken
+
+    def _remember(self, messages: Iterable[Taken]) -> None:
+        self._latched.update((m.source.name, m) for m in messages if m.source.latched)
+
+    def _take_latched(self) -> list[Taken]:
+        latched = sorted(self._latched.values(), key=lambda message: message.stamp)
+        self._latched.clear()
+        return latched
+
+    def _forget(self) -> None:
+        while self._kept and (
+            self._kept[-1].stamp - self._kept[0].stamp > self._window or self._bytes > _MOST_KEPT
+        ):
+            old = self._kept.popleft()
+            self._bytes -= len(old.serialized)
+            self._remember([old])

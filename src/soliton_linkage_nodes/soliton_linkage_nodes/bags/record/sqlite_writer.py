@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sqlite3 file of rosbag2's layout that is committed often, so that a kill costs little."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import yaml
+
+from soliton_linkage_nodes.bags.metadata import METADATA_VERSION
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+
+_MOST_ROWS_BYTES = 2**20
+_SCHEMA = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(
+  id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL
+);
+CREATE TABLE topics(
+  id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+  serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL,
+  type_description_hash TEXT NOT NULL
+);
+CREATE TABLE message_definitions(
+  id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+  encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL
+);
+CREATE TABLE messages(
+  id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+  data BLOB NOT NULL
+);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+INSERT INTO schema(schema_version, ros_distro) VALUES (4, 'jazzy');
+"""
+
+
+class SqliteWriter:
+    """Writes one file, by one transaction from one flush to the next.
+
+    Transactions keep a rollback journal: at every instant the file is a bag, or becomes one when
+    it is opened, and a disk that is full leaves the last transaction out. Methods raise OSError
+    where the disk refuses. `counts` holds the messages of each topic, `span` the stamps of the
+    first and the last [ns].
+    """
+
+    suffix = '.db3'
+
+    def __init__(self, path: Path) -> None:
+        """Create the file."""
+        self.counts: dict[int, int] = {}
+        self.span: tuple[int, int] | None = None
+        self._types: set[str] = set()
+        self._path = path
+        self._bytes = 0
+        self._rows: list[tuple[int, int, bytes]] = []
+        self._rows_bytes = 0
+        self._pending: Counter[int] = Counter()
+        self._whole_span: tuple[int, int] | None = None
+        with _as_os_error():
+            self._database = sqlite3.connect(path, isolation_level=None)
+            try:
+                self._database.execute('PRAGMA journal_mode = TRUNCATE')
+                self._database.execute('PRAGMA synchronous = NORMAL')
+                self._database.executescript(_SCHEMA)
+                self._database.execute('BEGIN')
+            except sqlite3.Error:
+                self._database.close()
+                raise
+
+    @property
+    def size(self) -> int:
+        """About how many bytes the file takes."""
+        return self._bytes + self._rows_bytes
+
+    def add_topic(self, topic: StoredTopic) -> None:
+        """Begin to store a topic."""
+        with _as_os_error():
+            if topic.type_name not in self._types:
+                self._types.add(topic.type_name)
+                self._database.execute(
+                    'INSERT INTO message_definitions (topic_type, encoding, '
+                    'encoded_message_definition, type_description_hash) VALUES (?, ?, ?, ?)',
+                    (topic.type_name, topic.definition_format, topic.definition, topic.digest),
+                )
+            self._database.execute(
+                'INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)',
+                (
+                    topic.number,
+                    topic.name,
+                    topic.type_name,
+                    topic.serialization,
+                    topic.profiles,
+                    topic.digest,
+                ),
+            )
+            self.counts[topic.number] = 0
+            self._commit()
+
+    def write(self, number: int, stamp: int, serialized: bytes) -> None:
+        """Store a message of a topic."""
+        self._rows.append((number, stamp, serialized))
+        self._rows_bytes += len(serialized) + 40
+        self.counts[number] += 1
+        if self._rows_bytes > _MOST_ROWS_BYTES:
+            with _as_os_error():
+                self._insert()
+
+    def flush(self) -> None:
+        """Commit all messages: the system keeps them if this process is killed."""
+        if self._rows or self._pending:
+            with _as_os_error():
+                self._commit()
+
+    def discard(self) -> None:
+        """Forget what the disk refused."""
+        with _as_os_error():
+            if self._database.in_transaction:
+                self._database.execute('ROLLBACK')
+            self._database.execute('BEGIN')
+        self._pending.update(number for number, _, _ in self._rows)
+        self._rows.clear()
+        for number, count in self._pending.items():
+            self.counts[number] -= count
+        self._pending.clear()
+        self.span = self._whole_span
+
+    def note(self, texts: Mapping[str, str]) -> None:
+        """Keep texts, in place of those before."""
+        self._put_metadata(yaml.safe_dump({'custom_data': dict(texts)}))
+
+    def close(self, metadata: str) -> None:
+        """Commit what is left and the bag's metadata, and end the file."""
+        self._put_metadata(metadata)
+        with _as_os_error():
+            self._database.execute('COMMIT')
+            # The emptied journal goes.
+            self._database.execute('PRAGMA journal_mode = DELETE')
+        self._database.close()
+
+    def abandon(self) -> None:
+        """End the file as it was committed last."""
+        self._database.close()
+
+    def _put_metadata(self, metadata: str) -> None:
+        with _as_os_error():
+            self._database.execute(
+                'INSERT OR REPLACE INTO metadata VALUES (1, ?, ?)', (METADATA_VERSION, metadata)
+            )
+            self._commit()
+
+    def _insert(self) -> None:
+        self._database.executemany(
+            'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', self._rows
+        )
+        stamps = [*(self.span or ()), *(stamp for _, stamp, _ in self._rows)]
+        self.span = (min(stamps), max(stamps))
+        self._pending.update(number for number, _, _ in self._rows)
+        self._bytes += self._rows_bytes
+        self._rows.clear()
+        self._rows_bytes = 0
+
+    def _commit(self) -> None:
+        if self._rows:
+            self._insert()
+        self._database.execute('COMMIT')
+        self._database.execute('BEGIN')
+        self._pending.clear()
+        self._whole_span = self.span
+
+
+@contextmanager
+def _as_os_error() -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(str(error)) from error

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives one chain: commands begin with the frame after them, and each frame has its torques."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from soliton_linkage.actuation.edge_drive import EdgeOrder
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.torque_drive import TorqueDrive
+from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage_nodes.edge_actuator.kick_record import Kick, KickRecord
+from soliton_linkage_nodes.messages.command_conversions import JointActuators, Rotors
+from soliton_linkage_nodes.messages.conversions import Array, NamedChain
+
+_NANOSECONDS = 10**9
+
+
+@dataclass(frozen=True)
+class _Command:
+    source: str
+    begin: Callable[[float], None]
+    order: EdgeOrder | None = None
+    takes_over: bool = False
+
+
+class ChainDriver:
+    """Torques of a chain from the commands to its actuators, and the record of what they did.
+
+    Commands begin at the stamp of the next frame. The torques for a frame are the means of what
+    is asked for over the period that follows it, taken to be as long as the one before.
+    """
+
+    def __init__(
+        self,
+        named: NamedChain,
+        actuators: JointActuators,
+        pneumatics: PneumaticActuator,
+        timeout: float,
+        longest_gap: float,
+        tell: Callable[[Kick], None],
+    ) -> None:
+        """Start at rest; joint commands and gaps between frames last no longer than given [s]."""
+        self.named = named
+        self.actuators = actuators
+        self.record = KickRecord(named.rotors, tell)
+        self._drive = TorqueDrive(named.chain, pneumatics, timeout)
+        self._longest_gap = longest_gap
+        self._commands: list[_Command] = []
+        self._driving = False
+        self._origin: int | None = None
+        self._last = 0
+
+    @property
+    def busy(self) -> bool:
+        """Whether the next frame matters."""
+        return bool(self._commands) or self._driving or self.record.open
+
+    @property
+    def driving(self) -> bool:
+        """Whether torques act."""
+        return self._driving
+
+    def order(self, source: str, order: EdgeOrder, side: Edge) -> None:
+        """Carry out a lasting order at an edge, in place of the last one."""
+
+        def begin(time: float) -> None:
+            self._drive.edges.obey(order, side, time)
+
+        self._commands.append(_Command(source, begin, order, takes_over=True))
+
+    def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
+        """Hold torques [N m] on rotors, both of shape (named,)."""
+
+        def begin(time: float) -> None:
+            self._drive.joints.hold(rotors, torques, time)
+
+        self._commands.append(_Command(source, begin))
+
+    def follow(
+        self, source: str, rotors: Rotors, times: Array, torques: Array, delay: float
+    ) -> None:
+        """Lead torques [N m] of rotors through points at times [s] after a delay [s]."""
+
+        def begin(time: float) -> None:
+            self._drive.joints.follow(rotors, times + delay, torques, time)
+
+        self._commands.append(_Command(source, begin))
+
+    def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
+        """Torques to send with a frame [N m], shape (N,), or None where there is nothing to send.
+
+        `before` is the stamp of the frame before it [ns]. Raises ValueError where the stamps do
+        not increase; where they go back, all that was asked for ends.
+        """
+        time = self._time(stamp)
+        if stamp <= before:
+            ended = stamp < before
+            if ended:
+                self._drop(stamp)
+            raise ValueError(
+                f'joint_states.header.stamp = {stamp} ns must be later than the one before, '
+                f'{before} ns; {"all torques are dropped" if ended else "stamp each frame"}'
+            )
+        self.record.frame(stamp, angles)
+        gap = (stamp - self._last) / _NANOSECONDS
+        if self._driving and gap > self._longest_gap:
+            self.record.interrupt()
+        self._last = stamp
+        self._begin(time, stamp)
+        if not (self._drive.active or self._driving):
+            return None
+        end = time + (stamp - before) / _NANOSECONDS
+        drive = self._drive.torques(angles, time, end)
+        if self._drive.active:
+            self.record.sent(drive.torques, drive.saturated)
+        else:
+            self.record.end(stamp)
+        self._driving = self._drive.active
+        return drive.torques
+
+    def abandon(self) -> None:
+        """Tell of what was going on: there will be no other frame."""
+        self.record.abandon(self._last)
+
+    def _begin(self, time: float, stamp: int) -> None:
+        commands, self._commands = self._commands, []
+        for command in commands:
+            if command.takes_over and self._driving:
+                unfinished = self._drive.edges.unfinished(time)
+                self.record.end(stamp, superseded=True, cut_short=unfinished)
+            command.begin(time)
+            if self._drive.active:
+                self.record.begin(stamp, command.source, command.order)
+                self._driving = True
+
+    def _drop(self, stamp: int) -> None:
+        self._commands.clear()
+        self.record.end(stamp, cut_short=True)
+        self._drive = TorqueDrive(
+            self.named.chain, self._drive.edges.pneumatics, self._drive.joints.timeout
+        )
+        self._driving = False
+        self._origin = None
+
+    def _time(self, stamp: int) -> float:
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) / _NANOSECONDS

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a node learns the chain from: the topic of a simulator, or its own parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rclpy.node import Node
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Deviations, Disorder
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_msgs import msg
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    chain_from_msg,
+    check_names,
+    default_joint_names,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.parameters import declare
+
+
+@dataclass(frozen=True)
+class ChainSourceParameters:
+    """Which of the two it is."""
+
+    chain_from: str = quantity(
+        'topic',
+        'whether the chain is learnt from the topic chain or from the parameters chain.*',
+        choices=('topic', 'parameters'),
+    )
+    joint_names: tuple[str, ...] = quantity(
+        (), 'names of the joints, rotor 0 first; empty for those that the chain has'
+    )
+
+
+@dataclass(frozen=True)
+class OptionalChainSourceParameters(ChainSourceParameters):
+    """The same of a node that can do without."""
+
+    chain_from: str = quantity(
+        'topic',
+        'whether the chain is learnt from the topic chain, from the parameters chain.*, or is '
+        'not known',
+        choices=('topic', 'parameters', 'nowhere'),
+    )
+
+
+def declare_chain(node: Node) -> Chain:
+    """Declare the parameters `chain.*`, of deviations and disorder too, and return the chain.
+
+    Raises ValueError where they describe none.
+    """
+    chain = declare(node, Chain, 'chain.')
+    given = declare(node, Deviations, 'chain.deviations.')
+    disorder = declare(node, Disorder, 'chain.disorder.')
+    drawn = disorder.drawn(chain.number_of_rotors, chain.periodic)
+    return dataclasses.replace(chain, deviations=given.joined(drawn))
+
+
+class ChainSource:
+    """The chain that a node works on; None until it is known."""
+
+    def __init__(
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        learnt: Callable[[NamedChain], None] = lambda named: None,
+        parameters: type[ChainSourceParameters] = ChainSourceParameters,
+    ) -> None:
+        """Read the parameters or listen to the topic; `learnt` is called with each chain.
+
+        Raises ValueError where the parameters describe no chain.
+        """
+        self.named: NamedChain | None = None
+        self._diagnostics = diagnostics
+        self._learnt = learnt
+        self.parameters = declare(node, parameters)
+        check_names('parameter joint_names', self.parameters.joint_names)
+        chain = declare_chain(node)
+        if self.parameters.chain_from == 'parameters':
+            self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
+        elif self.parameters.chain_from == 'topic':
+            topic = interfaces.CHAIN
+            node.create_subscription(topic.type, topic.name, self._on_chain, topic.qos)
+
+    def _on_chain(self, message: msg.Chain) -> None:
+        try:
+            self._learn(chain_from_msg(message))
+        except ValueError as error:
+            self._diagnostics.refuse('chain', error)
+
+    def _learn(self, named: NamedChain) -> None:
+        joints = self.parameters.joint_names
+        if joints and len(joints) != named.rotors:
+            raise ValueError(
+                f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
+                'rotors; name one joint a rotor'
+            )
+        self.named = NamedChain(named.chain, joints or named.joint_names)
+        self._learnt(self.named)

@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to physics types and back. Nothing else maps message fields to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from soliton_linkage.dynamics.initial_states import State
+from soliton_linkage.estimation.analyser import AnalysedSoliton
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.steering.steering import Ended, Outcome, WallState
+from soliton_linkage_msgs import msg
+from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.messages.joint_states import JointStates
+
+Array = NDArray[np.float64]
+
+FRAME = 'linkage'
+_NANOSECONDS = 10**9
+_CHAIN_FIELDS = tuple(
+    f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
+)
+_DEVIATIONS = tuple(f.name for f in fields(Deviations))
+_SOLITON_FIELDS = tuple(f.name for f in fields(AnalysedSoliton))
+_OUTCOMES = {
+    Outcome.REACHED: MoveSoliton.Result.REACHED,
+    Outcome.STOPPED: MoveSoliton.Result.CANCELLED,
+    Outcome.PREEMPTED: MoveSoliton.Result.PREEMPTED,
+    Outcome.OUT_OF_CHAIN: MoveSoliton.Result.OUT_OF_CHAIN,
+    Outcome.OUT_OF_REACH: MoveSoliton.Result.OUT_OF_REACH,
+    Outcome.NO_SOLITON: MoveSoliton.Result.NO_SOLITON,
+    Outcome.SOLITON_LOST: MoveSoliton.Result.SOLITON_LOST,
+    Outcome.NOT_HELD: MoveSoliton.Result.NOT_HELD,
+    Outcome.INVALID_SPEED: MoveSoliton.Result.INVALID_SPEED,
+}
+
+
+@dataclass(frozen=True)
+class NamedChain:
+    """A chain and the names of its joints, rotor 0 first."""
+
+    chain: Chain
+    joint_names: tuple[str, ...]
+
+    @property
+    def rotors(self) -> int:
+        """Number of rotors."""
+        return self.chain.number_of_rotors
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of joint states in the order of the rotors; rates are None where unknown."""
+
+    angles: Array
+    rates: Array | None
+
+
+def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
+    """Return the names that joints have unless a chain message says otherwise."""
+    return tuple(f'rotor_{rotor}' for rotor in range(number_of_rotors))
+
+
+def time_to_msg(nanoseconds: int) -> Time:
+    """Time since the epoch [ns] as a message."""
+    seconds, rest = divmod(nanoseconds, _NANOSECONDS)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def time_from_msg(stamp: Time) -> int:
+    """Time since the epoch [ns]."""
+    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
+    """Chain and joint names as a message."""
+    chain = named.chain
+    deviations = {f'{name}_deviations': getattr(chain.deviations, name) for name in _DEVIATIONS}
+    return msg.Chain(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        joint_names=list(named.joint_names),
+        **{name: getattr(chain, name) for name in _CHAIN_FIELDS},
+        **deviations,
+    )
+
+
+def chain_from_msg(message: msg.Chain) -> NamedChain:
+    """Chain and joint names; raises ValueError where the message describes none."""
+    names = tuple(message.joint_names)
+    check_names('chain.joint_names', names)
+    parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
+    deviations = Deviations(
+        **{name: tuple(getattr(message, f'{name}_deviations')) for name in _DEVIATIONS}
+    )
+    chain = Chain(number_of_rotors=len(names), deviations=deviations, **parameters)
+    return NamedChain(chain, names)
+
+
+def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
+    """Angles, rates and torques of a frame as joint states."""
+    return JointState(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        name=list(named.joint_names),
+        position=frame.angles.tolist(),
+        velocity=[] if frame.rates is None else frame.rates.tolist(),
+        effort=efforts.tolist(),
+    )
+
+
+def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
+    """Angles and rates in the order of the rotors, whatever the order of the joints.
+
+    Joints that are no rotors are passed over. Raises ValueError where a rotor is missing or
+    named twice, an array has the wrong length or a value is not finite.
+    """
+    order = _order(named.joint_names, message.name)
+    angles = np.asarray(message.position, dtype=np.float64)
+    rates = np.asarray(message.velocity, dtype=np.float64)
+    _check_array('joint_states.position', message.name, angles)
+    if not len(rates):
+        return Frame(np.array(angles[order]), None)
+    _check_array('joint_states.velocity', message.name, rates)
+    return Frame(np.array(angles[order]), np.array(rates[order]))
+
+
+class FrameReader:
+    """Reads joint states in the order of the rotors, as far as they show them."""
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        """Read these joints, rotor 0 first."""
+        self.joint_names = tuple(joint_names)
+        self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
+        self._names: tuple[str, ...] | None = None
+        self._joints = self._places = np.zeros(0, dtype=np.intp)
+        self._as_they_are = False
+
+    def read(self, joints: JointStates) -> Frame:
+        """Angles and rates of all rotors, NaN where the joint states do not tell them.
+
+        Joints that are no rotors are passed over. Raises ValueError where no rotor is named, or
+        a joint is twice, and for arrays that are not as long as that of the names.
+        """
+        _check_length('joint_states.position', joints.name, joints.position)
+        if joints.name is not self._names and joints.name != self._names:
+            self._learn(joints.name)
+        angles = self._ordered(joints.position)
+        if not len(joints.velocity):
+            return Frame(angles, None)
+        _check_length('joint_states.velocity', joints.name, joints.velocity)
+        return Frame(angles, self._ordered(joints.velocity))
+
+    def _learn(self, names: tuple[str, ...]) -> None:
+        check_names('joint_states.name', names)
+        known = [(joint, self._rotors[n]) for joint, n in enumerate(names) if n in self._rotors]
+        if not known:
+            first = next(iter(self._rotors))
+            raise ValueError(
+                f'joint_states.name has none of the {len(self._rotors)} rotors, whose first is '
+                f'{first!r}; tell the names of the joints by the parameter joint_names'
+            )
+        self._joints, self._places = np.array(known, dtype=np.intp).T
+        self._as_they_are = names == self.joint_names
+        self._names = names
+
+    def _ordered(self, values: Array) -> Array:
+        if self._as_they_are:
+            return values.copy()
+        ordered = np.full(len(self._rotors), np.nan)
+        ordered[self._places] = values[self._joints]
+        return ordered
+
+
+def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
+    """Angular impulses of all rotors [N m s] as a message."""
+    return msg.RotorImpulses(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        name=list(named.joint_names),
+        impulse=impulses.tolist(),
+    )
+
+
+def impulses_from_msg(
+    rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
+) -> Array:
+    """Angular impulse of each rotor [N m s]; raises ValueError unless all are acceptable."""
+    return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
+
+
+def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
+    """Angles and rates that a `Reset.Request` names; other joints stay where they are, at rest.
+
+    Raises ValueError for a joint that is unknown or named twice, and unless each has an angle
+    and, where there are any, a rate that are finite.
+    """
+    rotors = {name: rotor for rotor, name in enumerate(named.joint_names)}
+    given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, math.inf)
+    rates = np.zeros(named.rotors)
+    if len(request.rate):
+        rates = _by_rotor(rotors, 'reset.rate', request.name, request.rate, math.inf)
+    angles = now.angles.copy()
+    at = [rotors[name] for name in request.name]
+    angles[at] = given[at]
+    return State(angles, rates)
+
+
+def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
+    """Torques of all rotors [N m] as joint states that hold efforts only."""
+    return JointState(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        name=list(named.joint_names),
+        effort=torques.tolist(),
+    )
+
+
+def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
+    """Torque of each rotor [N m]; raises ValueError unless all are acceptable."""
+    return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
+
+
+def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
+    """Return the solitons of a message."""
+    return tuple(
+        AnalysedSoliton(**{name: getattr(soliton, name) for name in _SOLITON_FIELDS})
+        for soliton in message.solitons
+    )
+
+
+def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
+    """How a move of the soliton ended, as the result of the action."""
+    return MoveSoliton.Result(
+        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
+    )
+
+
+def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
+    """Where the soliton is on its way, with the energy of the phonons [J]."""
+    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
+
+
+def check_names(source: str, names: Sequence[str]) -> None:
+    """Raise ValueError for a name that stands twice."""
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if list(names).count(name) > 1)
+        raise ValueError(f'{source} has {twice!r} twice; name each joint once')
+
+
+def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp] | slice:
+    if tuple(names) == joint_names:
+        return slice(None)
+    place = {name: index for index, name in enumerate(names)}
+    if len(place) != len(names):
+        check_names('joint_states.name', names)
+    missing = [name for name in joint_names if name not in place]
+    if missing:
+        raise ValueError(
+            f'joint_states.name lacks {len(missing)} of {len(joint_names)} rotors, '
+            f'first {missing[0]!r}; publish every rotor of the chain in each message'
+        )
+    return np.array([place[name] for name in joint_names], dtype=np.intp)
+
+
+def _by_rotor(
+    rotors: Mapping[str, int],
+    source: str,
+    names: Sequence[str],
+    values: Sequence[float],
+    largest: float,
+) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    check_names(source, names)
+    for name in names:
+        if name not in rotors:
+            known = f'{next(iter(rotors))!r} to {list(rotors)[-1]!r}'
+            raise ValueError(f'{source} names joint {name!r}, which is none of {known}')
+    _check_array(source, names, array)
+    for name, value in zip(names, array, strict=True):
+        if abs(value) > largest:
+            raise ValueError(
+                f'{source} of {name} = {value:g} must lie in the range {-largest:g} to '
+                f'{largest:g}; send less or raise the limit parameter'
+            )
+    by_rotor = np.zeros(len(rotors))
+    by_rotor[[rotors[name] for name in names]] = array
+    return by_rotor
+
+
+def _check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
+    if len(values) != len(names):
+        raise ValueError(
+            f'{source} has {len(values)} values for {len(names)} names; give one a name'
+        )
+
+
+def _check_array(source: str, names: Sequence[str], values: Array) -> None:
+    _check_length(source, names, values)
+    finite = np.isfinite(values)
+    if not finite.all():
+        worst = int(np.argmin(finite))
+        raise ValueError(f'{source} of {names[worst]} = {values[worst]} must be a finite number')

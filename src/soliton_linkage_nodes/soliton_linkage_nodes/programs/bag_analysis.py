@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The frames of a bag, analysed as the live node does."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+
+from soliton_linkage.estimation.analyser import Analysis
+from soliton_linkage_nodes.bags.read.older_messages import is_older
+from soliton_linkage_nodes.bags.read.reading import (
+    decoder,
+    find_topic,
+    read_chain,
+    read_messages,
+    read_topic,
+)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_from_msg
+from soliton_linkage_nodes.messages.joint_states import (
+    JointStateDecoder,
+    JointStates,
+    joint_states_from_msg,
+)
+from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
+
+
+def analysed(
+    reader: Reader, given: NamedChain | None = None, noise: float | None = None
+) -> Iterator[tuple[JointStates, Analysis | None]]:
+    """Yield each frame of a bag with what it shows, None where it is late, as the live node does.
+
+    The chain is the given one or that of the bag. Frames that are refused are passed over, with
+    a word on stderr. Raises ValueError where the bag has no frames, or no chain.
+    """
+    analysis = JointStateAnalysis(noise)
+    joints = find_topic(reader, 'joint_states')
+    connections = [joints]
+    if given is None:
+        first = next((message for _, message in read_topic(reader, 'chain')), None)
+        analysis.learn(read_chain(reader) if first is None else chain_from_msg(first))
+        connections.append(find_topic(reader, 'chain'))
+    else:
+        analysis.learn(given)
+    decode_joints = _decoder(joints)
+    chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
+    for connection, _, serialized in read_messages(reader, connections):
+        if connection is not joints:
+            analysis.learn(chain_from_msg(chain_decoders[connection.id](serialized)))
+            continue
+        frame = decode_joints(serialized)
+        try:
+            yield frame, analysis.analyse(frame)
+        except ValueError as error:
+            print(f'refused joint_states: {error}', file=sys.stderr)
+
+
+def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
+    """What decodes the joint states of a topic, whatever definition they were recorded with."""
+    if not is_older(connection):
+        return JointStateDecoder().decode
+    decode = decoder(connection)
+    return lambda serialized: joint_states_from_msg(decode(serialized))

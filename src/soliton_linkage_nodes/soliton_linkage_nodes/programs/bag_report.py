@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What happened in a recorded run: its track, its figures and its pictures."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.track import Crossing, Track, find_crossings, track_point
+from soliton_linkage.studies.pictures import draw_kymograph, draw_track
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_recording, read_topic
+from soliton_linkage_nodes.messages.conversions import NamedChain, solitons_from_msg, time_from_msg
+
+_BEFORE_NUDGE = 0.5
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """A bag of one experiment; times are in seconds since the nudge."""
+
+    named: NamedChain
+    recording: Recording
+    track: Track
+    crossings: tuple[Crossing, ...]
+    states: Mapping[int, tuple[float, ...]]
+    """Rotors at which the live analyser saw solitons, by the stamp of the frame [ns]."""
+    messages: int
+    lost: int
+    publish_rate: float
+    """Of joint_states, from the times at which they were received after the nudge [Hz]."""
+
+
+def read_run(bag: Path) -> RecordedRun:
+    """Read the bag of an experiment; raises ValueError where it holds none."""
+    with open_bag(bag) as reader:
+        named, recording = read_recording(reader)
+        received, frames = zip(*read_topic(reader, 'joint_states'), strict=True)
+        nudges = [stamp for stamp, _ in read_topic(reader, 'nudge')]
+        states = [message for _, message in read_topic(reader, 'soliton_state')]
+        custom = reader.storage.metadata.custom or {}
+        messages = reader.message_count
+    first = time_from_msg(frames[0].header.stamp)
+    nudged = ((nudges[0] if nudges else first) - first) * 1e-9
+    track = _track(named, states, first, nudged)
+    return RecordedRun(
+        named=named,
+        recording=_since(recording, nudged),
+        track=track,
+        crossings=find_crossings(named.chain, track),
+        states={
+            stamp: places(state)
+            for state in states
+            # The analyser may have been heard a moment before the simulator was.
+            if (stamp := time_from_msg(state.header.stamp)) >= first
+        },
+        messages=messages,
+        lost=sum(json.loads(custom.get('lost_messages', '{}')).values()),
+        publish_rate=_rate([stamp for stamp in received if stamp >= first + nudged * 1e9]),
+    )
+
+
+def places(state: SolitonState) -> tuple[float, ...]:
+    """Return the rotors at which a state has solitons."""
+    return tuple(soliton.rotor for soliton in state.solitons)
+
+
+def largest_difference(
+    live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
+) -> float:
+    """Largest distance of solitons in frames of one stamp [rotor spacings].
+
+    Infinite where the number of solitons differs; a frame that only one of them has is passed
+    over.
+    """
+    largest = 0.0
+    for stamp in live.keys() & replayed.keys():
+        if len(live[stamp]) != len(replayed[stamp]):
+            return math.inf
+        distances = (abs(a - b) for a, b in zip(live[stamp], replayed[stamp], strict=True))
+        largest = max([largest, *distances])
+    return largest
+
+
+def draw(run: RecordedRun, folder: Path) -> None:
+    """Draw kymograph.png and track.png."""
+    chain = run.named.chain
+    draw_kymograph(chain, run.recording, run.track, folder / 'kymograph.png')
+    draw_track(chain, run.track, run.crossings, folder / 'track.png')
+
+
+def summarise(run: RecordedRun) -> dict[str, Any]:
+    """Return what the bag alone tells, for summary.json."""
+    speeds = [crossing.speed for crossing in run.crossings]
+    return {
+        'motion': run.named.chain.motion.value,
+        'rotors': run.named.rotors,
+        'crossings': len(run.crossings),
+        'speed_rotors_per_s': float(np.mean(speeds)) if speeds else None,
+        'recorded_messages': run.messages,
+        'lost_messages': run.lost,
+        'publish_rate_hz': run.publish_rate,
+    }
+
+
+def _rate(received: list[int]) -> float:
+    if len(received) < 2:
+        return 0.0
+    return (len(received) - 1) / ((received[-1] - received[0]) * 1e-9)
+
+
+def _track(named: NamedChain, states: list[SolitonState], first: int, nudged: float) -> Track:
+    points = [track_point(named.chain, solitons_from_msg(state)) for state in states]
+    stamps = [time_from_msg(state.header.stamp) - first for state in states]
+    columns = np.array(points, dtype=np.float64).reshape(-1, 2)
+    times = np.array(stamps, dtype=np.float64) * 1e-9 - nudged
+    kept = times >= -_BEFORE_NUDGE
+    return Track(times[kept], columns[kept, 0], columns[kept, 1])
+
+
+def _since(recording: Recording, nudged: float) -> Recording:
+    times = recording.times - nudged
+    kept = times >= -_BEFORE_NUDGE
+    rates = recording.rates[kept] if len(recording.rates) else recording.rates
+    return Recording(times[kept], recording.angles[kept], rates)

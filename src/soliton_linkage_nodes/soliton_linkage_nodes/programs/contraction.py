@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lorentz contraction measured by the analyser alone, from bags of walls at a dozen speeds.
+
+Each wall is nudged into a simulated chain with noisy encoders and recorded by the nodes; the
+bags are then analysed, and speeds and widths drawn and set beside theory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import domain_coordinator
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.studies.accuracy.contraction import (
+    ContractedWall,
+    ContractionStudy,
+    passage_of,
+    read_contraction_study,
+    rest_width,
+)
+from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.studies.settings import load_settings
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_chain
+from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.child_processes import ChildProcesses, isolate
+from soliton_linkage_nodes.runtime.process import stop_on_signals
+
+_RATE = 250.0
+_SECONDS = 6.0
+_LONGEST_START = 30.0
+_WAY = 0.8
+_UNLIMITED = 1e9
+_STOPPED = 130
+
+
+def record(
+    study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
+) -> Path:
+    """Record a wall, chain and kick by number, in a bag; return its path.
+
+    The chain's unit of time is such that the wall is past the middle after six seconds. Raises
+    RuntimeError where a node fails.
+    """
+    chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
+    unit = _SECONDS / (_WAY * study.duration(walls, kick))
+    chain = replace(chain, stiffness=chain.mass / unit**2)
+    name = folder / f'{study.walls[walls].name}_{kick}'
+    shutil.rmtree(f'{name}_0', ignore_errors=True)
+    processes = ChildProcesses(folder / 'log')
+    environment = dict(os.environ)
+    try:
+        processes.start('bag_recorder', ['-p', f'output:={name}'], environment)
+        processes.start('edge_actuator', _given(speed_limit=_UNLIMITED), environment)
+        simulated = {
+            **{f'chain.{field}': getattr(chain, field) for field in described_fields(Chain)},
+            'publish_rate': _RATE,
+            'initial_state': 'right_leaning',
+            'sensors.noise': study.noise,
+            'sensors.seed': study.seed + 100 * walls + kick,
+            'impulse_limit': _UNLIMITED,
+            'subscribers': 2,
+        }
+        processes.start('simulator', _given(**simulated), environment)
+        nudge = speed * chain.spacing / (chain.rotor_length * chain.time_unit)
+        processes.start(
+            'nudge',
+            [],
+            environment,
+            [repr(nudge), '--subscribers=2', f'--timeout={_LONGEST_START}'],
+        )
+        if not processes.wait('nudge', 2 * _LONGEST_START):
+            raise RuntimeError('the nudge found nobody to hear it; see the logs')
+        if stopping.wait(_SECONDS):
+            raise KeyboardInterrupt
+        processes.check()
+    finally:
+        processes.stop(['simulator'])
+        processes.stop()
+    return Path(f'{name}_0')
+
+
+def measure(bag: Path) -> ContractedWall:
+    """Speed and width of the wall of a bag; raises ValueError where it does not show one."""
+    with open_bag(bag) as reader:
+        found = [analysis for _, analysis in analysed(reader) if analysis is not None]
+        chain = read_chain(reader).chain
+    try:
+        return passage_of(chain, [analysis.solitons for analysis in found])
+    except ValueError as error:
+        raise ValueError(f'bag {str(bag)!r}: {error}') from error
+
+
+def measured(
+    study: ContractionStudy, folder: Path, stopping: threading.Event
+) -> list[ContractedWall]:
+    """Record and measure all walls of a study."""
+    runs = [
+        (walls, kick)
+        for walls in range(len(study.walls))
+        for kick in range(len(study.walls[walls].kicks))
+    ]
+    progress, passages = ProgressLine('contraction', len(runs)), []
+    for number, (walls, kick) in enumerate(runs):
+        each = study.walls[walls]
+        progress.show(number, f'{each.name}, kick {each.kicks[kick]:g}')
+        passages.append(_passage(study, walls, kick, folder, stopping))
+    progress.end(f'{len(runs)} walls recorded and measured')
+    return passages
+
+
+def _passage(
+    study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
+) -> ContractedWall:
+    """Record and measure a wall, once more where the first bag shows none."""
+    try:
+        return measure(record(study, walls, kick, folder, stopping))
+    except ValueError as error:
+        # A nudge that reaches the actuator before the first frame is refused.
+        print(f'\ncontraction: {error}; recording it once more', file=sys.stderr)
+    return measure(record(study, walls, kick, folder, stopping))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Record, measure and draw; exit with 1 where that fails, 130 on Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    stopping = stop_on_signals()
+    try:
+        settings = load_settings(options.config).section('contraction')
+        study = read_contraction_study(settings, options.quick)
+        options.output.mkdir(parents=True, exist_ok=True)
+        with domain_coordinator.domain_id() as domain:
+            isolate(domain)
+            passages = measured(study, options.output, stopping)
+        at_rest = [rest_width(walls.chain) for walls in study.walls]
+        study.write([*passages, *at_rest], options.output)
+    except (RuntimeError, ValueError) as error:
+        sys.exit(f'\ncontraction: {error}')
+    except KeyboardInterrupt:
+        print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
+        sys.exit(_STOPPED)
+    print(f'bags, contraction.md and contraction.png are in {options.output}')
+
+
+def _given(**parameters: object) -> list[str]:
+    """ROS arguments that give parameters; a number stays of its kind."""
+    given = []
+    for name, value in parameters.items():
+        given += ['-p', f'{name}:={value!r}' if isinstance(value, float) else f'{name}:={value}']
+    return given
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='contraction', description=__doc__)
+    parser.add_argument('config', type=Path, help='settings, as config/studies/accuracy.yaml')
+    parser.add_argument('--output', type=Path, default=Path('out/contraction'), help='folder')
+    parser.add_argument('--quick', action='store_true', help='every fourth wall, to try it out')
+    return parser

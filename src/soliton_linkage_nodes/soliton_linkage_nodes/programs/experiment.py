@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import domain_coordinator
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages.conversions import chain_from_msg, time_from_msg
+from soliton_linkage_nodes.programs.bag_report import (
+    RecordedRun,
+    draw,
+    largest_difference,
+    places,
+    read_run,
+    summarise,
+)
+from soliton_linkage_nodes.programs.child_processes import ChildProcesses, isolate
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.process import initialise, interrupt_on_signals, stop_on_signals
+
+_NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
+_UNUSED = (
+    interfaces.EDGE_COMMAND,
+    interfaces.JOINT_COMMANDS,
+    interfaces.EFFORT_COMMANDS,
+    interfaces.JOINT_TRAJECTORY,
+    interfaces.TILT,
+    interfaces.DIAGNOSTICS,
+)
+_RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
+_LONGEST_START = 30.0
+_LONGEST_END = 10.0
+_SPIN = 0.02
+_NEAR_EDGE = 2.0
+_AFTERWARDS = 1.2
+_INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class ExperimentParameters:
+    """Parameters of the experiment."""
+
+    scenario: str = quantity('flipper', 'name of the experiment and of its bag')
+    nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
+    time_limit: float = quantity(
+        60.0, 'time within which the soliton must be back', 's', 1.0, 3600.0
+    )
+    replay_rate: float = quantity(2.0, 'how much faster the bag is replayed', '', 0.01, 100.0)
+
+
+class Observer(Node):
+    """Sees the solitons and hears how the nodes are; can nudge the chain."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Connect the topics."""
+        super().__init__('experiment', **kwargs)
+        self.settings = declare(self, ExperimentParameters)
+        refuse_unknown(self)
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self.states: dict[int, tuple[float, ...]] = {}
+        self.rotors = 0
+        self.rotor = math.nan
+        self.velocity = 0.0
+        self._spacing = 1.0
+        topic = interfaces.NUDGE
+        self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        self.state_subscription = self._subscribe(interfaces.SOLITON_STATE, self._on_state)
+        self._subscribe(interfaces.CHAIN, self._on_chain)
+        self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
+
+    def forget(self) -> None:
+        """Begin anew, with what nodes say from now on."""
+        self.reports.clear()
+        self.states.clear()
+
+    @property
+    def informed(self) -> bool:
+        """Whether the chain and a state of it have been heard, in whatever order."""
+        return self.rotors > 0 and bool(self.states)
+
+    def figures(self, node: str) -> dict[str, str]:
+        """Return the figures of a node's latest report."""
+        report = self.reports.get(node)
+        return {} if report is None else {pair.key: pair.value for pair in report.values}
+
+    def well(self, node: str) -> bool:
+        """Whether a node has reported, without a warning."""
+        return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
+
+    def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
+        return self.create_subscription(topic.type, topic.name, callback, topic.qos)
+
+    def _on_chain(self, message: Any) -> None:
+        named = chain_from_msg(message)
+        self.rotors, self._spacing = named.rotors, named.chain.spacing
+
+    def _on_state(self, message: SolitonState) -> None:
+        self.states[time_from_msg(message.header.stamp)] = places(message)
+        self.rotor = message.solitons[0].rotor if message.solitons else math.nan
+        if message.solitons:
+            self.velocity = message.solitons[0].velocity / self._spacing
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name.partition(':')[0]] = status
+
+
+class Experiment:
+    """Runs the steps one after the other, each with what a person wants to see meanwhile."""
+
+    def __init__(
+        self, configuration: Path, output: Path, observer: Observer, stopping: threading.Event
+    ) -> None:
+        """Prepare the folder that takes the results; `stopping` is set to interrupt it."""
+        self.bag = output / f'{observer.settings.scenario}_0'
+        self._configuration = configuration
+        self._output = output
+        self._observer = observer
+        self._settings = observer.settings
+        self._stopping = stopping
+        self._executor = EventsExecutor()
+        self._executor.add_node(observer)
+        self._processes = ChildProcesses(output / 'log')
+        # A recording that is there already is the last run of this experiment.
+        if self.bag.exists():
+            shutil.rmtree(self.bag)
+
+    def run(self) -> dict[str, Any]:
+        """Do it all and return the summary."""
+        try:
+            self._start_nodes()
+            self._nudge()
+            self._watch()
+            pacing = self._finish()
+            replayed = self._replay()
+        finally:
+            self._processes.stop()
+        # Nothing is left to be stopped in good order.
+        interrupt_on_signals()
+        self._go_on()
+        run = read_run(self.bag)
+        return self._report(run, replayed, pacing)
+
+    def _start_nodes(self) -> None:
+        _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
+        name = self.bag.with_name(self._settings.scenario)
+        # All of them hear the first frame: a replay begins where the live analysis did.
+        own = {
+            'bag_recorder': ['-p', f'output:={name}'],
+            'simulator': ['-p', f'subscribers:={len(_NODES) - 1}'],
+        }
+        for node in _NODES:
+            self._start(node, own.get(node, []))
+        self._wait_until(self._ready, _LONGEST_START, self._unready)
+
+    def _start(self, node: str, arguments: list[str]) -> None:
+        common = ['--params-file', str(self._configuration)]
+        self._processes.start(node, [*common, *arguments], dict(os.environ))
+
+    def _ready(self) -> bool:
+        heard = set(self._observer.figures('bag_recorder').get('topics heard', '').split())
+        return (
+            all(self._observer.well(node) for node in _NODES)
+            and heard >= _RECORDED_TOPICS
+            and self._observer.nudge_publisher.get_subscription_count() == 2
+            and self._observer.figures('edge_actuator').get('subscribers') == '2'
+            and self._observer.informed
+        )
+
+    def _unready(self) -> str:
+        said = [
+            f'{node}: {self._observer.reports[node].message}'
+            if node in self._observer.reports
+            else f'{node}: nothing'
+            for node in _NODES
+        ]
+        return 'the nodes were not ready; they said ' + '; '.join(said)
+
+    def _nudge(self) -> None:
+        speed = self._settings.nudge
+        _say(f'Nudging the edge with {speed:g} rad/s along its zero mode.')
+        self._observer.nudge_publisher.publish(Float64(data=speed))
+
+    def _watch(self) -> None:
+        """Show the soliton until it has crossed the chain, been reflected and come back."""
+        last = self._observer.rotors - 1
+        line = ProgressLine('rotor', last, bar_of_place=True)
+        away = False
+
+        def back() -> bool:
+            nonlocal away
+            refusal = self._observer.figures('edge_actuator').get('last refusal')
+            if refusal:
+                raise RuntimeError(f'edge_actuator refused {refusal}')
+            rotor = self._observer.rotor
+            away = away or rotor >= last - _NEAR_EDGE
+            if math.isfinite(rotor):
+                leg = 'coming back' if away else 'going out'
+                line.show(rotor, f'{rotor:5.1f}  {self._observer.velocity:+6.1f} rotors/s  {leg}')
+            return away and rotor <= _NEAR_EDGE
+
+        limit = self._settings.time_limit
+        self._wait_until(
+            back,
+            limit,
+            lambda: (
+                f'no soliton crossed the chain and came back within {limit:g} s after a nudge of '
+                f'{self._settings.nudge:g} rad/s, {self._whereabouts()}; '
+                'nudge harder or raise time_limit'
+            ),
+        )
+        line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
+
+    def _whereabouts(self) -> str:
+        rotor = self._observer.rotor
+        return 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
+
+    def _finish(self) -> dict[str, str]:
+        """Hear the last figures of the simulator, then stop the nodes."""
+        self._observer.reports.pop('simulator', None)
+        self._wait_until(
+            lambda: 'simulator' in self._observer.reports,
+            _AFTERWARDS + 5,
+            lambda: 'the simulator stopped reporting',
+        )
+        pacing = self._observer.figures('simulator')
+        # The simulator first: no frame is to be analysed that is not recorded.
+        codes = self._processes.stop(['simulator'], _LONGEST_END)
+        codes |= self._processes.stop(seconds=_LONGEST_END)
+        wrong = {node: code for node, code in codes.items() if code}
+        if wrong:
+            raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
+        return pacing
+
+    def _replay(self) -> dict[int, tuple[float, ...]]:
+        """Play the bag into a fresh analyser and return what that one finds."""
+        _say(f'Replaying {self.bag} into a fresh analyser.')
+        self._observer.forget()
+        self._start('soliton_analyser', [])
+        self._wait_until(
+            lambda: self._observer.figures('soliton_analyser').get('subscribers') == '1',
+            _LONGEST_START,
+            lambda: 'the analyser did not start',
+        )
+        topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
+        self._start(
+            'bag_player',
+            [
+                *('-p', f'bag:={self.bag}'),
+                *('-p', f'topics:=[{",".join(topics)}]'),
+                *('-p', f'rate:={self._settings.replay_rate}'),
+            ],
+        )
+        line = ProgressLine('replaying', 0)
+        while not self._processes.wait('bag_player', 0):
+            self._go_on()
+            self._executor.spin_once(timeout_sec=_SPIN)
+            line.total = float(self._observer.figures('bag_player').get('messages', 0))
+            line.show(len(self._observer.states))
+        self._settle()
+        self._processes.stop()
+        line.end(f'Replayed {len(self._observer.states)} frames.')
+        return dict(self._observer.states)
+
+    def _settle(self) -> None:
+        """Take what is still on its way, until nothing has come for half a second."""
+        quiet_since, seen = time.monotonic(), -1
+        while time.monotonic() - quiet_since < 0.5:
+            self._go_on()
+            self._executor.spin_once(timeout_sec=_SPIN)
+            if len(self._observer.states) != seen:
+                quiet_since, seen = time.monotonic(), len(self._observer.states)
+
+    def _report(
+        self, run: RecordedRun, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
+    ) -> dict[str, Any]:
+        _say('Drawing kymograph.png and track.png.')
+        draw(run, self._output)
+        summary = {
+            'scenario': self._settings.scenario,
+            **summarise(run),
+            'replayed_messages': len(replayed),
+            'frames_missing_in_replay': len(run.states.keys() - replayed.keys()),
+            'largest_replay_difference_rotors': largest_difference(run.states, replayed),
+            'missed_deadlines': int(pacing['missed deadlines']),
+            'energy_drift': float(pacing['energy drift']),
+        }
+        text = json.dumps(summary, indent=2) + '\n'
+        (self._output / 'summary.json').write_text(text, encoding='utf-8')
+        return summary
+
+    def _wait_until(
+        self, condition: Callable[[], bool], seconds: float, complaint: Callable[[], str]
+    ) -> None:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            self._go_on()
+            self._processes.check()
+            if time.monotonic() > deadline:
+                raise RuntimeError(complaint())
+            self._executor.spin_once(timeout_sec=_SPIN)
+
+    def _go_on(self) -> None:
+        if self._stopping.is_set():
+            raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Run the experiment of a configuration file."""
+    arguments = _arguments()
+    # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
+    stopping = stop_on_signals()
+    # An OSError must not get to domain_id(): it would take it for a domain that is in use.
+    with domain_coordinator.domain_id() as domain:
+        isolate(domain)
+        code = _run(arguments.configuration, arguments.output, stopping)
+    sys.exit(code)
+
+
+def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
+    bag = None
+    try:
+        initialise(['--ros-args', '--params-file', str(configuration)])
+        output.mkdir(parents=True, exist_ok=True)
+        experiment = Experiment(configuration, output, Observer(), stopping)
+        bag = experiment.bag
+        _conclude(experiment.run(), output, bag)
+    except KeyboardInterrupt:
+        _say('Stopped.' + (f' The recording so far is in {bag}.' if bag and bag.exists() else ''))
+        return _INTERRUPTED
+    except (RuntimeError, ValueError, OSError) as error:
+        print(f'\nThe experiment failed: {error}', file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog='experiment', description=__doc__)
+    parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('out/demo'),
+        help='folder for the results (%(default)s)',
+    )
+    arguments = parser.parse_args()
+    if not arguments.configuration.is_file():
+        parser.exit(
+            2,
+            f'configuration {str(arguments.configuration)!r} is not a file; '
+            'give a parameter file such as config/flipper.yaml\n',
+        )
+    return arguments
+
+
+def _conclude(summary: dict[str, Any], output: Path, bag: Path) -> None:
+    speed = summary['speed_rotors_per_s']
+    _say(f"""
+A soliton crossed the chain of {summary['rotors']} rotors ({summary['motion']}) \
+{summary['crossings']} times at {speed:.2f} rotors/s.
+{summary['recorded_messages']} messages were recorded and {summary['lost_messages']} lost; \
+of {summary['replayed_messages']} replayed frames none differs from the live analysis
+by more than {summary['largest_replay_difference_rotors']:g} rotor spacings.
+
+  {output / 'kymograph.png'}   the rotors' lean over space and time, and the soliton's track
+  {output / 'track.png'}       the soliton's place and velocity
+  {output / 'summary.json'}    these figures
+  {bag}/        the bag; play it again with bag_player
+
+Try next: make demo SCENARIO=wobbler, or SCENARIO=spinner; make shell, and drive it yourself.""")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

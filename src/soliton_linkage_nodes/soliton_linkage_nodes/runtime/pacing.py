@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A thread that acts at a fixed rate on absolute deadlines, and knows how well it did."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from soliton_linkage_nodes.runtime.scheduling import go_first
+
+_NANOSECONDS = 10**9
+_LONGEST_LAG = 10**8
+_LONGEST_SLEEP = 0.1
+_IDLE = 0.005
+_HOPELESSLY_LATE = 10**7
+
+
+@dataclass(frozen=True)
+class Punctuality:
+    """How a paced loop has kept its deadlines since it began."""
+
+    ticks: int
+    """Times that it acted."""
+    missed: int
+    """Times that it acted more than a period late."""
+    largest_lateness: float
+    """The latest that it acted after an instant that was due [s]."""
+    lag: float
+    """By how much time it has fallen behind for good [s]."""
+
+
+class PacedLoop:
+    """Calls a function at t0 + k / rate, k = 0, 1, ..., each instant computed from k alone.
+
+    A late call is made at once and the next deadlines stay where they are. Where the loop is
+    more than 0.1 s behind, the rest of the deadlines are put off by that much: it then runs
+    slower than asked for, and says so, but never in a burst.
+
+    The loop goes before other threads, as far as it may, while it is less than 10 ms late: one
+    that cannot keep up leaves the processor to them.
+
+    A rate that is set later counts from that moment on, as t0. At an infinite rate each call
+    follows the last, but for one that returned False, as it had nothing to do.
+    """
+
+    def __init__(self, rate: float, act: Callable[[], object]) -> None:
+        """Prepare to call `act` at a rate [Hz]."""
+        self.rate = rate
+        self._act = act
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
+        self._punctuality = Punctuality(0, 0, 0.0, 0.0)
+        self._first: bool | None = None
+        self.failure: Exception | None = None
+
+    @property
+    def punctuality(self) -> Punctuality:
+        """How the loop has kept its deadlines so far."""
+        return self._punctuality
+
+    def start(self) -> None:
+        """Begin, with the first call at once."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End after the call that is being made, if any."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                if math.isinf(self.rate):
+                    self._race()
+                else:
+                    self._pace(self.rate)
+        except Exception as error:
+            self.failure = error
+
+    def _race(self) -> None:
+        """Act without a pause until a finite rate is set."""
+        self._go_first(False)
+        while math.isinf(self.rate) and not self._stopping.is_set():
+            if self._act() is False:
+                time.sleep(_IDLE)
+            else:
+                self._note(0, 0, 0)
+
+    def _pace(self, rate: float) -> None:
+        """Act at one rate until another is set."""
+        period = round(_NANOSECONDS / rate)
+        start = time.monotonic_ns()
+        ticks, lag = 0, 0
+        while True:
+            due = start + lag + round(ticks * _NANOSECONDS / rate)
+            if not self._reach(due, rate):
+                return
+            late = time.monotonic_ns() - due
+            self._go_first(late < _HOPELESSLY_LATE)
+            self._act()
+            ticks += 1
+            put_off = late if late > _LONGEST_LAG else 0
+            lag += put_off
+            self._note(late, late > period, put_off)
+
+    def _reach(self, due: int, rate: float) -> bool:
+        """Sleep until an instant is due [ns]; False where the loop stops or its rate changes."""
+        while not self._stopping.is_set() and self.rate == rate:
+            early = (due - time.monotonic_ns()) / _NANOSECONDS
+            if early <= 0:
+                return True
+            time.sleep(min(early, _LONGEST_SLEEP))
+        return False
+
+    def _go_first(self, first: bool) -> None:
+        if first is not self._first:
+            self._first = first
+            go_first(first)
+
+    def _note(self, late: int, missed: int, put_off: int) -> None:
+        before = self._punctuality
+        self._punctuality = Punctuality(
+            before.ticks + 1,
+            before.missed + missed,
+            max(before.largest_lateness, late / _NANOSECONDS),
+            before.lag + put_off / _NANOSECONDS,
+        )

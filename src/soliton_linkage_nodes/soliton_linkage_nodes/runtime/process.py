@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node as a process: it starts, or says in one line why not, and stops on a signal."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
+
+_LONGEST_WAIT = 0.1
+
+
+def stop_on_signals() -> threading.Event:
+    """Return an event that SIGINT and SIGTERM set.
+
+    rclpy's own handlers shut the context down at once, and what is still queued is lost.
+    """
+    stopping = threading.Event()
+
+    def stop(_number: int, _frame: Any) -> None:
+        stopping.set()
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+    return stopping
+
+
+def interrupt_on_signals() -> None:
+    """Have SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def initialise(arguments: list[str] | None = None) -> None:
+    """Initialise ROS from the command line, or from arguments; ValueError where they are wrong."""
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise ValueError(f'wrong ROS arguments: {str(error).splitlines()[0]}') from error
+
+
+def run(
+    create_node: Callable[[], Node],
+    finished: Callable[[Any], bool] | None = None,
+    first: bool = False,
+) -> None:
+    """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
+
+    `finished` may raise what the node has failed of: executors print the trace of what callbacks
+    raise. A node that is to be `first` goes before ordinary threads, as far as the system allows
+    that, while it mostly waits.
+
+    The exit code is 0, or 1 after one line where the node could not start or go on.
+    """
+    stopping = stop_on_signals()
+    code = 0
+    try:
+        initialise()
+        # Before the node, whose middleware starts threads of its own.
+        place = FirstAsLongAsIdle() if first else None
+        gc.collect()
+        node = create_node()
+        # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
+        gc.freeze()
+        try:
+            # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
+            executor = EventsExecutor()
+            executor.add_node(node)
+            while not (stopping.is_set() or (finished and finished(node))):
+                executor.spin_once(timeout_sec=_LONGEST_WAIT)
+                if place:
+                    place.look()
+        finally:
+            node.destroy_node()
+    except (ValueError, OSError) as error:
+        get_logger('soliton_linkage').fatal(str(error))
+        code = 1
+    finally:
+        rclpy.try_shutdown()
+    sys.exit(code)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The world that a simulator simulates: a chain, its mechanics, and the states it starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from soliton_linkage.dynamics.elastic import INTEGRATORS, ElasticSimulation
+from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.messages.conversions import NamedChain
+
+_MECHANICS = ('elastic', 'rigid')
+_LEANS = {'left_leaning': -1, 'right_leaning': 1}
+_SOLITON = 'soliton'
+
+
+@dataclass(frozen=True)
+class WorldParameters:
+    """Parameters of the world besides those of the chain and of gravity."""
+
+    mechanics: str = quantity(
+        'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS
+    )
+    integrator: str = quantity(
+        'DOP853',
+        "solver of springs in motion: scipy's, or compiled ones; multistep for no damping",
+        choices=INTEGRATORS,
+    )
+    tolerance: float = quantity(
+        1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
+    )
+    fixed_rotors: tuple[str, ...] = quantity(
+        (), 'joints that do not turn, by name or number; empty for none'
+    )
+    initial_state: str = quantity(
+        'left_leaning',
+        'state to start from: uniform, or with a soliton',
+        choices=(*_LEANS, _SOLITON),
+    )
+    initial_place: float = quantity(
+        1.0, 'place of the soliton to start from, from 0.5 to N - 1.5', 'rotor spacings', 0.5, 1e5
+    )
+    initial_velocity: float = quantity(
+        0.0, 'velocity of the soliton to start from', 'm/s', -1e6, 1e6
+    )
+
+
+class World:
+    """Begins simulations of a chain; raises ValueError for what its mechanics do not allow."""
+
+    def __init__(self, named: NamedChain, parameters: WorldParameters, period: float) -> None:
+        """Prepare simulations whose frames are a period [s] apart."""
+        self._chain = named.chain
+        self._parameters = parameters
+        self._period = period
+        self._fixed = rotors_of('fixed_rotors', parameters.fixed_rotors, named.joint_names)
+
+    def begin(self, state: State, gravity: Gravity) -> Simulation:
+        """Simulate from a state on."""
+        given = self._parameters
+        begun = (state.angles, state.rates, self._period, given.tolerance, gravity, self._fixed)
+        if given.mechanics == 'rigid':
+            return RigidSimulation(self._chain, *begun)
+        return ElasticSimulation(self._chain, *begun, integrator=given.integrator)
+
+    def initial_state(self) -> State:
+        """State that the parameters say."""
+        given = self._parameters
+        if given.initial_state == _SOLITON:
+            return self.soliton(given.initial_place, given.initial_velocity)
+        return self.leaning(_LEANS[given.initial_state])
+
+    def leaning(self, lean: int) -> State:
+        """At rest and uniform but for the chain's deviations."""
+        return leaning(self._chain, lean)
+
+    def soliton(self, place: float, velocity: float) -> State:
+        """A soliton at a place [rotor spacings] with a velocity [m/s]."""
+        return with_soliton(self._chain, place, velocity)
+
+
+def rotors_of(
+    parameter: str, joints: Sequence[str], joint_names: Sequence[str]
+) -> tuple[int, ...]:
+    """Numbers of joints that are given by name or number; ValueError for one that is not there."""
+    numbers = {name: rotor for rotor, name in enumerate(joint_names)}
+    numbers |= {
+        str(rotor): rotor for rotor in range(len(joint_names)) if str(rotor) not in numbers
+    }
+    for joint in joints:
+        if joint not in numbers:
+            raise ValueError(
+                f'{parameter} names joint {joint!r}, which is none of {joint_names[0]!r} to '
+                f'{joint_names[-1]!r} or 0 to {len(joint_names) - 1}'
+            )
+    return tuple(sorted({numbers[joint] for joint in joints}))

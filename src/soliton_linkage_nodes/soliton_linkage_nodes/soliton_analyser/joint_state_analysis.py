@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From joint states to what they show: the one way of the live node, replays and offline work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
+from soliton_linkage_nodes.messages.conversions import FrameReader, NamedChain
+from soliton_linkage_nodes.messages.joint_states import JointStates
+
+
+class JointStateAnalysis:
+    """Analyses joint states of a chain that is told first, or is not known."""
+
+    def __init__(self, noise: float | None = None) -> None:
+        """Wait for a chain; the noise of its angles is in rad, None to have it estimated."""
+        self._noise = noise
+        self._named: NamedChain | None = None
+        self._reader: FrameReader | None = None
+        self.analyser: Analyser | UnknownChainAnalyser | None = None
+        self.latest: Analysis | None = None
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, rotor 0 first."""
+        return () if self._reader is None else self._reader.joint_names
+
+    def learn(self, named: NamedChain) -> None:
+        """Analyse the frames of this chain from now on; what is known of it already is kept."""
+        if named == self._named:
+            return
+        if self._named is None or named.chain != self._named.chain:
+            self.analyser = Analyser(named.chain, self._noise)
+        self._named, self._reader = named, FrameReader(named.joint_names)
+
+    def learn_joints(self, joint_names: Sequence[str]) -> None:
+        """Analyse the frames of joints of which nothing is known but their order."""
+        self.analyser = UnknownChainAnalyser(len(joint_names))
+        self._named, self._reader = None, FrameReader(joint_names)
+
+    def analyse(self, joints: JointStates) -> Analysis | None:
+        """What a frame shows, None for one that is not later than the one before.
+
+        Raises ValueError for joint states that are refused, and before any chain is known.
+        """
+        if self.analyser is None or self._reader is None:
+            raise ValueError('joint_states came before the chain was known; tell it first')
+        frame = self._reader.read(joints)
+        analysis = self.analyser.analyse(joints.stamp, frame.angles, frame.rates)
+        if analysis is not None:
+            self.latest = analysis
+        return analysis

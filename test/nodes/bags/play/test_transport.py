@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages are due when the time of the bag says so, whatever was done to it in between."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from soliton_linkage_nodes.bags.play import transport
+from soliton_linkage_nodes.bags.play.transport import Transport, Turn
+
+SECOND = 10**9
+
+
+class Clock:
+    """A clock that goes on only while somebody waits."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def wait(self, timeout: float) -> None:
+        self.now += timeout
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def started(clock: Clock) -> Callable[..., Transport]:
+    def start(*arguments: Any) -> Transport:
+        moved: Any = Transport(*arguments, clock=clock)
+        moved._changed.wait = clock.wait
+        moved.start(0)
+        return moved
+
+    return start
+
+
+@pytest.mark.parametrize('rate', [0.5, 1.0, 4.0])
+def test_messages_are_due_at_the_rate_without_any_drift(
+    clock: Clock, started: Callable[..., Transport], rate: float
+) -> None:
+    moved = started(rate)
+    for number in range(2000):
+        stamp = number * 7_000_001
+        assert moved.wait_for(stamp) is Turn.PLAY
+        assert clock.now - 1000.0 == pytest.approx(stamp / SECOND / rate, abs=1e-9)
+
+
+def test_the_rate_may_change_on_the_way(clock: Clock, started: Callable[..., Transport]) -> None:
+    moved = started(1.0)
+    moved.wait_for(2 * SECOND)
+    moved.set_rate(4.0)
+    moved.wait_for(6 * SECOND)
+    assert clock.now == pytest.approx(1000.0 + 2.0 + 1.0)
+    assert moved.rate == 4.0
+
+
+def test_a_pause_puts_off_what_follows_by_as_long(
+    clock: Clock, started: Callable[..., Transport]
+) -> None:
+    moved = started(2.0)
+    moved.wait_for(1 * SECOND)
+    moved.pause()
+    clock.now += 50.0
+    assert moved.paused
+    moved.resume()
+    moved.wait_for(3 * SECOND)
+    assert clock.now == pytest.approx(1000.0 + 0.5 + 50.0 + 1.0)
+
+
+def test_pausing_and_resuming_twice_is_as_good_as_once(
+    clock: Clock, started: Callable[..., Transport]
+) -> None:
+    moved = started(1.0)
+    for act in (moved.pause, moved.pause, moved.resume, moved.resume):
+        act()
+        clock.now += 1.0
+    moved.wait_for(4 * SECOND)
+    assert clock.now == pytest.approx(1000.0 + 2.0 + 4.0)
+
+
+def test_without_pace_everything_is_due(clock: Clock, started: Callable[..., Transport]) -> None:
+    moved = started(1.0, False, False)
+    for number in range(10):
+        assert moved.wait_for(number * SECOND) is Turn.PLAY
+    assert clock.now == 1000.0
+
+
+def test_in_a_pause_one_message_passes_for_each_step() -> None:
+    moved = Transport(1.0, paused=True)
+    moved.start(0)
+    passed: list[int] = []
+
+    def play() -> None:
+        passed.extend(n for n in range(5) if moved.wait_for(n) is Turn.PLAY)
+
+    playing = threading.Thread(target=play)
+    playing.start()
+    for expected in ([0], [0, 1], [0, 1, 2]):
+        assert moved.play_next()
+        # It answers when the message passes; the list grows a moment after.
+        deadline = threading.Event()
+        for _ in range(200):
+            if passed == expected:
+                break
+            deadline.wait(0.01)
+        assert passed == expected
+    moved.stop()
+    playing.join(10)
+    assert passed == [0, 1, 2]
+    assert not moved.play_next()
+
+
+def test_there_is_no_step_where_there_is_no_pause() -> None:
+    assert not Transport().play_next()
+
+
+def test_a_step_that_nobody_takes_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(transport, '_LONGEST_STEP', 0.05)
+    moved = Transport(paused=True)
+    assert not moved.play_next()
+    assert not moved._steps
+
+
+def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop() -> None:
+    moved = Transport()
+    moved.start(0)
+    threading.Timer(0.05, moved.seek, [7]).start()
+    assert moved.wait_for(3600 * SECOND) is Turn.SEEK
+    assert moved.take_sought() == 7
+    threading.Timer(0.05, moved.stop).start()
+    assert moved.wait_for(3600 * SECOND) is Turn.STOP
+    with pytest.raises(ValueError, match='no instant was sought'):
+        moved.take_sought()

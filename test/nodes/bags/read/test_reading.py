@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag gives back what was put into it; what is no bag is said to be none, in one line."""
+
+from __future__ import annotations
+
+import random
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from graphs import Graph
+from rclpy.serialization import deserialize_message, serialize_message
+from recordings import MILLISECOND, START, frame_message, run_of, write_bag
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes.bags.read import reading as bags
+from soliton_linkage_nodes.bags.read.reading import open_bag
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+
+STORAGES = {'mcap': '.mcap', 'sqlite3': '.db3'}
+
+
+@pytest.fixture(params=STORAGES)
+def storage(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def test_every_message_comes_back_in_order_as_it_was(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    entries = run_of(named, 500)
+    types = {f'/{topic.name}': topic.type for topic, _, _ in entries}
+    with open_bag(write_bag(tmp_path / 'run', entries, storage)) as reader:
+        read = [
+            (connection.topic, stamp, deserialize_message(serialized, types[connection.topic]))
+            for connection, stamp, serialized in bags.read_messages(reader, reader.connections)
+        ]
+    assert read == [(f'/{topic.name}', stamp, message) for topic, stamp, message in entries]
+
+
+def test_a_bag_is_of_version_9_and_named_for_ros2_bag_reindex(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 3), storage)
+    assert path == tmp_path / 'run_0'
+    metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
+    information = metadata['rosbag2_bagfile_information']
+    assert information['version'] == 9
+    assert information['storage_identifier'] == storage
+    assert information['relative_file_paths'] == [f'run_0{STORAGES[storage]}']
+    assert information['message_count'] == 5
+    assert information['duration']['nanoseconds'] == 3 * MILLISECOND
+    assert information['starting_time']['nanoseconds_since_epoch'] == START
+
+
+def test_nothing_is_overwritten(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    first = write_bag(tmp_path / 'run', run_of(named, 3), storage)
+    before = {path: path.read_bytes() for path in first.iterdir()}
+    second = write_bag(tmp_path / 'run', run_of(named, 5), storage)
+    assert (first.name, second.name) == ('run_0', 'run_1')
+    assert {path: path.read_bytes() for path in first.iterdir()} == before
+
+
+def test_the_quality_of_service_is_kept(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 3), storage)
+    with open_bag(path) as reader:
+        for topic in (interfaces.CHAIN, interfaces.JOINT_STATES, interfaces.NUDGE):
+            connection = bags.find_topic(reader, topic.name)
+            (profile,) = connection.ext.offered_qos_profiles
+            assert profile.reliability is QosReliability.RELIABLE
+            latched = profile.durability is QosDurability.TRANSIENT_LOCAL
+            assert latched == topic.latched == bags.latched(connection)
+            assert profile.depth == topic.qos.depth
+
+
+def test_type_hashes_are_those_of_ros(graph: Graph, tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    for topic in interfaces.SUITE:
+        connection = writer.add_topic(topic.name, bags.type_name(topic.type), topic.qos)
+        graph.user.create_publisher(topic.type, topic.name, topic.qos)
+        graph.until(
+            lambda t=topic: graph.user.get_publishers_info_by_topic(t.name),
+            f'a publisher of {topic.name}',
+        )
+        (publisher,) = graph.user.get_publishers_info_by_topic(topic.name)
+        assert connection.digest == str(publisher.topic_type_hash)
+    writer.close({})
+
+
+def test_readers_need_no_definitions_of_our_messages(storage: str, tmp_path: Path) -> None:
+    state = SolitonState(
+        header=Header(frame_id='linkage'), motion_name='flipper', solitons=[Soliton(rotor=3.5)]
+    )
+    path = write_bag(tmp_path / 'run', [(interfaces.SOLITON_STATE, START, state)], storage)
+    with AnyReader([path]) as reader:
+        ((connection, stamp, serialized),) = reader.messages()
+        message = reader.deserialize(serialized, connection.msgtype)
+    assert stamp == START
+    assert (message.motion_name, message.solitons[0].rotor) == ('flipper', 3.5)
+
+
+def test_texts_are_kept_in_the_metadata(storage: str, tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', storage)
+    writer.close({'lost_messages': '{"/nudge": 0}'})
+    with open_bag(writer.path) as reader:
+        assert reader.storage.metadata.custom == {'lost_messages': '{"/nudge": 0}'}
+
+
+def test_an_empty_bag_can_be_read_and_begins_when_it_was_made(
+    storage: str, tmp_path: Path
+) -> None:
+    before = time.time_ns()
+    path = write_bag(tmp_path / 'run', [], storage)
+    metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
+    begin = metadata['rosbag2_bagfile_information']['starting_time']['nanoseconds_since_epoch']
+    assert before <= begin <= time.time_ns()
+    with open_bag(path) as reader:
+        assert reader.message_count == 0
+
+
+def test_the_recording_of_a_bag_is_in_seconds_since_its_first_frame(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 20), storage, namespace='/lab')
+    with open_bag(path) as reader:
+        chain, recording = bags.read_recording(reader)
+    assert chain == named
+    np.testing.assert_allclose(recording.times, 1e-3 * np.arange(20), rtol=1e-15)
+    expected = [frame_message(named, number) for number in range(20)]
+    np.testing.assert_array_equal(recording.angles, [message.position for message in expected])
+    np.testing.assert_array_equal(recording.rates, [message.velocity for message in expected])
+
+
+def test_a_recording_without_rates_has_none(named: NamedChain, tmp_path: Path) -> None:
+    entries = run_of(named, 3)
+    entries[2][2].velocity = []
+    with open_bag(write_bag(tmp_path / 'run', entries)) as reader:
+        _, recording = bags.read_recording(reader)
+    assert recording.rates.shape == (0, named.rotors)
+
+
+def remove_everything(path: Path) -> None:
+    for part in path.iterdir():
+        part.unlink()
+
+
+def remove_data(path: Path) -> None:
+    next(part for part in path.iterdir() if part.suffix in STORAGES.values()).unlink()
+
+
+def empty_data(path: Path) -> None:
+    next(part for part in path.iterdir() if part.suffix in STORAGES.values()).write_bytes(b'')
+
+
+def halve_data(path: Path) -> None:
+    data = next(part for part in path.iterdir() if part.suffix in STORAGES.values())
+    data.write_bytes(data.read_bytes()[: data.stat().st_size // 2])
+
+
+def garble_metadata(path: Path) -> None:
+    (path / 'metadata.yaml').write_bytes(b'\xff\xfe: [')
+
+
+def empty_metadata(path: Path) -> None:
+    (path / 'metadata.yaml').write_text('')
+
+
+def misname_metadata(path: Path) -> None:
+    (path / 'metadata.yaml').write_text('rosbag2_bagfile_information: {version: 99}')
+
+
+@pytest.mark.parametrize(
+    'spoil',
+    [
+        remove_everything,
+        remove_data,
+        empty_data,
+        halve_data,
+        garble_metadata,
+        empty_metadata,
+        misname_metadata,
+    ],
+)
+def test_what_cannot_be_read_is_said_in_one_line_that_names_it(
+    named: NamedChain, storage: str, tmp_path: Path, spoil: Callable[[Path], None]
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 2000), storage)
+    spoil(path)
+    said = rf'^bag {re.escape(repr(str(path)))} cannot be read: \S.*[^\n]Give a directory'
+    with pytest.raises(ValueError, match=said) as refusal, open_bag(path):
+        pass
+    assert '\n' not in str(refusal.value)
+
+
+def test_a_bag_that_was_not_finished_is_named_with_the_remedy(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 20), storage)
+    (path / 'metadata.yaml').unlink()
+    said = rf"^bag '{path}' cannot be read: it has no metadata.yaml; .* recover_bag {path} makes"
+    with pytest.raises(ValueError, match=said), open_bag(path):
+        pass
+
+
+def test_a_bag_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    said = re.escape(f'bag {str(tmp_path / "none")!r} does not exist; give the path')
+    with pytest.raises(ValueError, match=said), open_bag(tmp_path / 'none'):
+        pass
+
+
+def test_a_file_that_is_no_bag_is_named(tmp_path: Path) -> None:
+    path = tmp_path / 'notes.txt'
+    path.write_text('no bag')
+    with pytest.raises(ValueError, match=r"notes\.txt' cannot be read"), open_bag(path):
+        pass
+
+
+def test_damage_anywhere_is_never_anything_but_a_value_error(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 100), storage)
+    data = next(part for part in path.iterdir() if part.suffix in STORAGES.values())
+    whole = data.read_bytes()
+    chance = random.Random(storage)
+    refusals = []
+    for _ in range(60):
+        damaged = bytearray(whole)
+        for _ in range(20):
+            damaged[chance.randrange(len(whole))] = chance.randrange(256)
+        data.write_bytes(damaged)
+        try:
+            with open_bag(path) as reader:
+                for _ in bags.read_messages(reader, reader.connections):
+                    pass
+        except ValueError as error:
+            refusals.append(str(error))
+    assert refusals
+    assert all(str(path) in refusal and '\n' not in refusal for refusal in refusals)
+
+
+@pytest.mark.parametrize('name', ['file/bag', 'file/deep/bag', 'x' * 300])
+def test_a_bag_that_cannot_be_made_is_named_with_the_remedy(
+    tmp_path: Path, storage: str, name: str
+) -> None:
+    (tmp_path / 'file').write_text('not a directory')
+    said = r"^bag '.*(bag_0|xxx)' cannot be written: .*; choose another output$"
+    with pytest.raises(OSError, match=said):
+        BagWriter(tmp_path / name, storage)
+
+
+@pytest.mark.parametrize('asked', ['joint_states', '/joint_states', '/lab/joint_states'])
+def test_topics_are_found_in_any_namespace(named: NamedChain, tmp_path: Path, asked: str) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 2), namespace='/lab')
+    with open_bag(path) as reader:
+        assert bags.find_topic(reader, asked).topic == '/lab/joint_states'
+
+
+def test_of_two_topics_of_one_name_the_full_name_tells_which(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    for name in ('/a/joint_states', '/b/joint_states'):
+        writer.add_topic(name, 'sensor_msgs/msg/JointState', interfaces.JOINT_STATES.qos)
+    writer.close({})
+    with open_bag(writer.path) as reader:
+        assert bags.find_topic(reader, '/b/joint_states').topic == '/b/joint_states'
+        said = r"has 2 topics 'joint_states': /a/joint_states, /b/joint_states; give the full name"
+        with pytest.raises(ValueError, match=said):
+            bags.find_topic(reader, 'joint_states')
+
+
+def test_a_topic_that_is_not_there_is_named_with_those_that_are(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    path = write_bag(tmp_path / 'run', run_of(named, 2)[:1])
+    with open_bag(path) as reader:
+        said = r"has no topic 'joint_states', it holds /nudge; record it with bag_recorder"
+        with pytest.raises(ValueError, match=said):
+            bags.find_topic(reader, 'joint_states')
+
+
+@pytest.mark.parametrize('missing', ['chain', 'joint_states'])
+def test_a_recording_needs_messages_of_the_chain_and_of_its_joints(
+    tmp_path: Path, named: NamedChain, missing: str
+) -> None:
+    entries = [entry for entry in run_of(named, 2) if entry[0].name != missing]
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    for topic in (interfaces.CHAIN, interfaces.JOINT_STATES):
+        connection = writer.add_topic(topic.name, bags.type_name(topic.type), topic.qos)
+        for other, stamp, message in entries:
+            if other is topic:
+                writer.write(connection, stamp, serialize_message(message))
+    writer.close({})
+    with open_bag(writer.path) as reader:
+        said = f'has no message on the topic {missing}'
+        with pytest.raises(ValueError, match=said):
+            bags.read_recording(reader)
+
+
+@pytest.mark.parametrize('topic', interfaces.SUITE, ids=lambda topic: topic.name)
+def test_types_are_found_by_their_name(topic: interfaces.Topic) -> None:
+    assert bags.message_class(bags.type_name(topic.type)) is topic.type
+
+
+def test_names_of_types_are_those_of_ros() -> None:
+    assert bags.type_name(JointState) == 'sensor_msgs/msg/JointState'
+
+
+@pytest.mark.parametrize('name', ['nothing_msgs/msg/Nothing', 'std_msgs/msg/Nothing'])
+def test_a_type_that_is_not_installed_is_named(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"message type '{name}' is not installed; install"):
+        bags.message_class(name)

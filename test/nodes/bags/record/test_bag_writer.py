@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is written is read, message by message, by readers that know nothing of the suite."""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.reader import NonSeekingReader, SeekingReader, make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from recordings import START, run_of
+from rosbags.rosbag2 import Reader
+
+from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+
+Sent = list[tuple[str, int, bytes]]
+
+
+def write(name: Path, named: NamedChain, storage: str, compression: str = 'none') -> Sent:
+    """Write a bag of many chunks and return what it holds."""
+    writer = BagWriter(name, storage, compression)
+    topics = {}
+    sent = []
+    for number, (topic, stamp, message) in enumerate(run_of(named, 300)):
+        full_name = f'/{topic.name}'
+        if full_name not in topics:
+            topics[full_name] = writer.add_topic(full_name, type_name(topic.type), topic.qos)
+        sent.append((full_name, stamp, serialize_message(message)))
+        writer.write(topics[full_name], stamp, sent[-1][2])
+        if number % 20 == 0:
+            writer._file.flush()
+    writer.close({'key': 'value'})
+    return sent
+
+
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_the_mcap_package_agrees(named: NamedChain, tmp_path: Path, compression: str) -> None:
+    sent = write(tmp_path / 'run', named, 'mcap', compression)
+    with (tmp_path / 'run_0/run_0.mcap').open('rb') as file:
+        reader = SeekingReader(file, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        read = [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in reader.iter_messages()
+        ]
+        summary = reader.get_summary()
+        file.seek(0)
+        in_file_order = [m.data for _, _, m in NonSeekingReader(file).iter_messages()]
+    assert read == sent
+    assert in_file_order == [data for _, _, data in sent]
+    assert summary.statistics.message_count == len(sent)
+    assert summary.statistics.message_start_time == START
+    assert summary.statistics.message_end_time == sent[-1][1]
+    assert {c.topic for c in summary.channels.values()} == {topic for topic, _, _ in sent}
+    if compression == 'zstd':
+        assert {index.compression for index in summary.chunk_indexes} == {'zstd'}
+
+
+def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    topic = interfaces.SOLITON_STATE
+    stored = writer.add_topic('/soliton_state', type_name(topic.type), topic.qos)
+    state = SolitonState(motion_name='spinner', solitons=[Soliton(rotor=7.25, velocity=-0.5)])
+    writer.write(stored, START, serialize_message(state))
+    writer.close()
+    with (tmp_path / 'run_0/run_0.mcap').open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        ((_, _, _, message),) = reader.iter_decoded_messages()
+    assert message.motion_name == 'spinner'
+    assert (message.solitons[0].rotor, message.solitons[0].velocity) == (7.25, -0.5)
+
+
+def test_plain_sqlite3_agrees(named: NamedChain, tmp_path: Path) -> None:
+    sent = write(tmp_path / 'run', named, 'sqlite3')
+    with sqlite3.connect(tmp_path / 'run_0/run_0.db3') as database:
+        assert database.execute('PRAGMA integrity_check').fetchall() == [('ok',)]
+        query = (
+            'SELECT topics.name, timestamp, data FROM messages JOIN topics '
+            'ON topic_id = topics.id ORDER BY messages.id'
+        )
+        assert database.execute(query).fetchall() == sent
+        ((schema, distribution),) = database.execute('SELECT * FROM schema').fetchall()
+        ((version, metadata),) = database.execute(
+            'SELECT metadata_version, metadata FROM metadata'
+        ).fetchall()
+    database.close()
+    assert (schema, distribution, version) == (4, 'jazzy', 9)
+    assert yaml.safe_load(metadata)['custom_data'] == {'key': 'value'}
+    assert [path.name for path in sorted((tmp_path / 'run_0').iterdir())] == [
+        'metadata.yaml',
+        'run_0.db3',
+    ]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_bag_of_several_files_says_what_is_in_each(
+    named: NamedChain, tmp_path: Path, storage: str
+) -> None:
+    writer = BagWriter(tmp_path / 'run', storage)
+    topic = interfaces.NUDGE
+    stored = writer.add_topic('/nudge', type_name(topic.type), topic.qos)
+    serialized = serialize_message(topic.type(data=1.0))
+    for number in range(10):
+        if number in (2, 6):
+            writer.split()
+        writer.write(stored, START + number, serialized)
+    assert (writer.files, writer.messages) == (3, 10)
+    writer.close()
+    told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
+    information = told['rosbag2_bagfile_information']
+    assert [file['message_count'] for file in information['files']] == [2, 4, 4]
+    assert [f['starting_time']['nanoseconds_since_epoch'] for f in information['files']] == [
+        START,
+        START + 2,
+        START + 6,
+    ]
+    assert information['duration'] == {'nanoseconds': 9}
+    for path, count in zip(information['relative_file_paths'], (2, 4, 4), strict=True):
+        with Reader(writer.path / path) as reader:
+            assert reader.message_count == count
+
+
+@pytest.mark.parametrize(
+    ('storage', 'compression'), [('mcap', 'none'), ('mcap', 'zstd'), ('sqlite3', 'none')]
+)
+def test_batches_are_the_same_as_single_messages(
+    tmp_path: Path, storage: str, compression: str
+) -> None:
+    sizes = [10, 3 * 2**20, 7, 700_000, 700_000, 0, 2**20, 5]
+    chance = random.Random(1)
+    sent = [(START + n, chance.randbytes(size)) for n, size in enumerate(sizes)]
+    for batch in (1, 3, len(sent)):
+        writer = BagWriter(tmp_path / f'in_{batch}', storage, compression)
+        stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+        for begin in range(0, len(sent), batch):
+            writer.write_all((stored, *message) for message in sent[begin : begin + batch])
+        assert writer.messages == len(sent)
+        writer.close()
+        with Reader(writer.path) as reader:
+            assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_batch_goes_on_in_a_new_file_where_one_is_full(tmp_path: Path, storage: str) -> None:
+    largest, size = 2 * 2**20, 300_000
+    writer = BagWriter(tmp_path / 'run', storage, largest_file=largest)
+    stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+    sent = [(START + n, bytes([n]) * size) for n in range(40)]
+    writer.write_all((stored, *message) for message in sent)
+    writer.close()
+    files = [path for path in writer.path.iterdir() if path.suffix in ('.mcap', '.db3')]
+    assert len(files) >= len(sent) * size / (largest + 2**20 + size)
+    assert all(path.stat().st_size < largest + 2 * 2**20 for path in files)
+    with Reader(writer.path) as reader:
+        assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_what_waits_to_be_written_counts_for_the_size_of_a_file(
+    tmp_path: Path, storage: str
+) -> None:
+    largest, size = 100_000, 500
+    writer = BagWriter(tmp_path / 'run', storage, largest_file=largest)
+    topic = writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
+    writer.write_all((topic, START + number, bytes(size)) for number in range(1000))
+    writer.close({})
+    told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
+    counts = [file['message_count'] for file in told['rosbag2_bagfile_information']['files']]
+    *full, last = counts
+    assert sum(full) + last == 1000
+    assert len(full) >= 5
+    assert all(0.9 * largest < count * size <= largest for count in full)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_batch_goes_on_in_a_new_file_where_one_is_long_enough(
+    tmp_path: Path, storage: str
+) -> None:
+    writer = BagWriter(tmp_path / 'run', storage, longest_file=1.0)
+    stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+    writer.write_all((stored, START + n * 10**8, b'') for n in range(35))
+    writer.close()
+    told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
+    files = told['rosbag2_bagfile_information']['files']
+    assert [file['message_count'] for file in files] == [10, 10, 10, 5]
+
+
+def test_a_file_that_is_never_written_to_is_whole(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    writer.split()
+    writer.close()
+    with Reader(writer.path) as reader:
+        assert list(reader.messages()) == []
+
+
+def test_topics_may_be_added_while_it_is_written(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap', largest_file=2000)
+    for number in range(12):
+        stored = writer.add_topic(f'/n{number}', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
+        writer.write(stored, START + number, serialize_message(interfaces.NUDGE.type(data=1.0)))
+        writer._file.flush()
+    writer.close()
+    with Reader(writer.path) as reader:
+        assert [c.topic for c, _, _ in reader.messages()] == [f'/n{n}' for n in range(12)]
+
+
+def test_the_history_of_a_publisher_may_be_unknown(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    qos = QoSProfile(depth=0, history=HistoryPolicy.UNKNOWN)
+    writer.add_topic_of_publishers('/x', 'std_msgs/msg/Float64', [qos, interfaces.NUDGE.qos])
+    writer.close()
+    told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
+    (topic,) = told['rosbag2_bagfile_information']['topics_with_message_count']
+    profiles = topic['topic_metadata']['offered_qos_profiles']
+    assert [profile['history'] for profile in profiles] == ['unknown', 'keep_last']
+
+
+def test_a_type_of_which_nothing_is_known_is_named(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    said = "message type 'nothing_msgs/msg/Nothing' has no definition on this machine"
+    with pytest.raises(ValueError, match=said):
+        writer.add_topic('/x', 'nothing_msgs/msg/Nothing', interfaces.NUDGE.qos)
+    writer.close()
+
+
+def test_sqlite3_has_no_chunks_to_compress(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="compression 'zstd' is not for storage 'sqlite3'"):
+        BagWriter(tmp_path / 'run', 'sqlite3', 'zstd')
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('kind', [interfaces.JointState, SolitonState])
+def test_messages_are_stored_as_they_are(tmp_path: Path, kind: Any) -> None:
+    writer = BagWriter(tmp_path / 'run', 'mcap')
+    stored = writer.add_topic('/x', type_name(kind), interfaces.NUDGE.qos)
+    serialized = serialize_message(kind())
+    writer.write(stored, START, serialized)
+    writer.close()
+    with Reader(writer.path) as reader:
+        ((_, stamp, data),) = reader.messages()
+    assert (stamp, bytes(data)) == (START, serialized)
+    assert deserialize_message(bytes(data), kind) == kind()

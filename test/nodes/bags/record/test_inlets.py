@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics are found by name and pattern, and every publisher of theirs is heard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from graphs import Graph
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from recordings import messages_of
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import Image, JointState
+from std_msgs.msg import Float64
+
+from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.runtime import interfaces
+
+
+def test_topics_are_found_by_name_and_pattern_with_the_type_of_the_graph(
+    graph: Graph, tmp_path: Path
+) -> None:
+    given = {
+        'output': str(tmp_path / 'run'),
+        'topics': ['nudge', '/camera/image'],
+        'regex': '^/arm/',
+        'exclude_regex': 'raw$',
+    }
+    recorder = graph.start(BagRecorder, given)
+    report = graph.next_report('bag_recorder')
+    assert report.message == 'recording, waiting for /camera/image'
+    assert report.level == report.WARN
+    publishers = {}
+    for name, kind in {
+        '/camera/image': Image,
+        '/arm/pose': PoseStamped,
+        '/arm/raw': Float64,
+        '/leg/pose': PoseStamped,
+    }.items():
+        publishers[name] = graph.user.create_publisher(kind, name, 10)
+    chosen = [publishers['/camera/image'], publishers['/arm/pose']]
+    graph.until(lambda: all(p.get_subscription_count() for p in chosen), 'the recorder')
+    image, pose = Image(height=2, data=b'ab'), PoseStamped()
+    pose.pose.position.x = 3.0
+    publishers['/camera/image'].publish(image)
+    publishers['/arm/pose'].publish(pose)
+    graph.until(lambda: recorder.messages == 2, 'both messages')
+    graph.stop(recorder)
+    with AnyReader([tmp_path / 'run_0']) as reader:
+        types = {c.topic: c.msgtype for c in reader.connections}
+        held = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
+    assert types == {
+        '/nudge': 'std_msgs/msg/Float64',
+        '/camera/image': 'sensor_msgs/msg/Image',
+        '/arm/pose': 'geometry_msgs/msg/PoseStamped',
+    }
+    assert bytes(held['/camera/image'].data) == b'ab'
+    assert held['/arm/pose'].pose.position.x == 3.0
+
+
+def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '^/arm/'})
+    publisher = graph.user.create_publisher(Float64, '/arm/force', 10)
+    graph.until(publisher.get_subscription_count, 'the recorder')
+    graph.stop(recorder)
+    suite = {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE}
+    assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
+
+
+def test_a_publisher_that_offers_less_is_heard_as_well(graph: Graph, tmp_path: Path) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = graph.user.create_publisher(JointState, 'joint_states', volatile)
+    graph.until(publisher.get_subscription_count, 'the recorder')
+    publisher.publish(JointState(name=['x']))
+    graph.until(lambda: recorder.messages, 'the message')
+    graph.stop(recorder)
+    assert len(messages_of(tmp_path / 'run_0')['/joint_states']) == 1
+
+
+def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
+    said = r"parameter regex of bag_recorder = '\(' is no regular expression: "
+    with pytest.raises(ValueError, match=said):
+        graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '('})
+    assert list(tmp_path.iterdir()) == []

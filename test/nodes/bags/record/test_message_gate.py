@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A gate passes all, none, or the last seconds, and what is latched is never lost behind it."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage_nodes.bags.record import message_gate
+from soliton_linkage_nodes.bags.record.message_gate import MessageGate
+from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
+
+SECOND = 10**9
+STREAM = Source('/joint_states', 'sensor_msgs/msg/JointState', ())
+LATCHED = Source('/chain', 'soliton_linkage_msgs/msg/Chain', (), latched=True)
+
+
+def message(source: Source, stamp: int, size: int = 1) -> Taken:
+    return Taken(source, stamp, bytes(size))
+
+
+def test_an_open_gate_passes_everything() -> None:
+    messages = [message(STREAM, 1), message(LATCHED, 2)]
+    assert MessageGate().take(messages) == messages
+
+
+def test_after_a_pause_the_last_latched_message_of_each_topic_passes() -> None:
+    gate = MessageGate(paused=True)
+    other = Source('/map', 'x/msg/Y', (), latched=True)
+    messages = [message(LATCHED, 1), message(other, 2), message(STREAM, 3), message(LATCHED, 4)]
+    assert gate.take(messages) == []
+    assert gate.resume() == [messages[1], messages[3]]
+    assert gate.take([messages[2]]) == [messages[2]]
+    gate.paused = True
+    assert gate.resume() == []
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, SECOND)), max_size=60))
+def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
+    gaps: list[tuple[bool, int]],
+) -> None:
+    messages, stamp = [], 0
+    for is_latched, gap in gaps:
+        stamp += gap
+        messages.append(message(LATCHED if is_latched else STREAM, stamp))
+    gate = MessageGate(snapshot=2.0)
+    for one in messages:
+        assert gate.take([one]) == []
+    recent = [m for m in messages if stamp - m.stamp <= 2 * SECOND]
+    before = [m for m in messages if m.source is LATCHED and m not in recent][-1:]
+    assert gate.snapshot() == before + recent
+    assert gate.snapshot() == []
+
+
+def test_the_last_seconds_take_no_more_memory_than_they_may(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(message_gate, '_MOST_KEPT', 1000)
+    gate = MessageGate(snapshot=3600.0)
+    messages = [message(STREAM, stamp, 100) for stamp in range(50)]
+    gate.take(messages)
+    assert gate.snapshot() == messages[-10:]

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A disk that is slow loses nothing, and one that is full nothing that it took."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from graphs import Graph
+from programs import Program
+from rclpy.serialization import serialize_message
+from recordings import frame_message, lost_in, messages_of, publish_frames
+
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken, WritingThread
+from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+
+STORAGES = ('mcap', 'sqlite3')
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 3 MB."""
+    disk = tmp_path / 'disk'
+    disk.mkdir()
+    mount = ['mount', '-t', 'tmpfs', '-o', 'size=3m', 'tmpfs', str(disk)]
+    if os.geteuid() or subprocess.run(mount, check=False).returncode:
+        pytest.skip('a small disk can be mounted by root only')
+    yield disk
+    subprocess.run(['umount', str(disk)], check=True)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_full_disk_ends_it_with_one_line(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    storage: str,
+) -> None:
+    bag = tmp_path / 'run'
+    program = start(
+        'bag_recorder', '--ros-args', '-p', f'output:={bag}', '-p', f'storage:={storage}'
+    )
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    graph.next_report('bag_recorder')
+    limits = (200_000, 200_000)
+    resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, limits)
+
+    def ended() -> bool:
+        publish_frames(publisher, named, 200)
+        return program.process.poll() is not None
+
+    graph.until(ended, 'the end of the recorder')
+    assert program.process.returncode == 1
+    begun, failed = program.said
+    assert begun.endswith(f'recording to {bag}_0')
+    assert f"bag '{bag}_0' cannot be written: " in failed
+    assert 'choose another output; ' in failed
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
+    graph: Graph,
+    named: NamedChain,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    storage: str,
+) -> None:
+    write = BagWriter.write_all
+    stalled = threading.Event()
+
+    def stalling(*arguments: Any) -> None:
+        if not stalled.is_set():
+            stalled.set()
+            time.sleep(2.0)
+        write(*arguments)
+
+    monkeypatch.setattr(BagWriter, 'write_all', stalling)
+    given = {'output': str(tmp_path / 'run'), 'storage': storage, 'topics': ['joint_states']}
+    recorder = graph.start(BagRecorder, given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent = [serialize_message(frame_message(named, number)) for number in range(2000)]
+    begin = time.monotonic()
+    for number, message in enumerate(sent):
+        publisher.publish(message)
+        time.sleep(max(0.0, begin + number / 1000 - time.monotonic()))
+    assert stalled.is_set()
+    graph.stop(recorder)
+    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
+    assert lost_in(tmp_path / 'run_0') == {'/joint_states': 0}
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('largest', [0, 100_000])
+def test_what_a_full_disk_took_can_be_read(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    small_disk: Path,
+    storage: str,
+    largest: int,
+) -> None:
+    given = ['-p', f'output:={small_disk / "run"}', '-p', f'storage:={storage}']
+    given += ['-p', f'max_bag_size:={largest}']
+    program = start('bag_recorder', '--ros-args', *given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent: list[bytes] = []
+
+    def ended() -> bool:
+        sent.extend(publish_frames(publisher, named, 100))
+        return program.process.poll() is not None
+
+    graph.until(ended, 'the end of the recorder')
+    assert program.process.returncode == 1
+    _, failed = program.said
+    held = messages_of(small_disk / 'run_0')['/joint_states']
+    assert len(held) > 1000
+    assert held == sent[: len(held)]
+    assert f"bag '{small_disk}/run_0' cannot be written: " in failed
+    assert 'full' in failed or 'No space left' in failed
+    assert re.search(r'; choose another output; the \d+ messages before are kept$', failed)
+
+
+def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    gate = threading.Event()
+    thread = WritingThread(lambda: BagWriter(tmp_path / 'run', 'mcap'), most_waiting=1000)
+    thread._post(gate.wait)
+    topic = interfaces.NUDGE
+    source = Source('/nudge', 'std_msgs/msg/Float64', (topic.qos,))
+    for number in range(100):
+        thread.put([Taken(source, number, bytes(100))])
+    gate.set()
+    thread.close({})
+    assert thread.dropped == {'/nudge': 90}
+    assert len(messages_of(tmp_path / 'run_0')['/nudge']) == 10

@@ -1,0 +1,419 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is intact of a damaged file comes back, or it is said why nothing does."""
+
+from __future__ import annotations
+
+import os
+import random
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from backports import zstd
+from rclpy.serialization import deserialize_message, serialize_message
+from recordings import START, run_of
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from soliton_linkage_nodes.bags.read import mcap_records
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.record import bag_writer, mcap_writer
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.rescue.mcap_rescue import RescuedMcap
+from soliton_linkage_nodes.bags.rescue.sqlite_rescue import RescuedSqlite
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime.interfaces import NUDGE
+
+STORAGES = ('mcap', 'sqlite3')
+MODES = (CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE)
+Held = list[tuple[str, int, bytes]]
+
+
+@pytest.fixture(params=STORAGES)
+def storage(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def contents(bag: Path) -> Held:
+    with open_bag(bag) as reader:
+        return [(c.topic, t, data) for c, t, data in read_messages(reader, reader.connections)]
+
+
+def write(
+    name: Path,
+    named: NamedChain,
+    storage: str,
+    frames: int = 40,
+    per_chunk: int = 5,
+    compression: str = 'none',
+    finish: bool = True,
+) -> Path:
+    """A bag whose messages are handed on a few at a time."""
+    writer = BagWriter(name, storage, compression)
+    topics = {}
+    for number, (topic, stamp, message) in enumerate(run_of(named, frames)):
+        if topic.name not in topics:
+            topics[topic.name] = writer.add_topic(
+                f'/{topic.name}', type_name(topic.type), topic.qos
+            )
+        writer.write(topics[topic.name], stamp, serialize_message(message))
+        if number % per_chunk == per_chunk - 1:
+            writer._file.flush()
+    writer.note({'lost_messages': '{"/joint_states": 3}'})
+    if finish:
+        writer.close()
+    return writer.path
+
+
+def data_file(bag: Path) -> Path:
+    return next(path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
+
+
+def attempt(bag: Path, output: Path) -> Held:
+    """What is brought back from a bag that is left as it is."""
+    before = {path: path.read_bytes() for path in bag.iterdir()}
+    report, new = recover_bag(bag, output)
+    assert {path: path.read_bytes() for path in bag.iterdir()} == before
+    held = contents(new)
+    assert len(held) == report.messages
+    return held
+
+
+def rescued(file: Path) -> Held:
+    """What is intact of a file, which is left as it is."""
+    before = file.read_bytes()
+    found = (RescuedMcap if file.suffix == '.mcap' else RescuedSqlite)(file)
+    held = [(topic.name, stamp, data) for topic, stamp, data in found.messages()]
+    assert found.findings.messages == len(held)
+    assert file.read_bytes() == before
+    assert all('\n' not in damage for damage in found.findings.damage)
+    return held
+
+
+def test_a_whole_bag_comes_back_whole(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, storage)
+    report, new = recover_bag(bag, tmp_path / 'new')
+    assert contents(new) == contents(bag)
+    assert (report.damage, report.lost) == ([], 0)
+    with open_bag(new) as reader:
+        custom = reader.storage.metadata.custom
+    assert custom['lost_messages'] == '{"/joint_states": 3}'
+    assert custom['recovered_from'] == str(bag)
+
+
+def test_topics_come_back_as_they_were(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, storage)
+    _, new = recover_bag(bag, tmp_path / 'new')
+    told = []
+    for path in (bag, new):
+        with open_bag(path) as reader:
+            told.append(
+                [
+                    (c.topic, c.msgtype, c.msgcount, c.digest, c.ext, c.msgdef)
+                    for c in reader.connections
+                ]
+            )
+    assert told[0] == told[1]
+
+
+def write_nudges(name: Path, storage: str, compression: str = 'none') -> Path:
+    """A small bag of one topic."""
+    writer = BagWriter(name, storage, compression)
+    topic = writer.add_topic('/nudge', type_name(NUDGE.type), NUDGE.qos)
+    for number in range(24):
+        serialized = serialize_message(NUDGE.type(data=number / 7))
+        writer.write(topic, START + number, serialized)
+        if number % 4 == 3:
+            writer._file.flush()
+    writer.close()
+    return writer.path
+
+
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_at_every_length_all_whole_messages_of_a_cut_mcap_file_come_back(
+    tmp_path: Path, compression: str
+) -> None:
+    data = data_file(write_nudges(tmp_path / 'run', 'mcap', compression))
+    sent = rescued(data)
+    whole = data.read_bytes()
+    found = []
+    for length in range(len(whole), -1, -1):
+        os.truncate(data, length)
+        held = rescued(data)
+        assert held == sent[: len(held)]
+        found.insert(0, len(held))
+    assert found == sorted(found)
+    assert found[-1] == 24
+    if compression == 'none':
+        ends = [whole.index(message) + len(message) for _, _, message in sent]
+        assert found == [sum(end <= length for end in ends) for length in range(len(whole) + 1)]
+
+
+def test_a_cut_sqlite3_file_gives_back_what_its_pages_hold(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3', frames=60)
+    sent = contents(bag)
+    data = data_file(bag)
+    whole = data.read_bytes()
+    found = []
+    for length in range(len(whole) - 1, -1, -97):
+        os.truncate(data, length)
+        held = rescued(data)
+        assert set(held) <= set(sent)
+        found.insert(0, len(held))
+    assert found == sorted(found)
+    assert found[-1] > 0.8 * len(sent)
+    data.write_bytes(whole[:-1])
+    assert set(attempt(bag, tmp_path / 'new')) <= set(sent)
+
+
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_a_flipped_byte_costs_one_chunk_at_most_and_changes_no_message(
+    named: NamedChain, tmp_path: Path, compression: str
+) -> None:
+    bag = write(tmp_path / 'run', named, 'mcap', 30, 5, compression)
+    sent = contents(bag)
+    data = data_file(bag)
+    whole = data.read_bytes()
+    chance = random.Random(compression)
+    for _ in range(500):
+        damaged = bytearray(whole)
+        damaged[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
+        data.write_bytes(damaged)
+        held = rescued(data)
+        assert set(held) <= set(sent)
+        assert len(held) >= len(sent) - 5
+
+
+def test_a_flipped_byte_of_sqlite3_costs_one_page_at_most(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3', 60)
+    sent = contents(bag)
+    data = data_file(bag)
+    whole = data.read_bytes()
+    per_page = 1 + 4096 // min(len(message) for topic, _, message in sent if 'joint' in topic)
+    chance = random.Random(3)
+    unharmed = 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        damaged[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
+        data.write_bytes(damaged)
+        held = rescued(data)
+        # Without checksums a message may have changed, or its stamp or topic.
+        intact = len(set(held) & set(sent))
+        assert intact >= len(sent) - per_page
+        unharmed += intact == len(sent)
+    assert unharmed > 30
+
+
+def test_many_wounds_leave_messages_as_they_were_or_an_error(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, storage, 30, 3)
+    sent = set(contents(bag))
+    data = data_file(bag)
+    whole = data.read_bytes()
+    chance = random.Random(storage)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for _ in range(chance.randrange(1, 12)):
+            begin = chance.randrange(len(whole))
+            size = chance.choice([1, 1, 8, 200])
+            kind = chance.choice(['noise', 'zeros', 'cut', 'insert'])
+            if kind == 'noise':
+                damaged[begin : begin + size] = chance.randbytes(size)
+            elif kind == 'zeros':
+                damaged[begin : begin + size] = bytes(size)
+            elif kind == 'cut':
+                del damaged[begin : begin + size]
+            else:
+                damaged[begin:begin] = chance.randbytes(size)
+        data.write_bytes(damaged)
+        held = rescued(data)
+        if storage == 'mcap':
+            assert set(held) <= sent
+
+
+def test_messages_with_a_wrong_checksum_come_back_if_they_are_asked_for(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, 'mcap', 30, 5)
+    sent = contents(bag)
+    data = data_file(bag)
+    damaged = bytearray(data.read_bytes())
+    damaged[damaged.index(sent[12][2]) + len(sent[12][2]) - 2] ^= 1
+    data.write_bytes(damaged)
+    report, new = recover_bag(bag, tmp_path / 'strict')
+    assert (report.messages, report.lost) == (len(sent) - 5, 5)
+    assert any('wrong checksum: 5 messages left out' in damage for damage in report.damage)
+    report, new = recover_bag(bag, tmp_path / 'lenient', doubtful=True)
+    assert report.messages == len(sent)
+    assert len(set(contents(new)) & set(sent)) == len(sent) - 1
+
+
+def test_a_bag_that_was_never_closed_comes_back_to_its_last_flush(
+    named: NamedChain, storage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bag_writer, '_FLUSH_INTERVAL', 1e9)
+    bag = write(tmp_path / 'run', named, storage, frames=43, per_chunk=5, finish=False)
+    entries = run_of(named, 43)
+    held = attempt(bag, tmp_path / 'new')
+    expected = [(f'/{topic.name}', stamp) for topic, stamp, _ in entries]
+    assert [(topic, stamp) for topic, stamp, _ in held] == expected[: len(entries) // 5 * 5]
+    classes = {f'/{topic.name}': topic.type for topic, _, _ in entries}
+    messages = [deserialize_message(data, classes[topic]) for topic, _, data in held]
+    assert messages == [message for _, _, message in entries][: len(held)]
+
+
+def test_definitions_are_told_again_so_that_the_first_may_be_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_writer, '_DEFINITIONS_INTERVAL', 0.0)
+    data = data_file(write_nudges(tmp_path / 'run', 'mcap'))
+    sent = rescued(data)
+    whole = data.read_bytes()
+    end_of_data = whole.index(mcap_records.record(mcap_records.Opcode.DATA_END, bytes(4)))
+    damaged = bytearray(whole[:end_of_data])
+    damaged[whole.index(sent[0][2])] ^= 1
+    data.write_bytes(damaged)
+    assert rescued(data) == sent[4:]
+
+
+def test_metadata_alone_may_be_lost(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, storage)
+    sent = contents(bag)
+    (bag / 'metadata.yaml').unlink()
+    assert attempt(bag, tmp_path / 'new') == sent
+    assert check_bag(bag).damage == ['metadata.yaml is missing or cannot be read']
+
+
+def test_a_file_by_itself_comes_back(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, storage)
+    report, new = recover_bag(data_file(bag), tmp_path / 'new')
+    assert contents(new) == contents(bag)
+    assert report.damage == []
+
+
+def test_nothing_is_overwritten(named: NamedChain, storage: str, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'new', named, storage)
+    before = {path: path.read_bytes() for path in bag.iterdir()}
+    _, new = recover_bag(bag, tmp_path / 'new')
+    assert new == tmp_path / 'new_1'
+    assert {path: path.read_bytes() for path in bag.iterdir()} == before
+
+
+@pytest.mark.parametrize('make', [Path.mkdir, lambda path: path.write_text('no bag')])
+def test_what_is_no_bag_is_named(tmp_path: Path, make: Callable[[Path], object]) -> None:
+    make(tmp_path / 'x')
+    with pytest.raises(ValueError, match=r"/x' has no .mcap or .db3 file"):
+        recover_bag(tmp_path / 'x', tmp_path / 'new')
+    assert not (tmp_path / 'new_0').exists()
+
+
+@pytest.mark.parametrize('content', [b'', b'no bag', bytes(5000)])
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_a_file_with_nothing_in_it_begins_no_bag(
+    tmp_path: Path, content: bytes, suffix: str
+) -> None:
+    path = tmp_path / f'run_0{suffix}'
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match='has nothing that could be brought back: run_0'):
+        recover_bag(path, tmp_path / 'new')
+    assert not (tmp_path / 'new_0').exists()
+
+
+def write_with_rosbags(
+    path: Path, named: NamedChain, plugin: StoragePlugin, mode: CompressionMode
+) -> Held:
+    """A bag of rosbags' own writers, whose chunks have no checksums."""
+    writer = Writer(path, version=9, storage_plugin=plugin)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    writer.open()
+    store = get_typestore(Stores.ROS2_JAZZY)
+    states = writer.add_connection('/joint_states', 'sensor_msgs/msg/JointState', typestore=store)
+    sent = []
+    for topic, stamp, message in run_of(named, 200):
+        if topic.name == 'joint_states':
+            sent.append(('/joint_states', stamp, serialize_message(message)))
+            writer.write(states, stamp, sent[-1][2])
+    writer.close()
+    return sent
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+@pytest.mark.parametrize('mode', MODES)
+def test_bags_of_other_writers_come_back(
+    named: NamedChain, tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
+) -> None:
+    sent = write_with_rosbags(tmp_path / 'run_0', named, plugin, mode)
+    report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')
+    assert contents(new) == sent
+    assert report.damage == []
+    (tmp_path / 'run_0/metadata.yaml').unlink()
+    assert attempt(tmp_path / 'run_0', tmp_path / 'again') == sent
+
+
+def test_a_compressed_file_that_is_cut_gives_back_what_is_before(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    sent = write_with_rosbags(
+        tmp_path / 'run_0', named, StoragePlugin.SQLITE3, CompressionMode.FILE
+    )
+    (packed,) = (tmp_path / 'run_0').glob('*.zstd')
+    plain = zstd.decompress(packed.read_bytes())
+    pieces = b''.join(
+        zstd.compress(plain[begin : begin + 8192]) for begin in range(0, len(plain), 8192)
+    )
+    packed.write_bytes(pieces[: len(pieces) // 2])
+    report = check_bag(tmp_path / 'run_0')
+    assert 'compression is cut short' in report.damage[0]
+    assert report.messages + report.lost >= len(sent)
+
+
+def test_an_interrupted_transaction_is_undone_in_a_copy(named: NamedChain, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3')
+    sent = contents(bag)
+    data = data_file(bag)
+    database = sqlite3.connect(data, isolation_level=None)
+    database.execute('PRAGMA journal_mode = DELETE')
+    database.execute('PRAGMA cache_size = 1')
+    database.execute('BEGIN')
+    database.execute('UPDATE messages SET data = zeroblob(5000)')
+    copies = {path.name: path.read_bytes() for path in bag.iterdir()}
+    database.execute('ROLLBACK')
+    database.close()
+    assert f'{data.name}-journal' in copies
+    for name, content in copies.items():
+        (bag / name).write_bytes(content)
+    assert attempt(bag, tmp_path / 'new') == sent
+
+
+def test_metadata_are_of_the_form_that_rosbag2_writes(
+    named: NamedChain, storage: str, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, storage)
+    _, new = recover_bag(bag, tmp_path / 'new')
+    told = yaml.safe_load((new / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert list(told) == [
+        'version',
+        'storage_identifier',
+        'duration',
+        'starting_time',
+        'message_count',
+        'topics_with_message_count',
+        'compression_format',
+        'compression_mode',
+        'relative_file_paths',
+        'files',
+        'custom_data',
+        'ros_distro',
+    ]
+    assert told['starting_time'] == {'nanoseconds_since_epoch': START}
+    assert told['message_count'] == 42
+    with Reader(new) as reader:
+        assert reader.message_count == 42

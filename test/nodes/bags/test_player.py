@@ -1,0 +1,495 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag is played whole, in order and at its pace, and to somebody who listens."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import signal
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+from graphs import Graph, values
+from programs import PACKAGE, Program
+from rclpy.serialization import deserialize_message
+from recordings import MILLISECOND, START, frame_message, run_of, write_bag
+from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
+from soliton_linkage_nodes.bags import player as bag_player
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    frame_to_msg,
+    time_from_msg,
+    time_to_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+
+MINUTE = 60 * 10**9
+
+
+class TimedPlayer(BagPlayer):
+    """A player that notes what it plays, and when."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        self.played: list[tuple[str, float]] = []
+        super().__init__(**kwargs)
+
+    def _publish(self, connection: Any, serialized: bytes) -> None:
+        self.played.append((connection.topic, bag_player.time.monotonic()))
+        super()._publish(connection, serialized)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('namespace', ['', '/lab'])
+def test_every_message_is_played_in_order_as_it_was(
+    graph: Graph, named: NamedChain, tmp_path: Path, storage: str, namespace: str
+) -> None:
+    entries = run_of(named, 300)
+    bag = write_bag(tmp_path / 'run', entries, storage, namespace)
+    heard = {}
+    for topic in (interfaces.CHAIN, interfaces.JOINT_STATES, interfaces.NUDGE):
+        heard[topic.name] = messages = []
+        graph.user.create_subscription(
+            topic.type, f'{namespace}/{topic.name}', messages.append, topic.qos
+        )
+    player = graph.start(BagPlayer, {'bag': str(bag), 'rate': 10.0})
+    graph.until(lambda: player.finished, 'the end of the bag')
+    expected = {name: [m for t, _, m in entries if t.name == name] for name in heard}
+    graph.until(lambda: sum(map(len, heard.values())) == len(entries), f'{len(entries)} messages')
+    assert heard == expected
+
+
+def test_latched_topics_come_first_and_the_rest_waits_for_a_subscriber(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 100))
+    chains = graph.hear(interfaces.CHAIN)
+    nudges = graph.hear(interfaces.NUDGE)
+    player = graph.start(TimedPlayer, {'bag': str(bag), 'subscriber_timeout': 3600.0})
+    graph.until(lambda: chains, 'the chain')
+    assert [topic for topic, _ in player.played] == ['/chain']
+    assert nudges == []
+    frames = graph.hear(interfaces.JOINT_STATES)
+    graph.until(lambda: len(frames) == 100, 'the frames')
+    assert frames[0] == frame_message(named, 0)
+    assert [topic for topic, _ in player.played].count('/chain') == 1
+    assert len(player.played) == 102
+
+
+def test_a_late_analyser_still_gets_the_chain(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
+    frames = graph.hear(interfaces.JOINT_STATES)
+    graph.start(BagPlayer, {'bag': str(bag)})
+    graph.until(lambda: frames, 'the first frame')
+    chains = graph.hear(interfaces.CHAIN)
+    graph.until(lambda: chains, 'the chain')
+
+
+def test_where_nobody_subscribes_it_plays_to_nobody_and_says_so(
+    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 10))
+    player = graph.start(TimedPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0})
+    graph.until(lambda: player.finished, 'the end of the bag')
+    assert len(player.played) == 12
+    said = 'nothing subscribes to /joint_states after 0 s; playing to nobody'
+    assert said in capfd.readouterr().err
+
+
+def test_only_the_topics_that_are_asked_for_are_played(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20), namespace='/lab')
+    given = {
+        'bag': str(bag),
+        'topics': ['chain', '/joint_states', 'joint_states'],
+        'subscriber_timeout': 0.0,
+    }
+    player = graph.start(TimedPlayer, given)
+    graph.until(lambda: player.finished, 'the end of the bag')
+    assert {topic for topic, _ in player.played} == {'/lab/chain', '/lab/joint_states'}
+    assert len(player.played) == 21
+    figures = values(graph.next_report('bag_player'))
+    assert (figures['messages played'], figures['messages']) == ('21', '21')
+
+
+def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20))
+    clocks = graph.hear(interfaces.CLOCK)
+    graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'publish_clock': True})
+    graph.until(lambda: player.finished and clocks, 'the end of the bag')
+    shown = [time_from_msg(clock.clock) for clock in clocks]
+    assert shown == sorted(shown)
+    assert START <= shown[0] <= shown[-1] <= START + 20_000_000
+
+
+@pytest.mark.parametrize(
+    ('given', 'complaint'),
+    [
+        ({}, "parameter bag of bag_player = '' must be the path of a bag"),
+        ({'bag': '/nowhere/at/all'}, "bag '/nowhere/at/all' does not exist"),
+        ({'bag': 'RUN', 'topics': ['joints']}, "has no topic 'joints', it holds /chain, "),
+        ({'bag': 'NUDGES', 'lockstep': True}, "has no topic 'joint_states', it holds /nudge"),
+        ({'bag': 'RUN', 'wait_for': ['joints']}, "has no topic 'joints', it holds /chain, "),
+        ({'bag': 'RUN', 'start_offset': 5.0}, 'start_offset of bag_player = 5 must lie before'),
+        ({'bag': 'FILE'}, 'cannot be read'),
+        ({'bag': 'RUN', 'rate': 0.0}, 'rate of bag_player = 0.0 must lie in the range'),
+        ({'bag': 'RUN', 'speed': 2.0}, "parameter 'speed' of bag_player is unknown"),
+    ],
+)
+def test_what_cannot_be_played_is_said_in_one_line(
+    graph: Graph, named: NamedChain, tmp_path: Path, given: dict[str, Any], complaint: str
+) -> None:
+    run = run_of(named, 3)
+    paths = {
+        'RUN': write_bag(tmp_path / 'run', run),
+        'NUDGES': write_bag(tmp_path / 'nudges', run[:1]),
+        'FILE': tmp_path / 'file.txt',
+    }
+    paths['FILE'].write_text('no bag')
+    asked = dict(given)
+    if asked.get('bag') in paths:
+        asked['bag'] = str(paths[asked['bag']])
+    with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
+        graph.start(BagPlayer, asked)
+    assert '\n' not in str(refusal.value)
+
+
+def test_damage_that_shows_while_playing_ends_it_with_one_line(
+    start: Callable[..., Program], named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 2000))
+    data = bag / 'run_0.mcap'
+    whole = data.read_bytes()
+    place = whole.rindex(b'\x00rotor_7\x00', 0, len(whole) // 2)
+    # The length of the record after it: the reader runs beyond the end of the chunk.
+    opcode = whole.index(b'\x05', place + 200)
+    data.write_bytes(whole[: opcode + 1] + b'\xff' * 7 + whole[opcode + 8 :])
+    program = start(
+        'bag_player', '--ros-args', '-p', f'bag:={bag}', '-p', 'subscriber_timeout:=0.0'
+    )
+    assert program.wait() == 1
+    assert f"bag '{bag}' is damaged: " in program.said[-1]
+    assert 'Traceback' not in ''.join(program.said)
+
+
+def test_it_ends_by_itself_once_everybody_has_everything(
+    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 500))
+    frames = graph.hear(interfaces.JOINT_STATES)
+    program = start('bag_player', '--ros-args', '-p', f'bag:={bag}', '-p', 'rate:=100.0')
+    graph.until(lambda: program.process.poll() is not None, 'its end')
+    assert program.process.returncode == 0
+    assert program.said[-1] == f'played 502 of 502 messages of {bag}'
+    graph.until(lambda: len(frames) == 500, 'the frames')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('heard', [True, False])
+def test_a_signal_stops_it_while_it_plays_and_while_it_waits(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    number: signal.Signals,
+    heard: bool,
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
+    given = ['-p', f'bag:={bag}', '-p', 'subscriber_timeout:=3600.0']
+    chains = graph.hear(interfaces.CHAIN)
+    frames = graph.hear(interfaces.JOINT_STATES) if heard else chains
+    program = start('bag_player', '--ros-args', *given)
+    graph.until(lambda: frames, 'what it plays first')
+    assert program.stop(number) == 0
+
+
+def stamps_of(messages: list[Any]) -> list[int]:
+    return [time_from_msg(message.header.stamp) - START for message in messages]
+
+
+def test_from_an_offset_the_last_latched_message_before_it_comes_first(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    entries = chains_among_frames(named)
+    bag = write_bag(tmp_path / 'run', entries)
+    chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
+    given = {'bag': str(bag), 'start_offset': 0.055, 'playback_until': 0.065}
+    player = graph.start(BagPlayer, given)
+    graph.until(lambda: player.finished, 'the end')
+    graph.until(lambda: len(frames) == 10, 'ten frames')
+    assert stamps_of(chains) == [50 * MILLISECOND, 60 * MILLISECOND]
+    assert stamps_of(frames) == [n * MILLISECOND for n in range(55, 65)]
+
+
+def chains_among_frames(named: NamedChain, frames: int = 100) -> list[Any]:
+    """Frames of a millisecond, and a chain before each tenth, with the same stamp."""
+    entries: list[Any] = []
+    for topic, stamp, message in run_of(named, frames)[1:-1]:
+        if (stamp - START) % (10 * MILLISECOND) == 0:
+            chain = chain_to_msg(named, time_to_msg(stamp))
+            entries.append((interfaces.CHAIN, stamp, chain))
+        entries.append((topic, stamp, message))
+    return entries
+
+
+def test_a_seek_sends_the_latched_message_before_it_and_goes_on_from_there(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', chains_among_frames(named))
+    chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
+    graph.until(lambda: chains, 'the first chain')
+    assert stamps_of(chains) == [0]
+    assert frames == []
+    for place in (57, 33):
+        chains.clear()
+        sought = time_to_msg(START + place * MILLISECOND)
+        assert graph.call(Seek, 'bag_player/seek', time=sought).success
+        graph.until(lambda: chains, 'the chain before it')
+        assert stamps_of(chains) == [place // 10 * 10 * MILLISECOND]
+    assert frames == []
+    assert graph.call(Trigger, 'bag_player/resume').success
+    graph.until(lambda: player.finished and len(frames) == 67, 'the rest')
+    assert stamps_of(frames) == [n * MILLISECOND for n in range(33, 100)]
+
+
+@pytest.mark.parametrize('place', [-1, 200])
+def test_what_is_not_in_the_bag_is_not_sought(
+    graph: Graph, named: NamedChain, tmp_path: Path, place: int
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 100))
+    graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True, 'subscriber_timeout': 0.0})
+    sought = time_to_msg(START + place * MILLISECOND)
+    assert not graph.call(Seek, 'bag_player/seek', time=sought).success
+
+
+def test_in_a_pause_it_plays_message_by_message(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20)[1:-1])
+    frames = graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
+    assert graph.call(Trigger, 'bag_player/is_paused').success
+    publisher = player._outlets['/joint_states']
+    graph.until(publisher.get_subscription_count, 'the subscriber')
+    graph.until(lambda: graph.call(Trigger, 'bag_player/play_next').success, 'one message')
+    for number in (2, 3):
+        assert graph.call(Trigger, 'bag_player/play_next').success
+        graph.until(lambda n=number: len(frames) == n, f'message {number}')
+    assert graph.call(Trigger, 'bag_player/toggle_paused').success
+    assert not graph.call(Trigger, 'bag_player/is_paused').success
+    graph.until(lambda: player.finished and len(frames) == 20, 'the rest')
+    assert frames == [frame_message(named, number) for number in range(20)]
+
+
+def test_the_rate_is_set_and_told(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
+    player = graph.start(BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0})
+    assert graph.call(GetRate, 'bag_player/get_rate').rate == 1.0
+    for refused in (0.0, -1.0, 1e4, float('nan')):
+        assert not graph.call(SetRate, 'bag_player/set_rate', rate=refused).success
+    assert graph.call(GetRate, 'bag_player/get_rate').rate == 1.0
+    assert graph.call(SetRate, 'bag_player/set_rate', rate=1000.0).success
+    graph.until(lambda: player.finished, 'the end of two minutes')
+
+
+def test_a_loop_begins_again(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 10))
+    chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
+    graph.until(lambda: len(frames) >= 30, 'three rounds')
+    graph.stop(player)
+    assert frames[:30] == 3 * [frame_message(named, number) for number in range(10)]
+    assert len(chains) >= 3
+
+
+def test_it_waits_for_the_subscribers_that_are_expected(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20))
+    frames = graph.hear(interfaces.JOINT_STATES)
+    given = {'bag': str(bag), 'wait_for': ['joint_states', 'nudge'], 'subscriber_timeout': 60.0}
+    graph.start(BagPlayer, given)
+    reports = graph.reports('bag_player')
+    graph.until(lambda: len(reports) > 2, 'some time')
+    assert frames == []
+    nudges = graph.hear(interfaces.NUDGE)
+    graph.until(lambda: len(frames) == 20, 'the frames')
+    assert len(nudges) == 1
+
+
+def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[bytes]:
+    """What a fresh analyser makes of a bag that is played in lockstep."""
+    heard: list[bytes] = []
+    topic = interfaces.SOLITON_STATE
+    subscription = graph.user.create_subscription(
+        topic.type, topic.name, heard.append, topic.qos, raw=True
+    )
+    analyser = graph.start(SolitonAnalyser)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **given})
+    graph.until(lambda: player.finished, 'the end')
+    if player.failure is not None:
+        raise player.failure
+    assert player._lockstep.given_up == 0
+    frames = frames_in(bag)
+    graph.until(lambda: len(heard) == frames, f'{frames} states')
+    graph.stop(player)
+    graph.stop(analyser)
+    graph.user.destroy_subscription(subscription)
+    return heard
+
+
+def frames_in(bag: Path) -> int:
+    with open_bag(bag) as reader:
+        return find_topic(reader, 'joint_states').msgcount
+
+
+@pytest.mark.parametrize(('rotor_length', 'nudge'), [(0.05, 10.0), (0.12, 12.5)])
+def test_replays_in_lockstep_give_the_same_soliton_states(
+    graph: Graph, tmp_path: Path, rotor_length: float, nudge: float
+) -> None:
+    chain = Chain(number_of_rotors=12, rotor_length=rotor_length)
+    start = chain.uniform_state(-1)
+    kick = nudge * mode_towards_last(chain, start)
+    recording = simulate(chain, start, kick, duration=1.5, period=0.005)
+    named = NamedChain(chain, default_joint_names(12))
+    first_stamp = time_to_msg(START)
+    entries: list[Any] = [(interfaces.CHAIN, START, chain_to_msg(named, first_stamp))]
+    for time, angles, rates in zip(
+        recording.times, recording.angles, recording.rates, strict=True
+    ):
+        stamp = START + round(time * 1e9)
+        frame = frame_to_msg(named, Frame(angles, rates), 0 * angles, time_to_msg(stamp))
+        entries.append((interfaces.JOINT_STATES, stamp, frame))
+    bag = write_bag(tmp_path / 'run', entries)
+    first = soliton_states(graph, bag)
+    second = soliton_states(graph, bag, lockstep_window=1)
+    state = interfaces.SOLITON_STATE.type
+    assert any(deserialize_message(data, state).solitons for data in first)
+    assert [canonical(data, state) for data in first] == [
+        canonical(data, state) for data in second
+    ]
+
+
+def canonical(serialized: bytes, kind: Any) -> bytes:
+    """All fields of a message to the last bit, without the padding, which is left to chance."""
+    return pickled(deserialize_message(serialized, kind))
+
+
+def pickled(value: Any) -> bytes:
+    if hasattr(value, 'get_fields_and_field_types'):
+        return b''.join(
+            pickled(getattr(value, name)) for name in value.get_fields_and_field_types()
+        )
+    if isinstance(value, float):
+        return struct.pack('<d', value)
+    if isinstance(value, (list, tuple)) or hasattr(value, 'tolist'):
+        return b'[' + b','.join(map(pickled, value)) + b']'
+    return repr(value).encode()
+
+
+def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 50))
+    frames = graph.hear(interfaces.JOINT_STATES)
+    topic = interfaces.SOLITON_STATE
+    answers = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, 'lockstep_window': 7})
+    for expected in range(7, 51):
+        graph.until(lambda n=expected: len(frames) == n, f'{expected} frames')
+        reports = graph.reports('bag_player') if expected == 7 else []
+        graph.until(lambda seen=reports, n=expected: seen or n > 7, 'some time')
+        assert len(frames) == expected
+        answers.publish(topic.type(header=frames[expected - 7].header))
+
+
+def test_frames_that_the_analyser_does_not_answer_are_given_up(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20)[1:-1])
+    topic = interfaces.SOLITON_STATE
+    graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    frames = graph.hear(interfaces.JOINT_STATES)
+    given = {'lockstep_window': 10, 'lockstep_timeout': 0.2}
+    player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **given})
+    graph.until(lambda: player.finished, 'the end')
+    assert len(frames) == 20
+    report = graph.next_report('bag_player')
+    assert report.message.endswith(', 20 frames never answered by the analyser')
+    assert report.level == report.WARN
+
+
+def test_lockstep_needs_an_analyser(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20))
+    graph.hear(interfaces.JOINT_STATES)
+    given = {'bag': str(bag), 'lockstep': True, 'subscriber_timeout': 1.0}
+    player = graph.start(BagPlayer, given)
+    graph.until(lambda: player.finished, 'the end')
+    said = 'nothing publishes soliton_state after 1 s; start soliton_analyser'
+    assert said in str(player.failure)
+
+
+def test_a_bag_of_other_topics_is_played_as_well(graph: Graph, tmp_path: Path) -> None:
+    image = interfaces.Topic('camera', Image, interfaces.stream_qos())
+    entries = [(image, START + number, Image(height=number)) for number in range(5)]
+    bag = write_bag(tmp_path / 'run', entries)
+    images = graph.hear(image)
+    graph.start(BagPlayer, {'bag': str(bag), 'wait_for': ['camera']})
+    graph.until(lambda: len(images) == 5, 'the images')
+    assert [message.height for message in images] == list(range(5))
+
+
+def test_the_keys_of_a_terminal_pause_step_and_change_the_rate(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 1000, gap=100 * MILLISECOND)[1:-1])
+    frames = graph.hear(interfaces.JOINT_STATES)
+    executable = Path(get_package_prefix(PACKAGE), 'lib', PACKAGE, 'bag_player')
+    child, terminal = pty.fork()
+    if not child:
+        os.environ['ROS_DOMAIN_ID'] = str(graph.domain)
+        arguments = ['--ros-args', '-p', f'bag:={bag}', '-p', 'start_paused:=true']
+        os.execv(executable, [str(executable), *arguments])
+    try:
+        said = bytearray()
+
+        def read(expected: bytes) -> bool:
+            if select.select([terminal], [], [], 0)[0]:
+                said.extend(os.read(terminal, 10000))
+            return expected in said
+
+        graph.until(lambda: read(b'0.0 of 99.9 s, paused'), 'the player to pause')
+        os.write(terminal, b'\x1b[C')
+        graph.until(lambda: read(b'') or len(frames) == 1, 'one frame')
+        os.write(terminal, b'\x1b[A\x1b[A \x1b[B')
+        graph.until(lambda: read(b's, x 1.1') and len(frames) > 5, 'it to go on, faster')
+        os.kill(child, signal.SIGINT)
+        graph.until(lambda: read(b'played '), 'its end')
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        os.close(terminal)

@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording holds every message as it came, says what was lost, and is finished properly."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from graphs import Graph, values
+from programs import Program
+from rclpy.serialization import serialize_message
+from recordings import frame_message, lost_in, messages_of, publish_frames
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.record.inlets import Inlet
+from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, time_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+
+STORAGES = ('mcap', 'sqlite3')
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_every_message_of_every_topic_is_recorded_as_it_came(
+    graph: Graph, named: NamedChain, tmp_path: Path, storage: str
+) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'storage': storage})
+    sent = {}
+    for topic in interfaces.SUITE:
+        publisher = graph.speak(topic)
+        if topic is interfaces.JOINT_STATES:
+            sent[topic.name] = publish_frames(publisher, named, 300)
+        elif topic is not interfaces.DIAGNOSTICS:
+            sent[topic.name] = [serialize_message(topic.type())]
+            publisher.publish(sent[topic.name][0])
+    graph.stop(recorder)
+    held = messages_of(tmp_path / 'run_0')
+    assert held.keys() == {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE}
+    for topic, messages in sent.items():
+        assert held[f'/{topic}'] == messages
+    assert lost_in(tmp_path / 'run_0') == dict.fromkeys(held, 0)
+
+
+def test_the_chain_is_recorded_though_it_was_published_before(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    topic = interfaces.CHAIN
+    publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    publisher.publish(chain_to_msg(named, time_to_msg(5)))
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    graph.until(lambda: recorder.messages, 'the chain')
+    graph.stop(recorder)
+    with open_bag(tmp_path / 'run_0') as reader:
+        ((_, message),) = read_topic(reader, 'chain')
+    assert message == chain_to_msg(named, time_to_msg(5))
+
+
+def test_topics_of_another_namespace_are_not_recorded(graph: Graph, tmp_path: Path) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')}, namespace='/lab')
+    topic = interfaces.NUDGE
+    graph.user.create_publisher(topic.type, 'nudge', topic.qos).publish(Float64(data=1.0))
+    ours = graph.user.create_publisher(topic.type, '/lab/nudge', topic.qos)
+    graph.until(lambda: ours.get_subscription_count() == 1, 'the recorder')
+    ours.publish(Float64(data=2.0))
+    graph.stop(recorder)
+    held = messages_of(tmp_path / 'run_0')
+    assert held['/lab/nudge'] == [serialize_message(Float64(data=2.0))]
+    assert '/nudge' not in held
+    assert '/diagnostics' in held
+
+
+def test_only_the_topics_that_are_asked_for_are_recorded(graph: Graph, tmp_path: Path) -> None:
+    given = {'output': str(tmp_path / 'run'), 'topics': ['chain', '/nudge']}
+    graph.stop(graph.start(BagRecorder, given))
+    assert messages_of(tmp_path / 'run_0').keys() == {'/chain', '/nudge'}
+
+
+def test_without_an_output_the_bag_is_named_by_date_and_time(
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    graph.stop(graph.start(BagRecorder))
+    (bag,) = tmp_path.iterdir()
+    assert re.fullmatch(r'recording_\d{4}(_\d\d){2}-\d\d(_\d\d){2}_0', bag.name)
+    assert messages_of(bag).keys() >= {'/joint_states'}
+
+
+def test_a_second_recording_leaves_the_first_as_it_is(graph: Graph, tmp_path: Path) -> None:
+    for _ in range(2):
+        graph.stop(graph.start(BagRecorder, {'output': str(tmp_path / 'run')}))
+    assert {path.name for path in tmp_path.iterdir()} == {'run_0', 'run_1'}
+
+
+def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
+    graph: Graph, named: NamedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drain = Inlet.drain
+    entered, gate = threading.Event(), threading.Event()
+    gate.set()
+
+    def gated(inlet: Inlet) -> Any:
+        if not gate.is_set():
+            entered.set()
+            gate.wait()
+        return drain(inlet)
+
+    monkeypatch.setattr(Inlet, 'drain', gated)
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    publish_frames(publisher, named, 1)
+    graph.until(lambda: recorder.messages, 'the first frame')
+    reports = graph.reports('bag_recorder')
+    graph.until(lambda: reports, 'a report')
+    assert reports[-1].message == 'recording'
+    gate.clear()
+    assert entered.wait(10)
+    publish_frames(publisher, named, 6000)
+    gate.set()
+    graph.until(lambda: reports[-1].level == reports[-1].WARN, 'a warning')
+    lost = int(values(reports[-1])['lost messages'])
+    assert reports[-1].message == f'recording, {lost} messages lost'
+    graph.stop(recorder)
+    recorded = len(messages_of(tmp_path / 'run_0')['/joint_states'])
+    assert lost == 6001 - recorded > 0
+    assert lost_in(tmp_path / 'run_0')['/joint_states'] == lost
+
+
+def test_a_report_names_the_bag_and_the_topics_that_are_heard(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    given = {'output': str(tmp_path / 'run'), 'topics': ['chain', 'joint_states', 'nudge']}
+    recorder = graph.start(BagRecorder, given, namespace='/lab')
+    topic = interfaces.JOINT_STATES
+    publisher = graph.user.create_publisher(topic.type, '/lab/joint_states', topic.qos)
+    graph.until(publisher.get_subscription_count, 'the recorder')
+    publish_frames(publisher, named, 10)
+    graph.until(lambda: recorder.messages == 10, 'the frames')
+    figures = values(graph.next_report('bag_recorder'))
+    assert figures['bag'] == str(tmp_path / 'run_0')
+    assert figures['messages'] == '10'
+    assert figures['topics heard'] == '/lab/joint_states'
+
+
+@pytest.mark.parametrize('parameter', ['outptu', 'topic'])
+def test_an_unknown_parameter_begins_no_bag(
+    graph: Graph, tmp_path: Path, parameter: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=f"parameter '{parameter}' of bag_recorder is unknown"):
+        graph.start(BagRecorder, {parameter: 'run'})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('storage', 'number'), [('mcap', signal.SIGINT), ('sqlite3', signal.SIGTERM)]
+)
+def test_a_signal_finishes_the_bag_with_all_that_was_sent(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    storage: str,
+    number: signal.Signals,
+) -> None:
+    bag = tmp_path / 'run'
+    given = ['-p', f'output:={bag}', '-p', f'storage:={storage}']
+    given += ['-p', 'topics:=[joint_states, chain]']
+    program = start('bag_recorder', '--ros-args', *given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    chain = graph.speak(interfaces.CHAIN)
+    graph.next_report('bag_recorder')
+    chain.publish(chain_to_msg(named, time_to_msg(0)))
+    sent = publish_frames(publisher, named, 700)
+    reports = graph.reports('bag_recorder')
+    graph.until(lambda: reports and values(reports[-1])['messages'] == '701', 'the frames')
+    assert program.stop(number) == 0
+    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
+    assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
+    assert re.search(rf'closed {bag}_0: 701 messages, 0 lost$', program.said[-1])
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('after', [0.4, 1.3])
+def test_what_was_sent_a_second_before_a_kill_is_kept(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    storage: str,
+    after: float,
+) -> None:
+    bag = tmp_path / 'run'
+    program = start(
+        'bag_recorder', '--ros-args', '-p', f'output:={bag}', '-p', f'storage:={storage}'
+    )
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    reports = graph.reports('bag_recorder')
+    graph.until(
+        lambda: reports and '/joint_states' in values(reports[-1])['topics heard'],
+        'the recorder to hear',
+    )
+    sent = [serialize_message(frame_message(named, number)) for number in range(3000)]
+    begin, times = time.monotonic(), []
+    while time.monotonic() - begin < after:
+        publisher.publish(sent[len(times)])
+        times.append(time.monotonic())
+        time.sleep(0.001)
+    program.process.kill()
+    program.process.wait()
+    if after > 1.0:
+        complaint = f"bag '{bag}_0' cannot be read: it has no metadata.yaml; its recorder"
+        with pytest.raises(ValueError, match=re.escape(complaint)), open_bag(tmp_path / 'run_0'):
+            pass
+    report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')
+    recovered = messages_of(new)['/joint_states']
+    assert recovered == sent[: len(recovered)]
+    lost = times[len(recovered) :]
+    assert not lost or lost[0] > times[-1] - 1.0
+    assert report.lost == 0
+    assert lost_in(new)['/joint_states'] == 0
+
+
+def test_an_account_of_the_recording_is_kept_in_the_bag(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(5)))
+    graph.until(lambda: recorder.messages, 'the chain')
+    graph.stop(recorder)
+    with open_bag(tmp_path / 'run_0') as reader:
+        custom = reader.storage.metadata.custom
+    told = json.loads(custom['chain'])['/chain']
+    assert told['number_of_rotors'] == 8
+    assert told['spacing'] == named.chain.spacing
+    assert custom['suite_version'] == version('soliton_linkage_nodes')
+    assert shlex.split(custom['command_line'])[1:] == sys.argv[1:]
+    assert '/' not in shlex.split(custom['command_line'])[0]
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('limit', [{'max_bag_size': 100_000}, {'max_bag_duration': 0.3}])
+def test_a_bag_is_split_by_size_and_by_time(
+    graph: Graph, named: NamedChain, tmp_path: Path, storage: str, limit: dict[str, Any]
+) -> None:
+    given = {'output': str(tmp_path / 'run'), 'storage': storage, **limit}
+    recorder = graph.start(BagRecorder, given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    sent = []
+    begin = time.monotonic()
+    for _ in range(10):
+        sent += publish_frames(publisher, named, 100)
+        time.sleep(0.1)
+    graph.stop(recorder)
+    taken = time.monotonic() - begin
+    files = sorted(path.name for path in (tmp_path / 'run_0').iterdir())
+    suffix = {'mcap': 'mcap', 'sqlite3': 'db3'}[storage]
+    assert files == ['metadata.yaml', *(f'run_{n}.{suffix}' for n in range(len(files) - 1))]
+    assert 3 <= len(files) - 1 <= max(6, 1 + taken / 0.3)
+    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
+    assert check_bag(tmp_path / 'run_0').damage == []
+
+
+def few(folder: Path) -> dict[str, Any]:
+    """Parameters to record what the test alone sends."""
+    return {'output': str(folder / 'run'), 'topics': ['chain', 'joint_states']}
+
+
+def call(graph: Graph, name: str) -> Any:
+    return graph.call(Trigger, f'bag_recorder/{name}')
+
+
+def test_a_bag_is_split_when_it_is_told_to(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    recorder = graph.start(BagRecorder, few(tmp_path))
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    publish_frames(publisher, named, 10)
+    graph.until(lambda: recorder.messages == 10, 'ten frames')
+    assert call(graph, 'split_bagfile').success
+    graph.until(lambda: values(graph.next_report('bag_recorder'))['files'] == '2', 'a file')
+    publish_frames(publisher, named, 20)
+    graph.stop(recorder)
+    told = yaml.safe_load((tmp_path / 'run_0/metadata.yaml').read_text())
+    files = told['rosbag2_bagfile_information']['files']
+    assert [(file['path'], file['message_count']) for file in files] == [
+        ('run_0.mcap', 10),
+        ('run_1.mcap', 20),
+    ]
+
+
+def test_what_is_sent_in_a_pause_is_left_out_except_what_is_latched(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    recorder = graph.start(BagRecorder, few(tmp_path))
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    chain = graph.speak(interfaces.CHAIN)
+    before = publish_frames(publisher, named, 10)
+    graph.until(lambda: recorder.messages == 10, 'ten frames')
+    assert not call(graph, 'is_paused').success
+    assert call(graph, 'pause').success
+    assert call(graph, 'is_paused').success
+    publish_frames(publisher, named, 20)
+    chain.publish(chain_to_msg(named, time_to_msg(5)))
+    graph.until(lambda: recorder._gate._latched, 'the chain')
+    time.sleep(0.1)
+    assert call(graph, 'resume').success
+    graph.until(lambda: recorder.messages == 11, 'the chain')
+    after = publish_frames(publisher, named, 30)
+    graph.stop(recorder)
+    held = messages_of(tmp_path / 'run_0')
+    assert held['/joint_states'] == before + after
+    assert len(held['/chain']) == 1
+    assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
+
+
+def test_a_snapshot_holds_the_last_seconds_and_what_was_latched(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    given = {**few(tmp_path), 'snapshot_duration': 0.5}
+    recorder = graph.start(BagRecorder, given)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(5)))
+    publish_frames(publisher, named, 50)
+    time.sleep(1.0)
+    last = publish_frames(publisher, named, 20)
+    graph.until(lambda: len(recorder._gate._kept) == 20, 'the last frames')
+    assert recorder.messages == 0
+    assert call(graph, 'snapshot').success
+    graph.until(lambda: recorder.messages == 21, 'the snapshot')
+    graph.stop(recorder)
+    held = messages_of(tmp_path / 'run_0')
+    assert held['/joint_states'] == last
+    assert len(held['/chain']) == 1
+
+
+def test_without_a_snapshot_there_is_none_to_write(graph: Graph, tmp_path: Path) -> None:
+    graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    response = call(graph, 'snapshot')
+    assert not response.success
+    assert 'snapshot_duration of bag_recorder = 0 keeps nothing' in response.message

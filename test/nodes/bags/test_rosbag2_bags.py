@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of rosbag2's layouts, with joint states alone, are read, checked, mended and played."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from graphs import Graph
+from recordings import MILLISECOND, START, frame_message
+from rosbag2_bags import JOINT_STATES, LAYOUTS, Layout, write_rosbag2_bag
+
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+
+
+@pytest.fixture(params=LAYOUTS)
+def layout(request: pytest.FixtureRequest) -> Layout:
+    return LAYOUTS[request.param]
+
+
+@pytest.fixture
+def frames(named: NamedChain) -> list[tuple[int, interfaces.JointState]]:
+    return [(START + n * MILLISECOND, frame_message(named, n)) for n in range(100)]
+
+
+def test_every_message_is_read(
+    layout: Layout, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
+) -> None:
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', layout, frames)
+    with open_bag(bag) as reader:
+        assert list(read_topic(reader, 'joint_states')) == frames
+
+
+def test_it_is_whole_and_comes_back_whole(
+    layout: Layout, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
+) -> None:
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', layout, frames)
+    report = check_bag(bag)
+    assert (report.damage, report.messages, report.lost) == ([], 100, 0)
+    _, new = recover_bag(bag, tmp_path / 'new')
+    with open_bag(new) as reader:
+        assert list(read_topic(reader, 'joint_states')) == frames
+
+
+@pytest.mark.parametrize('name', ['mcap in zstd chunks', 'split mcap', 'split sqlite3'])
+def test_it_is_played(
+    graph: Graph, name: str, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
+) -> None:
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
+    heard: list[interfaces.JointState] = []
+    topic = interfaces.JOINT_STATES
+    graph.user.create_subscription(topic.type, JOINT_STATES, heard.append, topic.qos)
+    graph.start(BagPlayer, {'bag': str(bag)})
+    graph.until(lambda: len(heard) == 100, 'the frames')
+    assert heard == [frame for _, frame in frames]
+
+
+@pytest.mark.parametrize('name', ['mcap without chunks', 'mcap in lz4 chunks', 'sqlite3'])
+def test_a_file_that_was_never_finished_gives_back_what_is_in_it(
+    name: str, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
+) -> None:
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
+    (bag / 'metadata.yaml').unlink()
+    (data,) = bag.iterdir()
+    whole = data.read_bytes()
+    data.write_bytes(whole[: len(whole) // 2])
+    report, new = recover_bag(bag, tmp_path / 'new')
+    with open_bag(new) as reader:
+        held = list(read_topic(reader, 'joint_states'))
+    assert len(held) == report.messages > 15
+    assert all(entry in frames for entry in held)
+
+
+def test_damage_to_a_file_without_chunks_costs_one_message(
+    frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
+) -> None:
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS['mcap without chunks'], frames)
+    (data,) = bag.glob('*.mcap')
+    whole = data.read_bytes()
+    stamp = frames[50][0].to_bytes(8, 'little')
+    head = whole.index(stamp) - 15
+    assert whole[head] == 5
+    damaged = bytearray(whole)
+    damaged[head : head + 9] = bytes(9)
+    data.write_bytes(damaged)
+    report, new = recover_bag(bag, tmp_path / 'new')
+    assert report.messages == 99
+    with open_bag(new) as reader:
+        held = list(read_topic(reader, 'joint_states'))
+    assert held == frames[:50] + frames[51:]

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever is thrown at the actuator, the chain moves as the accepted commands alone have it."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from graphs import Graph
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray, Header
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_msgs.msg import EdgeCommand
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.messages.conversions import time_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+
+ROTORS = 6
+COMMANDS = 10_000
+SPEED = 0.25
+STALE = Header(stamp=time_to_msg(10**18))
+
+
+def flood() -> list[tuple[interfaces.Topic, Any]]:
+    """Return commands of which one in ten is right."""
+    joints = interfaces.JOINT_COMMANDS
+    wrong: list[tuple[interfaces.Topic, Any]] = [
+        (interfaces.NUDGE, Float64(data=math.nan)),
+        (interfaces.NUDGE, Float64(data=1e9)),
+        (interfaces.EDGE_COMMAND, EdgeCommand(value=math.inf)),
+        (interfaces.EDGE_COMMAND, EdgeCommand(header=STALE, value=1.0)),
+        (interfaces.EDGE_COMMAND, EdgeCommand(kind=7, value=1.0)),
+        (joints, JointState(name=['wheel'], effort=[1e-3])),
+        (joints, JointState(name=['rotor_0'], effort=[math.nan])),
+        (joints, JointState(header=STALE, name=['rotor_0'], effort=[1e-3])),
+        (interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[1e-3])),
+    ]
+    right = [(interfaces.NUDGE, Float64(data=sign * SPEED)) for sign in (1, -1)]
+    return [
+        command
+        for number in range(COMMANDS // 10)
+        for command in (*wrong[: number % 9], right[number % 2], *wrong[number % 9 :])
+    ]
+
+
+def test_the_chain_moves_as_the_accepted_commands_alone_have_it(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kicks: list[tuple[int, Array]] = []
+    kick = ElasticSimulation.kick
+
+    def noted(self: ElasticSimulation, impulses: Array) -> None:
+        kicks.append((self.frame, impulses))
+        kick(self, impulses)
+
+    monkeypatch.setattr(ElasticSimulation, 'kick', noted)
+    actuator = graph.start(EdgeActuator, {'state_timeout': 60.0})
+    simulator = graph.start(Simulator, {'chain.number_of_rotors': ROTORS, 'publish_rate': 100.0})
+    topics = {topic.name: topic for topic, _ in flood()}
+    publishers = {name: graph.speak(topic) for name, topic in topics.items()}
+    graph.until(lambda: actuator._latest and actuator._driver, 'the chain and its state')
+    for publisher in actuator.publishers:
+        if publisher.topic_name == '/rotor_impulses':
+            graph.until(publisher.get_subscription_count, 'the simulator')
+
+    def pour() -> None:
+        for number, (topic, message) in enumerate(flood()):
+            publishers[topic.name].publish(message)
+            if number % 10 == 0:
+                time.sleep(1e-3)
+
+    pouring = threading.Thread(target=pour)
+    pouring.start()
+    graph.until(lambda: not pouring.is_alive(), 'the flood')
+    handled, quiet_since = -1, time.monotonic()
+
+    def quiet() -> bool:
+        nonlocal handled, quiet_since
+        count = actuator._carried_out + actuator._diagnostics.refused
+        if count != handled:
+            handled, quiet_since = count, time.monotonic()
+        return time.monotonic() - quiet_since > 0.5 and len(kicks) == actuator._carried_out
+
+    graph.until(quiet, 'the end of the flood')
+    simulator.control.pause(True)
+    simulator.control.step(1)
+    assert 0 < actuator._carried_out <= COMMANDS // 10
+    assert actuator._diagnostics.refused > actuator._carried_out
+    chain = simulator._named.chain
+    speeds = [np.linalg.norm(impulses) / chain.moment_of_inertia for _, impulses in kicks]
+    np.testing.assert_allclose(speeds, SPEED)
+    alone = ElasticSimulation(chain, chain.uniform_state(-1), period=0.01)
+    monkeypatch.undo()
+    end = simulator.control._simulation
+    for frame in range(end.frame):
+        for _, impulses in [kick for kick in kicks if kick[0] == frame]:
+            alone.kick(impulses)
+        alone.advance()
+    np.testing.assert_array_equal(alone.angles, end.angles)
+    np.testing.assert_array_equal(alone.rates, end.rates)

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tools that know ros2_control drive the chain as they are; what is wrong is refused whole."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import Bench
+from builtin_interfaces.msg import Duration
+from graphs import Graph
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_msgs.msg import EdgeCommand
+from soliton_linkage_nodes.messages.conversions import NamedChain, time_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+
+pytestmark = pytest.mark.usefixtures('often')
+
+JOINTS, EFFORTS = interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS
+TRAJECTORY = interfaces.JOINT_TRAJECTORY
+PERIOD = 0.01
+LONG_AGO = Header(stamp=time_to_msg(10**18))
+
+
+class Desk:
+    """A bench whose joints are at rest, and publishers of joint commands."""
+
+    def __init__(self, graph: Graph, named: NamedChain, parameters: dict[str, Any]) -> None:
+        self.bench = Bench(graph, named, parameters)
+        self.bench.tell_chain()
+        self._publishers = {
+            topic.name: graph.speak(topic) for topic in (JOINTS, EFFORTS, TRAJECTORY)
+        }
+        self._time = 0.0
+        self.frames(2, 0)
+
+    def say(self, topic: interfaces.Topic, message: Any) -> None:
+        """Publish a command, and wait until it is accepted."""
+        node = self.bench.node
+        before = node._carried_out
+        self.publish(topic, message)
+        self.bench.graph.until(lambda: node._carried_out > before, 'acceptance')
+
+    def publish(self, topic: interfaces.Topic, message: Any) -> None:
+        self._publishers[topic.name].publish(message)
+
+    def frames(self, count: int, messages: int | None = None) -> Array:
+        """Publish frames, and return the torques that come of it, one of each frame [N m]."""
+        expected = count if messages is None else messages
+        for _ in range(count):
+            self._time += PERIOD
+            self.bench.joints(self.bench.named.chain.uniform_state(-1), stamp=self._time)
+        return np.array([self.bench.next_torques() for _ in range(expected)])
+
+
+@pytest.fixture
+def desk(graph: Graph, named: NamedChain) -> Desk:
+    return Desk(graph, named, {'command_timeout': 0.05})
+
+
+def efforts(**by_name: float) -> JointState:
+    return JointState(name=list(by_name), effort=list(by_name.values()))
+
+
+def trajectory(names: list[str], *points: tuple[float, list[float]]) -> JointTrajectory:
+    return JointTrajectory(
+        joint_names=names,
+        points=[
+            JointTrajectoryPoint(
+                effort=effort,
+                time_from_start=Duration(sec=int(time), nanosec=round(time % 1 * 1e9)),
+            )
+            for time, effort in points
+        ],
+    )
+
+
+def at(**by_rotor: float) -> Array:
+    torques = np.zeros(8)
+    for name, torque in by_rotor.items():
+        torques[int(name[1:])] = torque
+    return torques
+
+
+def test_efforts_by_name_act_on_those_joints_until_the_watchdog_ends_them(desk: Desk) -> None:
+    desk.say(JOINTS, efforts(rotor_5=1e-3, rotor_2=-2e-3))
+    torques = desk.frames(8, messages=6)
+    np.testing.assert_array_equal(torques[:5], [at(r5=1e-3, r2=-2e-3)] * 5)
+    assert not torques[5].any()
+
+
+def test_a_stream_as_topic_based_ros2_control_sends_it_is_obeyed_message_by_message(
+    desk: Desk,
+) -> None:
+    """All joints of the hardware in every message, effort alone, stamped."""
+    names = list(desk.bench.named.joint_names)
+    for number in range(20):
+        asked = 1e-3 * np.sin(0.3 * number + np.arange(8.0))
+        now = desk.bench.node.get_clock().now().to_msg()
+        desk.say(JOINTS, JointState(header=Header(stamp=now), name=names, effort=list(asked)))
+        np.testing.assert_array_equal(desk.frames(1), [asked])
+
+
+def test_an_array_as_forward_command_controller_takes_it_is_for_all_joints(desk: Desk) -> None:
+    asked = 1e-3 * np.arange(8.0)
+    desk.say(EFFORTS, Float64MultiArray(data=list(asked)))
+    np.testing.assert_array_equal(desk.frames(3), [asked] * 3)
+
+
+def test_joints_that_are_listed_take_arrays_in_their_order_and_have_limits_of_their_own(
+    graph: Graph, named: NamedChain
+) -> None:
+    given = {
+        'joints': ['rotor_6', 'rotor_1'],
+        'torque_limits.rotor_6': 0.02,
+        'torque_limit': 0.3,
+        'command_timeout': 0.0,
+    }
+    desk = Desk(graph, named, given)
+    desk.say(EFFORTS, Float64MultiArray(data=[0.02, -0.3]))
+    np.testing.assert_array_equal(desk.frames(1), [at(r6=0.02, r1=-0.3)])
+    for number, (topic, message, complaint) in enumerate(
+        (
+            (EFFORTS, Float64MultiArray(data=[0.021, 0.0]), 'rotor_6 = 0.021 N m must lie in'),
+            (EFFORTS, Float64MultiArray(data=[0.0] * 8), 'has 8 efforts for 2 joints'),
+            (JOINTS, efforts(rotor_0=0.0), "'rotor_0', which has no actuator"),
+        ),
+        start=1,
+    ):
+        desk.publish(topic, message)
+        assert complaint in desk.bench.refusal(number)
+    np.testing.assert_array_equal(desk.frames(1), [at(r6=0.02, r1=-0.3)])
+
+
+def test_without_a_timeout_efforts_are_held_until_they_are_taken_back(
+    graph: Graph, named: NamedChain
+) -> None:
+    desk = Desk(graph, named, {'command_timeout': 0.0})
+    desk.say(JOINTS, efforts(rotor_3=1e-3))
+    np.testing.assert_array_equal(desk.frames(300), [at(r3=1e-3)] * 300)
+    desk.say(JOINTS, efforts(rotor_3=0.0))
+    assert not desk.frames(3, messages=1).any()
+
+
+def test_a_trajectory_goes_straight_through_its_points_and_is_held_for_the_timeout(
+    desk: Desk,
+) -> None:
+    desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.02, [2e-3]), (0.05, [-1e-3])))
+    torques = desk.frames(12, messages=11)
+    expected = 1e-3 * np.array([0.5, 1.5, 1.5, 0.5, -0.5, *[-1.0] * 5, 0.0])
+    np.testing.assert_allclose(torques, [at(r4=effort) for effort in expected], atol=1e-15)
+
+
+def test_a_trajectory_may_begin_later_or_have_begun(desk: Desk) -> None:
+    now = desk.bench.node.get_clock().now().nanoseconds
+    late = trajectory(['rotor_4'], (0.0, [1e-3]), (100.0, [1e-3]))
+    late.header.stamp = time_to_msg(now - 50 * 10**9)
+    desk.say(TRAJECTORY, late)
+    np.testing.assert_allclose(desk.frames(1), [at(r4=1e-3)], rtol=1e-12)
+    early = trajectory(['rotor_4'], (0.0, [0.0]), (1.0, [5e-3]))
+    early.header.stamp = time_to_msg(now + 100 * 10**9)
+    desk.say(TRAJECTORY, early)
+    ((torque,),) = desk.frames(1)[:, [4]]
+    assert torque == pytest.approx(1e-3, rel=1e-3)
+
+
+GOOD_POINT = (0.1, [1e-3])
+
+
+@pytest.mark.parametrize(
+    ('topic', 'message', 'complaint'),
+    [
+        (JOINTS, efforts(rotor_1=1e-3, rotor_8=1e-3), "'rotor_8', which has no actuator"),
+        (JOINTS, efforts(rotor_1=1e-3, rotor_2=math.nan), 'rotor_2 = nan N m must be a finite'),
+        (JOINTS, efforts(rotor_1=1e-3, rotor_2=-math.inf), 'rotor_2 = -inf N m must be a finite'),
+        (JOINTS, efforts(rotor_1=1e-3, rotor_2=-0.11), 'rotor_2 = -0.11 N m must lie in the'),
+        (JOINTS, JointState(name=['rotor_1'] * 2, effort=[1e-3] * 2), "'rotor_1' twice"),
+        (JOINTS, JointState(name=['rotor_1'], effort=[]), 'has 0 efforts for 1 joints'),
+        (JOINTS, JointState(effort=[1e-3]), 'names no joint'),
+        (JOINTS, JointState(name=['rotor_1'], position=[0.5], effort=[1e-3]), 'effort alone'),
+        (
+            JOINTS,
+            JointState(header=LONG_AGO, name=['rotor_1'], effort=[1e-3]),
+            's old, the limit is 0.05 s',
+        ),
+        (EFFORTS, Float64MultiArray(data=[1e-3] * 7), 'has 7 efforts for 8 joints'),
+        (EFFORTS, Float64MultiArray(), 'has 0 efforts for 8 joints'),
+        (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [math.nan]), 'rotor_7 = nan N m must'),
+        (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [0.2]), 'rotor_7 = 0.2 N m must lie in'),
+        (TRAJECTORY, JointTrajectory(joint_names=['rotor_1']), 'has no points or no joints'),
+        (TRAJECTORY, trajectory([], (0.1, [])), 'has no points or no joints'),
+        (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
+        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [])), 'point 1 of ~/joint_traj'),
+        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, GOOD_POINT), 'or more and increase'),
+        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [9.0])), 'rotor_1 = 9 N m must'),
+        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [math.nan])), 'rotor_1 = nan N m'),
+        (
+            TRAJECTORY,
+            JointTrajectory(
+                joint_names=['rotor_1'],
+                points=[JointTrajectoryPoint(positions=[1.0], effort=[1e-3])],
+            ),
+            'point 0 of ~/joint_trajectory asks for positions',
+        ),
+        (
+            TRAJECTORY,
+            JointTrajectory(
+                header=LONG_AGO,
+                joint_names=['rotor_1'],
+                points=[JointTrajectoryPoint(effort=[1e-3])],
+            ),
+            '~/joint_trajectory was over',
+        ),
+    ],
+)
+def test_a_wrong_command_is_refused_whole(
+    graph: Graph, named: NamedChain, topic: interfaces.Topic, message: Any, complaint: str
+) -> None:
+    desk = Desk(graph, named, {'command_timeout': 0.05})
+    desk.say(JOINTS, efforts(rotor_1=5e-4))
+    desk.frames(1)
+    desk.publish(topic, message)
+    assert complaint in desk.bench.refusal()
+    np.testing.assert_array_equal(desk.frames(1), [at(r1=5e-4)])
+
+
+def test_joints_and_an_edge_act_together(desk: Desk) -> None:
+    desk.bench.order(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=1e-3, duration=60.0)
+    (alone,) = desk.frames(1)
+    desk.say(JOINTS, efforts(rotor_6=2e-3))
+    (together,) = desk.frames(1)
+    np.testing.assert_allclose(together, alone + at(r6=2e-3), rtol=1e-12)
+
+
+def test_stamps_that_go_back_end_all_torques(desk: Desk) -> None:
+    desk.say(JOINTS, efforts(rotor_6=2e-3))
+    desk.frames(1)
+    rest = desk.bench.named.chain.uniform_state(-1)
+    desk.bench.joints(rest, stamp=0.0)
+    assert 'all torques are dropped' in desk.bench.refusal()
+    assert not desk.bench.next_torques().any()
+    desk.bench.joints(rest, stamp=0.1)
+    desk.bench.graph.next_report('edge_actuator')
+    assert desk.bench.torques == []
+
+
+def test_a_frame_that_comes_twice_changes_nothing(desk: Desk) -> None:
+    desk.say(JOINTS, efforts(rotor_6=2e-3))
+    desk.frames(1)
+    rest = desk.bench.named.chain.uniform_state(-1)
+    desk.bench.joints(rest, stamp=desk._time)
+    assert 'stamp each frame' in desk.bench.refusal()
+    np.testing.assert_array_equal(desk.frames(1), [at(r6=2e-3)])
+
+
+@pytest.mark.parametrize(
+    ('given', 'complaint'),
+    [
+        ({'joints': ['rotor_1', 'rotor_1']}, 'each once'),
+        ({'joints': ['rotor_1'], 'torque_limits.rotor_2': 1.0}, 'is unknown'),
+        ({'joints': ['rotor_1'], 'torque_limits.rotor_1': -1.0}, 'must lie in the range 0'),
+        ({'lowest_pressure': -2e5}, 'must lie in the range -101325 to 0 Pa'),
+    ],
+)
+def test_wrong_parameters_stop_it(
+    graph: Graph, named: NamedChain, given: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        Bench(graph, named, given)
+
+
+def test_a_listed_joint_that_the_chain_has_not_is_refused_with_the_chain(
+    graph: Graph, named: NamedChain
+) -> None:
+    bench = Bench(graph, named, {'joints': ['rotor_9']})
+    bench.tell_chain()
+    assert "parameter joints names 'rotor_9', which is none of 'rotor_0' to" in bench.refusal()
+    bench.joints(named.chain.uniform_state(-1))
+    bench.nudge(1.0)
+    assert 'the chain is not known yet' in bench.refusal(2)

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The last kick is what was sent and booked: told once, whole, and honest about its source."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage_nodes.edge_actuator.kick_record import Delivered, Kick, KickRecord
+
+PERIOD = 10_000_000
+KICK = EdgeOrder(Edge.FIRST, Kind.KICK, 3.0)
+PULSE = EdgeOrder(Edge.FIRST, Kind.PULSE, 0.01, 0.1)
+TORQUES = np.array([1.0, -2.0])
+IMPULSES = np.array([0.5, 0.0])
+
+
+class Desk:
+    """A record, and what it told."""
+
+    def __init__(self, booked: bool) -> None:
+        self.told: list[Kick] = []
+        self.record = KickRecord(2, self.told.append)
+        self.record.booked = booked
+
+    def frame(self, number: int) -> None:
+        """Note a frame of rotors that turn by 0.1 and by 0.3 rad a period."""
+        self.record.frame(number * PERIOD, number * np.array([0.1, 0.3]))
+
+    def deliver(self, number: int, **fields: object) -> None:
+        nothing = {
+            'impulses': 0,
+            'work_of_impulses': 0.0,
+            'torques_act': False,
+            'work_of_torques': 0.0,
+            'impulse_of_torques': np.zeros(2),
+        }
+        self.record.deliver(Delivered(stamp=number * PERIOD, **{**nothing, **fields}))
+
+
+def test_unbooked_torques_act_a_frame_after_they_were_sent() -> None:
+    desk = Desk(booked=False)
+    for number in range(6):
+        desk.frame(number)
+        if number == 1:
+            desk.record.begin(PERIOD, 'edge_command', PULSE)
+        if number in (1, 2):
+            desk.record.sent(number * TORQUES, saturated=number == 2)
+        if number == 3:
+            desk.record.end(3 * PERIOD, cut_short=False)
+            assert desk.told == []
+    (kick,) = desk.told
+    np.testing.assert_allclose(kick.impulse, 3 * 0.01 * TORQUES)
+    assert kick.work == pytest.approx(3 * float(TORQUES @ [0.1, 0.3]))
+    assert kick.peak_torque == pytest.approx(2 * np.sqrt(5))
+    assert kick.duration == pytest.approx(0.02)
+    assert (kick.stamp, kick.source, kick.asked) == (PERIOD, 'edge_command', PULSE)
+    assert (kick.saturated, kick.cut_short, kick.measured) == (True, False, False)
+    assert not desk.record.open
+
+
+def test_booked_torques_are_told_with_the_difference_of_the_books() -> None:
+    desk = Desk(booked=True)
+    desk.deliver(0, work_of_torques=5.0, impulse_of_torques=np.array([1.0, 1.0]))
+    desk.frame(1)
+    desk.record.begin(PERIOD, 'edge_command', PULSE)
+    desk.record.sent(TORQUES, saturated=False)
+    desk.frame(2)
+    desk.record.end(2 * PERIOD, cut_short=True)
+    desk.deliver(3, torques_act=True, work_of_torques=6.0)
+    assert desk.told == []
+    desk.deliver(4, work_of_torques=7.5, impulse_of_torques=np.array([1.5, 4.0]))
+    (kick,) = desk.told
+    assert kick.work == 2.5
+    np.testing.assert_array_equal(kick.impulse, [0.5, 3.0])
+    assert (kick.cut_short, kick.measured) == (True, True)
+
+
+def test_an_order_that_takes_over_splits_the_books_at_its_frame() -> None:
+    desk = Desk(booked=True)
+    desk.frame(1)
+    desk.record.begin(PERIOD, 'edge_command', PULSE)
+    desk.record.sent(TORQUES, saturated=False)
+    desk.deliver(2, torques_act=True, work_of_torques=1.0)
+    desk.frame(2)
+    desk.record.end(2 * PERIOD, cut_short=True, superseded=True)
+    desk.record.begin(2 * PERIOD, 'nudge', PULSE)
+    desk.record.sent(TORQUES, saturated=False)
+    desk.deliver(3, torques_act=True, work_of_torques=3.0)
+    desk.frame(3)
+    desk.record.end(3 * PERIOD, cut_short=False)
+    desk.deliver(4, torques_act=True, work_of_torques=4.0)
+    desk.deliver(5, work_of_torques=4.5)
+    assert [(kick.source, kick.work) for kick in desk.told] == [
+        ('edge_command', 3.0),
+        ('nudge', 1.5),
+    ]
+
+
+def test_sources_that_join_in_are_told_of_together() -> None:
+    desk = Desk(booked=False)
+    desk.frame(1)
+    for source, asked in (('edge_command', PULSE), ('~/commands', None), ('~/commands', None)):
+        desk.record.begin(PERIOD, source, asked)
+    desk.record.abandon(PERIOD)
+    (kick,) = desk.told
+    assert (kick.source, kick.asked, kick.cut_short) == ('edge_command, ~/commands', PULSE, True)
+
+
+def test_an_unbooked_kick_is_told_at_once() -> None:
+    desk = Desk(booked=False)
+    desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
+    (kick,) = desk.told
+    assert (kick.work, kick.asked, kick.measured, kick.peak_torque) == (0.75, KICK, False, 0.0)
+    np.testing.assert_array_equal(kick.impulse, IMPULSES)
+
+
+def test_a_booked_kick_is_told_with_its_work_while_torques_act_beside_it() -> None:
+    desk = Desk(booked=True)
+    desk.deliver(0, impulses=7, work_of_impulses=2.0)
+    desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
+    desk.deliver(1, impulses=7, work_of_impulses=2.0, torques_act=True, work_of_torques=9.0)
+    assert desk.told == []
+    desk.deliver(2, impulses=8, work_of_impulses=2.8, torques_act=True, work_of_torques=9.5)
+    (kick,) = desk.told
+    assert kick.work == pytest.approx(0.8)
+    assert kick.measured
+
+
+def test_kicks_of_one_frame_are_told_of_together() -> None:
+    desk = Desk(booked=True)
+    desk.deliver(0)
+    for number in range(3):
+        desk.record.kicked(PERIOD, 'nudge', KICK, (number + 1) * IMPULSES, 0.1)
+    desk.deliver(1, impulses=2, work_of_impulses=1.0)
+    desk.deliver(2, impulses=3, work_of_impulses=1.5)
+    assert [kick.work for kick in desk.told] == [1.0, 0.5]
+    np.testing.assert_array_equal(desk.told[0].impulse, 3 * IMPULSES)
+
+
+def test_a_kick_that_is_never_booked_did_nothing() -> None:
+    desk = Desk(booked=True)
+    desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
+    for number in range(1, 60):
+        desk.frame(number)
+    (kick,) = desk.told
+    assert (kick.work, kick.cut_short, kick.measured) == (0.0, True, True)
+    assert not kick.impulse.any()
+
+
+def test_torques_whose_books_cease_are_told_as_far_as_they_are_known() -> None:
+    desk = Desk(booked=True)
+    desk.deliver(0, work_of_torques=1.0)
+    desk.frame(1)
+    desk.record.begin(PERIOD, 'nudge', PULSE)
+    desk.record.sent(TORQUES, saturated=False)
+    desk.deliver(1, torques_act=True, work_of_torques=1.5)
+    desk.frame(2)
+    desk.record.end(2 * PERIOD, cut_short=False)
+    for number in range(3, 60):
+        desk.frame(number)
+    (kick,) = desk.told
+    assert (kick.work, kick.measured) == (0.5, True)

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the last kick says was delivered is what the simulated chain has gained."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration
+from graphs import Graph
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_msgs.msg import EdgeCommand, LastKick
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+
+pytestmark = pytest.mark.usefixtures('often')
+
+ROTORS = 8
+CHAIN = Chain(number_of_rotors=ROTORS)
+# The actuator waits for frames as long as a busy machine takes.
+PATIENT = {'state_timeout': 60.0, 'command_timeout': 0.2}
+
+
+class Rig:
+    """An actuator that drives a simulator."""
+
+    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
+        self.graph = graph
+        self.actuator = graph.start(EdgeActuator, {**PATIENT, **(parameters or {})})
+        self.kicks: list[LastKick] = []
+        self._note_kicks()
+        given = {'chain.number_of_rotors': ROTORS, 'publish_rate': 200.0, 'command_timeout': 0.0}
+        self.simulator = graph.start(Simulator, given)
+        for publisher in self.actuator.publishers:
+            if publisher.topic_name in ('/rotor_impulses', '/rotor_torques'):
+                graph.until(publisher.get_subscription_count, publisher.topic_name)
+        graph.until(
+            lambda: self.actuator._previous and self.actuator._driver.record._delivered,
+            'the chain, its state and its books',
+        )
+
+    def _note_kicks(self) -> None:
+        """Note every kick: of two in quick succession a latched topic keeps the last alone."""
+        publish = self.actuator._last_kick.publish
+
+        def note(message: LastKick) -> None:
+            self.kicks.append(message)
+            publish(message)
+
+        self.actuator._last_kick.publish = note
+
+    @property
+    def energy(self) -> float:
+        return float(self.simulator.control.status.energy)
+
+    def next_kick(self) -> LastKick:
+        self.graph.until(lambda: self.kicks, 'a kick')
+        return self.kicks.pop(0)
+
+    def say(self, topic: interfaces.Topic, message: Any) -> None:
+        self.graph.speak(topic).publish(message)
+
+
+def edge(kind: int, value: float, **fields: float) -> tuple[interfaces.Topic, Any]:
+    command = EdgeCommand(edge=EdgeCommand.NEAREST, kind=kind, value=value, **fields)
+    return interfaces.EDGE_COMMAND, command
+
+
+def trajectory() -> tuple[interfaces.Topic, Any]:
+    points = [
+        JointTrajectoryPoint(effort=[effort, -effort], time_from_start=Duration(nanosec=time))
+        for effort, time in ((2e-3, 50_000_000), (-1e-3, 200_000_000), (0.0, 250_000_000))
+    ]
+    message = JointTrajectory(joint_names=['rotor_0', 'rotor_3'], points=points)
+    return interfaces.JOINT_TRAJECTORY, message
+
+
+COMMANDS = {
+    'nudge': (interfaces.NUDGE, Float64(data=10.0)),
+    'kick': edge(EdgeCommand.KICK, -4.0),
+    'pulse': edge(EdgeCommand.PULSE, 5e-3, duration=0.1, ramp_up=0.03, ramp_down=0.01),
+    'impulse': edge(EdgeCommand.PULSE, 0.05),
+    'pressure': edge(EdgeCommand.PRESSURE, 6e4, duration=0.15),
+    'joints': (interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[1e-3, *[0.0] * 7])),
+    'trajectory': trajectory(),
+}
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_the_work_told_is_the_change_of_the_energy_of_the_chain(graph: Graph, name: str) -> None:
+    rig = Rig(graph)
+    for _ in range(2):
+        before = rig.energy
+        rig.say(*COMMANDS[name])
+        kick = rig.next_kick()
+        gained = rig.energy - before
+        # What the solver gains or loses in a few hundred steps is below 1e-9 of the energy.
+        assert kick.work == pytest.approx(gained, rel=1e-8, abs=1e-13)
+        assert abs(gained) > 1e-7
+        assert kick.measured
+        assert (kick.saturated, kick.cut_short) == (False, False)
+        assert kick.name
+        assert len(kick.name) == len(kick.impulse)
+
+
+def test_a_pulse_is_told_with_what_was_asked_and_what_came_of_it(graph: Graph) -> None:
+    rig = Rig(graph)
+    topic, command = COMMANDS['pulse']
+    rig.say(topic, command)
+    kick = rig.next_kick()
+    assert kick.source == 'edge_command'
+    assert kick.asked.edge == EdgeCommand.FIRST
+    for field in ('kind', 'value', 'duration', 'ramp_up', 'ramp_down'):
+        assert getattr(kick.asked, field) == getattr(command, field)
+    assert 0 < kick.peak_torque <= 5e-3 * (1 + 1e-9)
+    assert kick.duration > 0.1
+    assert kick.header.stamp.sec > 0
+
+
+def test_a_late_joiner_gets_the_last_kick(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.say(*COMMANDS['nudge'])
+    kick = rig.next_kick()
+    assert [kick] == _heard_late(graph)
+
+
+def _heard_late(graph: Graph) -> list[LastKick]:
+    late: list[LastKick] = graph.hear(interfaces.LAST_KICK)
+    graph.until(lambda: late, 'the last kick')
+    return late
+
+
+def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=600.0))
+    graph.until(lambda: rig.actuator._driver.driving, 'the pulse')
+    before = rig.energy
+    assert before >= 0
+    rig.say(*edge(EdgeCommand.PULSE, 1e-3, duration=0.05))
+    first, second = rig.next_kick(), rig.next_kick()
+    assert (first.cut_short, second.cut_short) == (True, False)
+    assert first.asked.duration == 600.0
+    assert first.work + second.work == pytest.approx(rig.energy, rel=1e-8)
+
+
+def test_a_pulse_that_is_paused_goes_on_after_resume_with_nothing_lost(graph: Graph) -> None:
+    rig = Rig(graph, {'state_timeout': 1.0})
+    rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=0.4))
+    graph.until(lambda: rig.energy > 0, 'the pulse')
+    rig.simulator.control.pause(True)
+    paused = time.monotonic()
+    graph.until(lambda: time.monotonic() - paused > 1.5, 'more than the timeout')
+    assert rig.kicks == []
+    rig.simulator.control.pause(False)
+    kick = rig.next_kick()
+    assert kick.work == pytest.approx(rig.energy, rel=1e-8)
+    assert kick.duration == pytest.approx(0.4, abs=0.02)
+    assert not kick.cut_short
+
+
+def test_saturation_is_told(graph: Graph) -> None:
+    rig = Rig(graph, {'saturation_torque': 1e-3})
+    rig.say(*COMMANDS['pressure'])
+    kick = rig.next_kick()
+    assert kick.saturated
+    assert kick.peak_torque == pytest.approx(1e-3)
+
+
+def test_impulses_that_the_simulator_refuses_are_not_told_as_delivered(graph: Graph) -> None:
+    rig = Rig(graph, {'speed_limit': 1e6})
+    rig.say(interfaces.NUDGE, Float64(data=1e5))
+    kick = rig.next_kick()
+    assert (kick.work, list(kick.name), kick.cut_short, kick.measured) == (0.0, [], True, True)
+    np.testing.assert_allclose(rig.energy, 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize('name', ['nudge', 'pulse'])
+def test_a_kick_while_a_joint_is_driven_has_its_own_books(graph: Graph, name: str) -> None:
+    rig = Rig(graph, {'command_timeout': 0.0})
+    rig.say(interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[0.0, 2e-4, *[0.0] * 6]))
+    graph.until(lambda: rig.actuator._driver.driving, 'the torque')
+    rig.say(*COMMANDS[name])
+    told = []
+    if name == 'nudge':
+        told.append(rig.next_kick())
+        assert told[0].source == 'nudge'
+    rig.say(interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[0.0] * 8))
+    while not told or rig.actuator._driver.busy:
+        told.append(rig.next_kick())
+    assert sum(kick.work for kick in told) == pytest.approx(rig.energy, rel=1e-8)

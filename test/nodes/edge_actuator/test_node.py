@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands become impulses and torques along the zero mode of the chain as it is now."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import Bench
+from graphs import Graph, values
+from std_msgs.msg import Float64, Header
+
+from soliton_linkage.actuation.profile import trapezoid
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import Edge, edge_mode, rigidity_matrix
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage_msgs.msg import EdgeCommand
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    frame_to_msg,
+    time_from_msg,
+    time_to_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+
+pytestmark = pytest.mark.usefixtures('often')
+
+LEFT, RIGHT = -1, 1
+NEAR_EDGE = {LEFT: EdgeCommand.FIRST, RIGHT: EdgeCommand.LAST}
+LASTING = EdgeCommand.PRESSURE
+
+
+@pytest.fixture
+def bench(graph: Graph, named: NamedChain) -> Bench:
+    bench = Bench(graph, named)
+    bench.tell_chain()
+    return bench
+
+
+@pytest.mark.parametrize('speed', [7.5, -7.5])
+@pytest.mark.parametrize('lean', [LEFT, RIGHT])
+def test_a_nudge_is_an_impulse_along_the_zero_mode_of_its_speed(
+    bench: Bench, lean: int, speed: float
+) -> None:
+    chain = bench.named.chain
+    angles = chain.uniform_state(lean)
+    bench.joints(angles)
+    bench.nudge(speed)
+    impulses = bench.next_impulses()
+    rates = impulses / chain.moment_of_inertia
+    stretched = rigidity_matrix(chain, angles) @ rates
+    assert np.linalg.norm(rates) == pytest.approx(abs(speed), rel=1e-12)
+    assert np.abs(stretched).max() < 1e-12 * abs(speed)
+    expected = edge_mode(chain, angles, Edge.NEAREST)
+    np.testing.assert_array_equal(impulses, chain.moment_of_inertia * speed * expected)
+
+
+@pytest.mark.parametrize('lean', [LEFT, RIGHT])
+def test_a_positive_kick_sends_a_wall_from_its_edge_into_the_chain(
+    graph: Graph, lean: int
+) -> None:
+    chain = Chain(number_of_rotors=20)
+    named = NamedChain(chain, tuple(f'joint_{rotor}' for rotor in range(20)))
+    bench = Bench(graph, named)
+    bench.tell_chain()
+    angles = chain.uniform_state(lean)
+    bench.joints(angles)
+    bench.command(edge=NEAR_EDGE[lean], kind=EdgeCommand.KICK, value=10.0)
+    rates = bench.next_impulses() / chain.moment_of_inertia
+    moved = simulate(chain, angles, rates, duration=1.0, period=1.0)
+    (wall,) = find_solitons(chain, moved.angles[-1], moved.rates[-1])
+    from_edge = wall.rotor if lean == LEFT else 19 - wall.rotor
+    assert from_edge > 5
+    assert wall.velocity * lean < 0
+
+
+def test_the_mode_is_that_of_the_latest_configuration(bench: Bench) -> None:
+    chain = bench.named.chain
+    rest = chain.uniform_state(LEFT)
+    start = 10.0 * edge_mode(chain, rest, Edge.FIRST)
+    moved = simulate(chain, rest, start, duration=0.5, period=0.1)
+    for angles in moved.angles:
+        bench.joints(angles)
+        bench.command(edge=EdgeCommand.NEAREST, kind=EdgeCommand.KICK, value=2.0)
+        expected = edge_mode(chain, angles, Edge.NEAREST)
+        np.testing.assert_array_equal(
+            bench.next_impulses(), chain.moment_of_inertia * 2.0 * expected
+        )
+
+
+def test_joints_may_come_in_any_order(bench: Bench) -> None:
+    chain = bench.named.chain
+    angles = chain.uniform_state(LEFT) + np.linspace(0, 0.01, chain.number_of_rotors)
+    bench.joints(angles, order=-1)
+    bench.nudge(1.0)
+    expected = chain.moment_of_inertia * edge_mode(chain, angles, Edge.NEAREST)
+    np.testing.assert_array_equal(bench.next_impulses(), expected)
+
+
+def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench: Bench) -> None:
+    bench.joints(bench.named.chain.uniform_state(LEFT))
+    for edge, allowed in (('last', True), ('middle', False)):
+        assert bench.set('nudge_edge', edge) == allowed
+    bench.nudge(1.0)
+    assert bench.refusal().endswith('nearer the first edge than the last; name the first edge')
+
+
+@pytest.mark.parametrize('speed', [7.0, -2.0])
+def test_a_nudge_can_be_a_pressure_with_the_impulse_of_the_kick(
+    bench: Bench, speed: float
+) -> None:
+    assert bench.set('nudge_as', 'pressure')
+    assert bench.set('nudge_duration', 0.08)
+    chain = bench.named.chain
+    rest = chain.uniform_state(LEFT)
+    bench.joints(rest, stamp=-0.01)
+    bench.joints(rest, stamp=0.0)
+    bench.nudge(speed)
+    bench.graph.until(lambda: bench.node._carried_out, 'the nudge')
+    torques = bench.drive([rest] * 90, 0.01, 0.01)
+    impulse = 0.01 * torques.sum(axis=0)
+    expected = chain.moment_of_inertia * speed * edge_mode(chain, rest, Edge.FIRST)
+    np.testing.assert_allclose(impulse, expected, rtol=1e-5)
+    assert bench.impulses == []
+    assert not torques[-1].any()
+
+
+def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench: Bench) -> None:
+    chain = bench.named.chain
+    rest = chain.uniform_state(LEFT)
+    moved = simulate(
+        chain, rest, 10.0 * edge_mode(chain, rest, Edge.FIRST), duration=0.6, period=0.1
+    )
+    bench.joints(rest, stamp=0.0)
+    bench.joints(rest, stamp=0.1)
+    bench.order(
+        edge=EdgeCommand.FIRST,
+        kind=EdgeCommand.PULSE,
+        value=5e-3,
+        ramp_up=0.1,
+        duration=0.15,
+        ramp_down=0.1,
+    )
+    torques = bench.drive(moved.angles, 0.2, 0.1, messages=5)
+    # Means over the periods of a rise, a plateau and a fall that begin with the next frame.
+    for mean, given, angles in zip(
+        (0.5, 1.0, 0.875, 0.125, 0.0), torques, moved.angles, strict=False
+    ):
+        mode = edge_mode(chain, angles, Edge.FIRST, anywhere=True)
+        np.testing.assert_allclose(given, 5e-3 * mean * mode, atol=1e-15)
+
+
+def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench: Bench) -> None:
+    chain = bench.named.chain
+    rest = chain.uniform_state(RIGHT)
+    pulse = {'edge': EdgeCommand.LAST, 'kind': EdgeCommand.PULSE, 'value': -0.05}
+    bench.joints(rest, stamp=1.0)
+    bench.command(**pulse)
+    assert 'which is not known yet; give a duration' in bench.refusal()
+    bench.joints(rest, stamp=1.004)
+    bench.command(**pulse)
+    expected = -0.05 * 0.004 * edge_mode(chain, rest, Edge.LAST)
+    np.testing.assert_allclose(bench.next_impulses(), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
+def test_a_pressure_comes_and_goes_as_the_chamber_fills_and_vents(
+    bench: Bench, side: Edge
+) -> None:
+    chain = bench.named.chain
+    rest = chain.uniform_state(LEFT if side is Edge.FIRST else RIGHT)
+    bench.joints(rest, stamp=0.0)
+    bench.joints(rest, stamp=0.01)
+    bench.order(edge=EdgeCommand.NEAREST, kind=LASTING, value=1e5, duration=0.1, ramp_up=0.02)
+    torques = bench.drive([rest] * 100, 0.02, 0.01, messages=83)
+    model = bench.node._pneumatics
+    areas = [
+        model.driven(0.0, trapezoid(1e5, 0.02, 0.1, 0.0), 0.0, 0.01 * n)[1] for n in range(84)
+    ]
+    strengths = model.torque_per_pressure * np.diff(areas) / 0.01
+    strengths[-1] = 0.0
+    expected = strengths[:, None] * edge_mode(chain, rest, side)
+    np.testing.assert_allclose(torques, expected, atol=1e-14)
+
+
+def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(
+    bench: Bench,
+) -> None:
+    chain = bench.named.chain
+    left, right = chain.uniform_state(LEFT), chain.uniform_state(RIGHT)
+    bench.joints(left, stamp=0.0)
+    bench.joints(left, stamp=0.5)
+    bench.order(edge=EdgeCommand.NEAREST, kind=LASTING, value=-5e4)
+    held = bench.drive([left, left, right], 1.0, 1e3, messages=3)
+    strength = -5e4 * bench.node._pneumatics.torque_per_pressure
+    expected = strength * edge_mode(chain, right, Edge.FIRST, anywhere=True)
+    np.testing.assert_allclose(held[-1], expected, rtol=1e-9)
+    bench.order(edge=EdgeCommand.FIRST, kind=LASTING, value=0.0)
+    vented = bench.drive([right] * 3, 3e3, 1.0, messages=2)
+    assert vented[0].any()
+    assert not vented[1].any()
+
+
+FULL_KICK = {'edge': EdgeCommand.FIRST, 'kind': EdgeCommand.KICK, 'value': 5.0}
+FULL_PRESSURE = {'edge': EdgeCommand.FIRST, 'kind': LASTING, 'value': 1e4, 'duration': 1.0}
+FULL_PULSE = FULL_PRESSURE | {'kind': EdgeCommand.PULSE, 'value': 0.01}
+LONG_AGO = Header(stamp=time_to_msg(10**18))
+
+
+@pytest.mark.parametrize(
+    ('command', 'complaint'),
+    [
+        (FULL_KICK | {'value': math.nan}, 'speed = nan rad/s must be a finite number'),
+        (FULL_KICK | {'value': -math.inf}, 'speed = -inf rad/s must be a finite number'),
+        (
+            FULL_KICK | {'value': 100.5},
+            'speed = 100.5 rad/s must lie in the range -100 to 100 rad/s; '
+            'ask for less or raise speed_limit',
+        ),
+        (FULL_KICK | {'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
+        (FULL_KICK | {'duration': math.nan}, 'duration of a kick = nan s must be 0'),
+        (FULL_KICK | {'edge': 3}, 'edge = 3 must be one of 0, 1, 2'),
+        (FULL_KICK | {'kind': 3}, 'kind = 3 must be one of 0, 1, 2'),
+        (FULL_KICK | {'ramp_up': 0.1}, 'ramp_up of a kick = 0.1 s must be 0'),
+        (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it in time, or'),
+        (FULL_KICK | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
+        (FULL_PRESSURE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
+        (FULL_PRESSURE | {'value': math.nan}, 'pressure = nan Pa must be a finite number'),
+        (
+            FULL_PRESSURE | {'value': -3e5},
+            'pressure = -300000 Pa must lie in the range -80000 to 200000 Pa',
+        ),
+        (FULL_PRESSURE | {'duration': 0.0, 'ramp_down': 1.0}, 'ramp_down = 1 s must be 0 for'),
+        (FULL_PULSE | {'value': 0.2}, 'torque = 0.2 N m must lie in the range -0.1 to 0.1 N m'),
+        (FULL_PULSE | {'ramp_down': -1e-3}, 'ramp_down = -0.001 s must be a finite number of 0'),
+        (FULL_PULSE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
+        (FULL_PRESSURE | {'duration': -1.0}, 'duration = -1 s must be a finite number of 0 or'),
+        (FULL_PRESSURE | {'duration': math.inf}, 'duration = inf s must be a finite number'),
+        (FULL_PRESSURE | {'edge': 255}, 'edge = 255 must be one of 0, 1, 2'),
+    ],
+)
+def test_a_wrong_command_is_refused_and_what_is_going_on_goes_on(
+    bench: Bench, command: dict[str, Any], complaint: str
+) -> None:
+    rest = bench.named.chain.uniform_state(LEFT)
+    bench.joints(rest)
+    bench.joints(rest)
+    bench.order(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=2e-3, duration=9.0)
+    bench.joints(rest)
+    held = bench.next_torques()
+    bench.command(**command)
+    assert complaint in bench.refusal()
+    assert bench.reports[-1].level == bench.reports[-1].WARN
+    bench.joints(rest)
+    np.testing.assert_array_equal(bench.next_torques(), held)
+    assert bench.torques == []
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, 1e3])
+def test_a_wrong_nudge_is_refused(bench: Bench, value: float) -> None:
+    bench.joints(bench.named.chain.uniform_state(LEFT))
+    bench.nudge(value)
+    assert bench.refusal().startswith(f'nudge: speed = {value:g} rad/s must ')
+    bench.nudge(1.0)
+    bench.next_impulses()
+
+
+def test_without_any_joint_states_commands_are_refused(bench: Bench) -> None:
+    bench.nudge(1.0)
+    assert 'no fresh joint_states: none has come, the limit is 60 s' in bench.refusal()
+    bench.command(**FULL_PRESSURE)
+    assert 'start or resume the simulator' in bench.refusal(2)
+    assert bench.torques == []
+
+
+def test_with_old_joint_states_commands_are_refused(graph: Graph, named: NamedChain) -> None:
+    bench = Bench(graph, named, {'state_timeout': 1e-3})
+    bench.tell_chain()
+    bench.joints(named.chain.uniform_state(LEFT))
+    arrived = time.monotonic()
+    graph.until(lambda: time.monotonic() - arrived > 2e-3, 'the joint states to grow old')
+    bench.nudge(1.0)
+    refusal = bench.refusal()
+    assert 'no fresh joint_states: the last is' in refusal
+    assert 's old, the limit is 0.001 s; start or resume the simulator, or raise' in refusal
+
+
+def test_without_a_chain_commands_are_refused(graph: Graph, named: NamedChain) -> None:
+    bench = Bench(graph, named)
+    bench.joints(named.chain.uniform_state(LEFT))
+    bench.nudge(1.0)
+    assert 'the chain is not known yet; publish chain or set chain_from' in bench.refusal()
+
+
+def test_parameters_of_the_chain_take_the_place_of_the_topic(
+    graph: Graph, named: NamedChain
+) -> None:
+    given = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
+    bench = Bench(graph, named, given)
+    bench.joints(named.chain.uniform_state(LEFT))
+    bench.nudge(1.0)
+    assert np.any(bench.next_impulses())
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'complaint'),
+    [
+        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
+        ({'position': [math.nan] * 8}, 'position of rotor_0 = nan must be a finite number'),
+        ({'name': [f'wheel_{n}' for n in range(8)]}, 'joint_states.name lacks 8 of 8 rotors'),
+        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
+    ],
+)
+def test_wrong_joint_states_are_refused_when_they_are_needed(
+    bench: Bench, named: NamedChain, spoil: dict[str, Any], complaint: str
+) -> None:
+    rest = named.chain.uniform_state(LEFT)
+    zeros = np.zeros(named.rotors)
+    message = frame_to_msg(named, Frame(rest, None), zeros, time_to_msg(0))
+    for field, value in spoil.items():
+        setattr(message, field, value)
+    bench.raw_joints(message)
+    bench.nudge(1.0)
+    assert complaint in bench.refusal()
+    bench.joints(rest)
+    bench.nudge(1.0)
+    bench.next_impulses()
+
+
+def test_while_nobody_takes_impulses_commands_are_refused(graph: Graph, named: NamedChain) -> None:
+    reports = graph.reports('edge_actuator')
+    graph.start(EdgeActuator)
+    for number, (topic, message, torques) in enumerate(
+        (
+            (interfaces.NUDGE, Float64(data=1.0), 'rotor_impulses'),
+            (interfaces.EDGE_COMMAND, EdgeCommand(**FULL_PRESSURE), 'rotor_torques'),
+        ),
+        start=1,
+    ):
+        graph.speak(topic).publish(message)
+        graph.until(
+            lambda n=number: reports and values(reports[-1])['refused'] == str(n), 'the refusal'
+        )
+        assert values(reports[-1])['last refusal'] == (
+            f'{topic.name}: nothing subscribes to {torques}; start the simulator first'
+        )
+
+
+def test_a_report_tells_what_it_waits_for(graph: Graph, named: NamedChain) -> None:
+    bench = Bench(graph, named)
+    graph.until(lambda: bench.reports, 'a report')
+    assert bench.reports[-1].message == 'waiting for the topic chain'
+    bench.tell_chain()
+    assert graph.next_report('edge_actuator').message == 'waiting for joint_states'
+    bench.joints(named.chain.uniform_state(LEFT))
+    report = graph.next_report('edge_actuator')
+    assert (report.message, report.level) == ('ready', report.OK)
+    bench.joints(named.chain.uniform_state(LEFT))
+    bench.order(edge=EdgeCommand.FIRST, kind=LASTING, value=2e4)
+    bench.joints(named.chain.uniform_state(LEFT))
+    bench.next_torques()
+    report = graph.next_report('edge_actuator')
+    assert (report.message, report.level) == ('driving', report.OK)
+    assert values(report)['commands carried out'] == '1'
+
+
+def test_impulses_are_stamped(bench: Bench) -> None:
+    bench.joints(bench.named.chain.uniform_state(LEFT))
+    bench.nudge(1.0)
+    bench.graph.until(lambda: bench.impulses, 'impulses')
+    assert time_from_msg(bench.impulses[0].header.stamp) > 1_600_000_000 * 10**9
+    assert bench.impulses[0].header.frame_id == 'linkage'

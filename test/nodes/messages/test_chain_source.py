@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node learns the chain from the latched topic, early or late, or from its parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+from graphs import Graph, values
+from rclpy.node import Node
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Disorder
+from soliton_linkage_nodes.messages.chain_source import ChainSource
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    time_to_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+
+pytestmark = pytest.mark.usefixtures('often')
+
+
+class Learner(Node):
+    """Wants to know the chain."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('learner', **kwargs)
+        self.learnt: list[NamedChain] = []
+        diagnostics = Diagnostics(self, 'learning', lambda: Report('here'))
+        self.source = ChainSource(self, diagnostics, self.learnt.append)
+
+
+def test_the_chain_is_learnt_by_those_who_come_before_and_after_it(
+    graph: Graph, named: NamedChain
+) -> None:
+    early = graph.start(Learner)
+    assert early.source.named is None
+    topic = interfaces.CHAIN
+    publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    publisher.publish(chain_to_msg(named, time_to_msg(0)))
+    late = graph.start(Learner)
+    for learner in (early, late):
+        graph.until(lambda learner=learner: learner.learnt, 'the chain')
+        assert learner.learnt == [named]
+        assert learner.source.named == named
+
+
+def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:
+    learner = graph.start(Learner)
+    publisher = graph.speak(interfaces.CHAIN)
+    other = NamedChain(Chain(number_of_rotors=2, mass=1.0), ('left', 'right'))
+    for chain in (named, other):
+        publisher.publish(chain_to_msg(chain, time_to_msg(0)))
+        graph.until(lambda chain=chain: learner.source.named == chain, 'the chain')
+    assert learner.learnt == [named, other]
+
+
+def test_a_message_that_describes_no_chain_changes_nothing(
+    graph: Graph, named: NamedChain
+) -> None:
+    learner = graph.start(Learner)
+    publisher = graph.speak(interfaces.CHAIN)
+    publisher.publish(chain_to_msg(named, time_to_msg(0)))
+    graph.until(lambda: learner.learnt, 'the chain')
+    wrong = chain_to_msg(named, time_to_msg(0))
+    wrong.spacing = float('nan')
+    heard = graph.reports('learner')
+    publisher.publish(wrong)
+    graph.until(lambda: heard and values(heard[-1])['refused'] == '1', 'the refusal')
+    assert 'spacing = nan must be a finite number' in values(heard[-1])['last refusal']
+    assert learner.learnt == [named]
+
+
+def test_parameters_take_the_place_of_the_topic(graph: Graph) -> None:
+    given = {'chain_from': 'parameters', 'chain.number_of_rotors': 3, 'chain.mass': 0.5}
+    learner = graph.start(Learner, given)
+    chain = Chain(number_of_rotors=3, mass=0.5)
+    assert learner.learnt == [NamedChain(chain, default_joint_names(3))]
+    assert graph.user.count_subscribers(interfaces.CHAIN.name) == 0
+
+
+def test_parameters_of_no_chain_are_refused(graph: Graph) -> None:
+    with pytest.raises(ValueError, match=r'parameter chain\.mass of learner = -1\.0 must lie'):
+        graph.start(Learner, {'chain_from': 'parameters', 'chain.mass': -1.0})
+
+
+def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: Graph) -> None:
+    given = {
+        'chain_from': 'parameters',
+        'chain.number_of_rotors': 6,
+        'chain.periodic': True,
+        'chain.damping': 1e-5,
+        'chain.disorder.mass': 0.1,
+        'chain.disorder.seed': 3,
+        'chain.deviations.spacing': [0.01] * 6,
+    }
+    learner = graph.start(Learner, given)
+    drawn = Disorder(mass=0.1, seed=3).drawn(6, periodic=True)
+    deviations = dataclasses.replace(drawn, spacing=(0.01,) * 6)
+    expected = Chain(6, damping=1e-5, periodic=True, deviations=deviations)
+    assert learner.source.named is not None
+    assert learner.source.named.chain == expected
+
+
+@pytest.mark.parametrize(
+    ('given', 'complaint'),
+    [
+        (
+            {'chain.disorder.mass': 0.1, 'chain.deviations.mass': [0.1] * 40},
+            'deviations of mass are both given and drawn',
+        ),
+        ({'chain.deviations.mass': [0.1] * 3}, '3 deviations of mass do not fit a chain of 40'),
+        ({'chain.disorder.mass': 0.6}, 'must lie in the range 0 to 0.5'),
+        ({'chain.damping': -1.0}, 'must lie in the range 0 to inf N m s/rad'),
+        ({'chain.periodic': True, 'chain.number_of_rotors': 5}, 'must be even with periodic'),
+    ],
+)
+def test_parameters_that_describe_no_chain_stop_the_node(
+    graph: Graph, given: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        graph.start(Learner, given)

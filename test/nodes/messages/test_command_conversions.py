@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands and what became of them come back from their messages as they went in."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_msgs.msg import EdgeCommand
+from soliton_linkage_nodes.edge_actuator.kick_record import Delivered, Kick
+from soliton_linkage_nodes.messages import command_conversions as conversions
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+
+NAMED = NamedChain(Chain(number_of_rotors=4), default_joint_names(4))
+STAMP = 1_700_000_000_123_456_789
+LIMITS = {'rotor_0': 1.0, 'rotor_1': 2.0, 'rotor_2': 3.0, 'rotor_3': 4.0}
+PULSE = EdgeOrder(Edge.LAST, Kind.PULSE, -0.5, 0.1, 0.2, 0.3)
+
+
+@pytest.mark.parametrize('edge', Edge)
+@pytest.mark.parametrize(
+    'order',
+    [
+        PULSE,
+        EdgeOrder(Edge.FIRST, Kind.KICK, 7.0),
+        EdgeOrder(Edge.FIRST, Kind.PRESSURE, 1e5, 0.0, 0.2),
+    ],
+)
+def test_orders_come_back(order: EdgeOrder, edge: Edge) -> None:
+    order = dataclasses.replace(order, edge=edge)
+    assert conversions.order_from_msg(conversions.order_to_msg(order)) == order
+
+
+@pytest.mark.parametrize('fields', [{'edge': 3}, {'kind': 3}])
+def test_codes_without_a_meaning_are_refused(fields: dict[str, int]) -> None:
+    ((name, code),) = fields.items()
+    with pytest.raises(ValueError, match=f'{name} = {code} must be one of 0, 1, 2'):
+        conversions.order_from_msg(EdgeCommand(**fields))
+
+
+def test_what_was_delivered_comes_back() -> None:
+    delivered = Delivered(STAMP, 3, 0.1, True, -0.2, np.array([1.0, -2.0, 0.0, 1e-300]))
+    back = conversions.delivery_from_msg(conversions.delivery_to_msg(delivered))
+    for field in dataclasses.fields(Delivered):
+        before, after = getattr(delivered, field.name), getattr(back, field.name)
+        np.testing.assert_array_equal(before, after)
+
+
+def kick(**changes: Any) -> Kick:
+    impulse = np.array([0.0, 1.5, 0.0, -2.5])
+    usual = Kick(STAMP, 'nudge', PULSE, 0.6, impulse, 0.25, 0.125, True, False, True)
+    return dataclasses.replace(usual, **changes)
+
+
+def test_a_kick_names_the_joints_that_it_acted_on() -> None:
+    message = conversions.last_kick_to_msg(NAMED, kick())
+    assert list(message.name) == ['rotor_1', 'rotor_3']
+    assert list(message.impulse) == [1.5, -2.5]
+    assert message.header.stamp.nanosec == 123_456_789
+    for field in ('source', 'duration', 'work', 'peak_torque', 'saturated', 'measured'):
+        assert getattr(message, field) == getattr(kick(), field)
+    assert conversions.order_from_msg(message.asked) == PULSE
+
+
+def test_torques_of_joints_were_not_asked_of_an_edge() -> None:
+    message = conversions.last_kick_to_msg(NAMED, kick(asked=None, source='~/commands'))
+    assert message.asked == EdgeCommand()
+
+
+@pytest.mark.parametrize('names', [(), ('rotor_3', 'rotor_0')])
+def test_actuators_are_those_that_are_listed_or_all(names: tuple[str, ...]) -> None:
+    actuators = conversions.joint_actuators(NAMED, names, LIMITS.__getitem__)
+    assert actuators.names == (names or NAMED.joint_names)
+    for name, rotor, limit in zip(
+        actuators.names, actuators.rotors, actuators.limits, strict=True
+    ):
+        assert (NAMED.joint_names[rotor], LIMITS[name]) == (name, limit)
+
+
+@pytest.mark.parametrize('names', [(), ('rotor_3', 'rotor_0')])
+def test_each_effort_finds_its_rotor_and_its_limit(names: tuple[str, ...]) -> None:
+    actuators = conversions.joint_actuators(NAMED, names, LIMITS.__getitem__)
+    message = JointState(name=['rotor_3', 'rotor_0'], effort=[4.0, -1.0])
+    rotors, torques = conversions.efforts_from_msg(actuators, message)
+    np.testing.assert_array_equal(rotors, [3, 0])
+    np.testing.assert_array_equal(torques, [4.0, -1.0])
+    message = JointState(name=['rotor_0', 'rotor_3'], effort=[1.5, 1.5])
+    with pytest.raises(ValueError, match=r'rotor_0 = 1.5 N m must lie in the range -1 to 1 N m'):
+        conversions.efforts_from_msg(actuators, message)

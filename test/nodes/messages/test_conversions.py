@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages and physics types carry the same, and what a message gets wrong is said in a line."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import asdict, astuple, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.dynamics.initial_states import State
+from soliton_linkage.estimation.analyser import AnalysedSoliton
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage_msgs.msg import RotorImpulses, Soliton, SolitonState
+from soliton_linkage_msgs.srv import Reset
+from soliton_linkage_nodes.messages import conversions
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    FrameReader,
+    NamedChain,
+    default_joint_names,
+    state_from_reset,
+)
+from soliton_linkage_nodes.messages.joint_states import joint_states_from_msg
+
+NAMED = NamedChain(Chain(number_of_rotors=5), default_joint_names(5))
+ROTORS = {name: rotor for rotor, name in enumerate(NAMED.joint_names)}
+ANGLES = np.array([0.1, -2.0, 3.5, 40.0, -0.0])
+RATES = np.array([1.0, 2.0, -3.0, 1e-300, 5.0])
+STAMP = conversions.time_to_msg(1_700_000_000_123_456_789)
+NAN = math.nan
+NAN_SOLITON = AnalysedSoliton(1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
+SOLITON = AnalysedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
+
+
+@given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
+def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
+    assert conversions.time_from_msg(conversions.time_to_msg(nanoseconds)) == nanoseconds
+
+
+@pytest.mark.parametrize('periodic', [True, False])
+def test_the_ends_of_a_chain_come_back(periodic: bool) -> None:
+    named = NamedChain(Chain(number_of_rotors=4, periodic=periodic), default_joint_names(4))
+    assert conversions.chain_from_msg(conversions.chain_to_msg(named, STAMP)) == named
+
+
+def test_a_chain_and_its_names_come_back() -> None:
+    deviations = Deviations((0.1, 0.2), (), (0.3, -0.4, 0.5), (), (0.0, -0.9), (1.0, 2.0, 3.0))
+    chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0, damping=1e-3, deviations=deviations)
+    named = NamedChain(chain, ('left', 'middle', 'right'))
+    message = conversions.chain_to_msg(named, STAMP)
+    assert conversions.chain_from_msg(message) == named
+    assert (message.header.stamp, message.header.frame_id) == (STAMP, 'linkage')
+
+
+@given(st.permutations(range(5)))
+def test_a_frame_comes_back_whatever_the_order_of_its_joints(order: list[int]) -> None:
+    message = conversions.frame_to_msg(NAMED, Frame(ANGLES, RATES), ANGLES + RATES, STAMP)
+    shuffled = JointState(
+        name=[message.name[n] for n in order],
+        position=[message.position[n] for n in order],
+        velocity=[message.velocity[n] for n in order],
+    )
+    frame = conversions.frame_from_msg(NAMED, shuffled)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+
+
+def test_joints_that_are_no_rotors_are_passed_over() -> None:
+    message = JointState(
+        name=['gripper', *NAMED.joint_names], position=[9.0, *ANGLES], velocity=[8.0, *RATES]
+    )
+    frame = conversions.frame_from_msg(NAMED, message)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+
+
+def test_a_frame_without_rates_has_none() -> None:
+    message = conversions.frame_to_msg(NAMED, Frame(ANGLES, None), ANGLES, STAMP)
+    assert conversions.frame_from_msg(NAMED, message).rates is None
+
+
+def test_impulses_and_torques_come_back() -> None:
+    impulses = conversions.impulses_to_msg(NAMED, ANGLES, STAMP)
+    np.testing.assert_array_equal(conversions.impulses_from_msg(ROTORS, impulses, 40.0), ANGLES)
+    torques = conversions.torques_to_msg(NAMED, ANGLES, STAMP)
+    np.testing.assert_array_equal(conversions.torques_from_msg(ROTORS, torques, 40.0), ANGLES)
+    assert (len(torques.position), len(torques.velocity)) == (0, 0)
+
+
+def test_rotors_that_are_not_named_get_nothing() -> None:
+    message = RotorImpulses(name=['rotor_3', 'rotor_1'], impulse=[3.0, 1.0])
+    given_impulses = conversions.impulses_from_msg(ROTORS, message, 10.0)
+    np.testing.assert_array_equal(given_impulses, [0.0, 1.0, 0.0, 3.0, 0.0])
+    nothing = conversions.impulses_from_msg(ROTORS, RotorImpulses(), 10.0)
+    np.testing.assert_array_equal(nothing, np.zeros(5))
+
+
+@pytest.mark.parametrize('count', [0, 1, 2])
+def test_the_solitons_of_a_message_come_back(count: int) -> None:
+    solitons = (SOLITON, NAN_SOLITON)[:count]
+    message = SolitonState(solitons=[Soliton(**asdict(soliton)) for soliton in solitons])
+    back = conversions.solitons_from_msg(message)
+    assert len(back) == count
+    for one, other in zip(back, solitons, strict=True):
+        np.testing.assert_array_equal(astuple(one), astuple(other))
+
+
+def test_frames_are_read_as_far_as_they_go() -> None:
+    reader = FrameReader(NAMED.joint_names)
+
+    def read(message: JointState) -> Frame:
+        return reader.read(joint_states_from_msg(message))
+
+    message = JointState(
+        name=['gripper', 'rotor_4', 'rotor_0', 'rotor_2'],
+        position=[9.0, 4.5, math.inf, math.nan],
+        velocity=[8.0, 1.0, 2.0, 3.0],
+    )
+    for _ in range(2):
+        frame = read(message)
+        np.testing.assert_array_equal(frame.angles, [math.inf, math.nan, math.nan, math.nan, 4.5])
+        assert frame.rates is not None
+        np.testing.assert_array_equal(frame.rates, [2.0, math.nan, 3.0, math.nan, 1.0])
+    message.velocity = []
+    assert read(message).rates is None
+    message.name, message.position = ['rotor_1'], [7.0]
+    np.testing.assert_array_equal(read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
+
+
+def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> None:
+    reader = FrameReader(NAMED.joint_names)
+    joints = joint_states_from_msg(joint_state())
+    frame = reader.read(joints)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+    frame.angles[:] = 0.0
+    np.testing.assert_array_equal(joints.position, ANGLES)
+
+
+def joint_state(**changes: Any) -> JointState:
+    fields = {'name': list(NAMED.joint_names), 'position': list(ANGLES), 'velocity': list(RATES)}
+    return JointState(**{**fields, **changes})
+
+
+def impulses(**changes: Any) -> RotorImpulses:
+    return RotorImpulses(**{'name': ['rotor_1', 'rotor_2'], 'impulse': [1.0, 2.0], **changes})
+
+
+def torques(**changes: Any) -> JointState:
+    return JointState(**{'name': ['rotor_1', 'rotor_2'], 'effort': [1.0, 2.0], **changes})
+
+
+def take_frame(message: JointState) -> None:
+    conversions.frame_from_msg(NAMED, message)
+
+
+def read_frame(message: JointState) -> None:
+    FrameReader(NAMED.joint_names).read(joint_states_from_msg(message))
+
+
+def take_impulses(message: RotorImpulses) -> None:
+    conversions.impulses_from_msg(ROTORS, message, 10.0)
+
+
+def take_torques(message: JointState) -> None:
+    conversions.torques_from_msg(ROTORS, message, 10.0)
+
+
+@pytest.mark.parametrize(
+    ('take', 'message', 'complaint'),
+    [
+        (take_frame, joint_state(name=[]), "lacks 5 of 5 rotors, first 'rotor_0'"),
+        (
+            take_frame,
+            joint_state(name=['rotor_0', 'rotor_1', 'rotor_2', 'rotor_4', 'spare']),
+            "lacks 1 of 5 rotors, first 'rotor_3'",
+        ),
+        (
+            take_frame,
+            joint_state(name=['rotor_0', 'rotor_1', 'rotor_2', 'rotor_3', 'rotor_3']),
+            "'rotor_3' twice; name each joint once",
+        ),
+        (take_frame, joint_state(position=[1.0]), 'position has 1 values for 5 names'),
+        (take_frame, joint_state(position=[]), 'position has 0 values for 5 names'),
+        (take_frame, joint_state(velocity=[1.0, 2.0]), 'velocity has 2 values for 5 names'),
+        (
+            take_frame,
+            joint_state(position=[0.0, math.nan, 0.0, 0.0, 0.0]),
+            'position of rotor_1 = nan must be a finite number',
+        ),
+        (
+            take_frame,
+            joint_state(velocity=[0.0, math.inf, 0.0, -math.inf, 0.0]),
+            'velocity of rotor_1 = inf must be a finite number',
+        ),
+        (read_frame, joint_state(name=[]), 'position has 5 values for 0 names'),
+        (read_frame, joint_state(name=list('abcde')), 'has none of the 5 rotors, whose first is'),
+        (read_frame, joint_state(name=['rotor_1'] * 5), "'rotor_1' twice; name each joint once"),
+        (read_frame, joint_state(position=[1.0]), 'position has 1 values for 5 names'),
+        (read_frame, joint_state(velocity=[1.0]), 'velocity has 1 values for 5 names'),
+        (take_impulses, impulses(impulse=[1.0]), 'impulse has 1 values for 2 names'),
+        (
+            take_impulses,
+            impulses(impulse=[1.0, math.nan]),
+            'impulse of rotor_2 = nan must be a finite number',
+        ),
+        (
+            take_impulses,
+            impulses(impulse=[1.0, -10.5]),
+            'impulse of rotor_2 = -10.5 must lie in the range -10 to 10',
+        ),
+        (
+            take_impulses,
+            impulses(name=['rotor_1', 'rotor_5']),
+            "names joint 'rotor_5', which is none of 'rotor_0' to 'rotor_4'",
+        ),
+        (take_impulses, impulses(name=['rotor_1', 'rotor_1']), "'rotor_1' twice"),
+        (take_torques, torques(effort=[]), 'effort has 0 values for 2 names'),
+        (
+            take_torques,
+            torques(effort=[math.inf, 1.0]),
+            'effort of rotor_1 = inf must be a finite number',
+        ),
+        (
+            take_torques,
+            torques(effort=[0.0, 11.0]),
+            'effort of rotor_2 = 11 must lie in the range -10 to 10',
+        ),
+        (take_torques, torques(name=['rotor_1', '']), "names joint ''"),
+    ],
+)
+def test_a_wrong_message_is_refused_with_what_is_wrong(
+    take: Callable[[Any], None], message: Any, complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
+        take(message)
+    assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'complaint'),
+    [
+        ({'spacing': math.nan}, 'spacing = nan must be a finite number'),
+        ({'mass': -1.0}, 'mass = -1.0 must lie in the range'),
+        ({'rest_angle': 3.0}, 'rest_angle = 3.0 must lie in the range'),
+        ({'joint_names': ['only']}, 'number_of_rotors = 1 must lie in the range'),
+        ({'joint_names': ['a', 'b', 'a']}, "'a' twice"),
+        ({'damping': -1.0}, 'damping = -1.0 must lie in the range'),
+        ({'mass_deviations': [0.1]}, '1 deviations of mass do not fit a chain of 5 rotors'),
+        ({'mass_deviations': [-1.5] * 5}, 'deviation 0 of mass = -1.5 must be'),
+    ],
+)
+def test_a_message_that_describes_no_chain_is_refused(
+    changes: dict[str, Any], complaint: str
+) -> None:
+    message = conversions.chain_to_msg(NAMED, STAMP)
+    for name, value in changes.items():
+        setattr(message, name, value)
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        conversions.chain_from_msg(message)
+
+
+def test_finite_values_whose_sum_is_not_are_accepted() -> None:
+    message = joint_state(position=[1e308, 1e308, 0.0, 0.0, 0.0])
+    assert conversions.frame_from_msg(NAMED, message).angles[1] == 1e308
+
+
+def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:
+    named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
+    now = State(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
+    request = Reset.Request(name=['c', 'a'], angle=[0.5, -0.5], rate=[7.0, 8.0])
+    state = state_from_reset(named, request, now)
+    assert state.angles.tolist() == [-0.5, 2.0, 0.5]
+    assert state.rates.tolist() == [8.0, 0.0, 7.0]
+    resting = state_from_reset(named, Reset.Request(name=['b'], angle=[9.0]), now)
+    assert resting.angles.tolist() == [1.0, 9.0, 3.0]
+    assert not resting.rates.any()
+    assert now.angles.tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ('request_', 'complaint'),
+    [
+        (Reset.Request(name=['d'], angle=[1.0]), "reset.angle names joint 'd', which is none of"),
+        (Reset.Request(name=['a', 'a'], angle=[1.0, 2.0]), "'a' twice"),
+        (Reset.Request(name=['a'], angle=[]), 'reset.angle has 0 values for 1 names'),
+        (Reset.Request(name=['a'], angle=[math.nan]), 'reset.angle of a = nan must be a finite'),
+        (Reset.Request(name=['a'], angle=[1.0], rate=[1.0, 2.0]), 'reset.rate has 2 values for 1'),
+        (Reset.Request(name=['a'], angle=[1.0], rate=[math.inf]), 'reset.rate of a = inf must be'),
+    ],
+)
+def test_a_wrong_reset_by_name_is_refused(request_: Reset.Request, complaint: str) -> None:
+    named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        state_from_reset(named, request_, State(np.zeros(3), np.zeros(3)))
+
+
+def test_named_chains_count_their_rotors() -> None:
+    assert NAMED.rotors == 5
+    assert replace(NAMED, chain=Chain(number_of_rotors=9)).rotors == 9

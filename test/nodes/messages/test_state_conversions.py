@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bytes of a soliton state are those that ROS makes of a message filled field by field."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from cdr import CdrWriter
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+
+from soliton_linkage.estimation.analyser import (
+    AnalysedSoliton,
+    Analyser,
+    Analysis,
+    CyclePhase,
+    cycle_phase,
+)
+from soliton_linkage.estimation.motion_class import MotionClass
+from soliton_linkage.estimation.orbit_filter import TrackingStatus
+from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.linkage.chain import Chain, Motion
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage_msgs import msg
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages.conversions import solitons_from_msg
+from soliton_linkage_nodes.messages.joint_states import JointStates
+from soliton_linkage_nodes.messages.state_conversions import (
+    columns,
+    row,
+    serialized_state,
+    state_to_msg,
+)
+
+JOINTS = JointStates(1_700_000_000, 123_456_789, 'somewhere', (), np.zeros(0), np.zeros(0))
+NAN = math.nan
+NAN_SOLITON = AnalysedSoliton(1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
+SOLITON = AnalysedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
+
+
+def analysed() -> Analysis:
+    """A wobbling wall in the middle of its chain, and everything that there is to tell of it."""
+    chain = Chain(number_of_rotors=16, rotor_length=0.12, rest_angle=0.77)
+    cycle, analyser = UniformOrbit(chain), Analyser(chain)
+    generator = np.random.default_rng(6)
+    for number in range(30):
+        arc = cycle.arc_at(8.0 + 0.01 * number, 1) + cycle.length
+        angles = cycle.configuration(arc) + 1e-3 * generator.standard_normal(16)
+        angles[4] = math.nan
+        found = analyser.analyse(number * 10**7, angles, np.zeros(16))
+    assert found is not None
+    return found
+
+
+WOBBLING = analysed()
+
+
+@pytest.mark.parametrize('count', [0, 1, 2])
+def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back(count: int) -> None:
+    solitons = (SOLITON, NAN_SOLITON)[:count]
+    message = state_to_msg(replace(WOBBLING, solitons=solitons), JOINTS)
+    stamp = message.header.stamp
+    assert (stamp.sec, stamp.nanosec, message.header.frame_id) == JOINTS[:3]
+    back = solitons_from_msg(message)
+    assert len(back) == count
+    for one, other in zip(back, solitons, strict=True):
+        np.testing.assert_array_equal(astuple(one), astuple(other))
+
+
+def test_a_message_tells_what_the_analysis_does() -> None:
+    analysis = WOBBLING
+    message = state_to_msg(analysis, JOINTS)
+    estimate, topology, energies = analysis.estimate, analysis.topology, analysis.energies
+    assert (message.motion, message.motion_name) == (
+        SolitonState.WOBBLING_FLIPPER,
+        'wobbling flipper',
+    )
+    assert message.status == SolitonState.TRACKING
+    for name in ('phase', 'rate', 'phase_deviation', 'rate_deviation', 'completed', 'leg'):
+        assert getattr(message.cycle, name) == getattr(analysis.cycle, name)
+    assert (message.cycle.leg, message.cycle.rotor) == (1, estimate.place)
+    assert topology is not None
+    assert (message.topology.winding_before, message.topology.winding_beyond) == (0, 1)
+    assert message.topology.charge == 1
+    assert message.topology.zero_mode_rotor == topology.mode_centre
+    assert message.topology.last_toggled
+    assert not message.topology.first_toggled
+    assert math.isnan(message.topology.first_turns)
+    assert energies is not None
+    assert message.energies.wall == energies.wall
+    assert message.energies.wake == energies.wake
+    assert analysis.wobble is not None
+    assert message.wobble.amplitude == analysis.wobble.amplitude
+    assert message.wobble.theory_wavelength == pytest.approx(0.2)
+    assert (message.noise, message.misfit) == (estimate.noise, estimate.misfit)
+    assert message.unseen == 1
+
+
+def test_what_is_unknown_is_nan_and_no_leg() -> None:
+    unknown = replace(WOBBLING, topology=None, energies=None, wobble=None, edge_rotors=None)
+    lost = cycle_phase(WOBBLING.estimate, None)
+    unknown = replace(unknown, cycle=lost, motion=None)
+    message = state_to_msg(unknown, JOINTS)
+    assert (message.motion, message.motion_name) == (SolitonState.UNKNOWN, 'unknown')
+    assert math.isnan(message.cycle.phase)
+    assert message.cycle.leg == -1
+    for nested in (message.energies, message.wobble):
+        for name in nested.get_fields_and_field_types():
+            assert math.isnan(getattr(nested, name))
+    assert math.isnan(message.topology.zero_mode_rotor)
+
+
+def filled(analysis: Analysis, joints: JointStates) -> SolitonState:
+    """A message that is filled field by field, by name."""
+    motion, measured = analysis.motion, analysis.measured_motion
+    state = SolitonState(
+        motion=number_of(motion),
+        motion_name=motion.value if motion else 'unknown',
+        measured_motion=number_of(measured.motion),
+        measured_motion_confidence=measured.confidence,
+        status=getattr(SolitonState, analysis.estimate.status.name),
+        solitons=[named(msg.Soliton(), soliton) for soliton in analysis.solitons],
+        cycle=named(msg.Cycle(rotor=analysis.estimate.place), analysis.cycle),
+        energies=named(msg.Energies(), analysis.energies),
+        noise=analysis.estimate.noise,
+        misfit=analysis.estimate.misfit,
+        unseen=analysis.unseen,
+    )
+    fill_topology(state.topology, analysis.topology, analysis.edge_rotors)
+    fill_wobble(state.wobble, analysis.wobble)
+    state.header.stamp.sec, state.header.stamp.nanosec = joints.seconds, joints.nanoseconds
+    state.header.frame_id = joints.frame_id
+    return state
+
+
+def number_of(motion: Motion | None) -> int:
+    return int(getattr(SolitonState, motion.name if motion else 'UNKNOWN'))
+
+
+def named(message: Any, source: Any) -> Any:
+    """A message with what a source has under the same names, NaN where there is no source."""
+    for name in message.get_fields_and_field_types():
+        if source is None or hasattr(source, name):
+            setattr(message, name, getattr(source, name, NAN))
+    return message
+
+
+def fill_topology(message: Any, topology: Topology | None, edges: EdgeRotors | None) -> None:
+    for name in ('polarisation_before', 'polarisation_beyond', 'zero_mode_rotor'):
+        setattr(message, name, NAN)
+    message.first_turns = message.last_turns = NAN
+    if topology is not None:
+        message.winding_before, message.winding_beyond = topology.winding_numbers
+        message.polarisation_before, message.polarisation_beyond = topology.polarisations
+        message.charge = topology.charge
+        message.zero_mode_rotor = topology.mode_centre
+    if edges is not None:
+        message.first_turns, message.last_turns = edges.turns
+        if edges.toggled is not None:
+            message.first_toggled, message.last_toggled = edges.toggled
+
+
+def fill_wobble(message: Any, wobble: Any) -> None:
+    named(message, wobble)
+    message.amplitude_at_rest = NAN if wobble is None else wobble.rest_amplitude
+    message.theory_decay_length = NAN if wobble is None else wobble.exact_decay_length
+    message.theory_wavelength = NAN if wobble is None else wobble.exact_wavelength
+
+
+FLOATS = st.floats()
+PAIRS = st.tuples(FLOATS, FLOATS)
+SIGNS = st.integers(-1, 1)
+ANALYSES = st.builds(
+    replace,
+    st.just(WOBBLING),
+    motion=st.sampled_from([None, *Motion]),
+    measured_motion=st.builds(MotionClass, st.sampled_from([None, *Motion]), FLOATS),
+    estimate=st.builds(
+        replace,
+        st.just(WOBBLING.estimate),
+        place=FLOATS,
+        status=st.sampled_from(TrackingStatus),
+        noise=FLOATS,
+        misfit=FLOATS,
+    ),
+    cycle=st.builds(
+        CyclePhase,
+        *4 * [FLOATS],
+        completed=st.integers(-(2**31), 2**31 - 1),
+        leg=st.integers(-1, 3),
+    ),
+    solitons=st.lists(
+        st.builds(AnalysedSoliton, *5 * [FLOATS], SIGNS, *3 * [FLOATS]), max_size=4
+    ).map(tuple),
+    topology=st.none()
+    | st.builds(Topology, PAIRS, st.tuples(SIGNS, SIGNS), charge=SIGNS, mode_centre=FLOATS),
+    edge_rotors=st.none()
+    | st.builds(EdgeRotors, st.none() | st.tuples(st.booleans(), st.booleans()), PAIRS),
+    energies=st.none() | st.builds(Energies, *6 * [FLOATS]),
+    wobble=st.none()
+    | st.builds(
+        replace, st.just(WOBBLING.wobble), amplitudes=PAIRS, decay_length=FLOATS, wavelength=FLOATS
+    ),
+    unseen=st.integers(0, 2**32 - 1),
+)
+HEADERS = st.builds(
+    JOINTS._replace,
+    seconds=st.integers(-(2**31), 2**31 - 1),
+    nanoseconds=st.integers(0, 2**32 - 1),
+    frame_id=st.text(st.characters(codec='utf-8', exclude_characters='\x00'), max_size=9),
+)
+
+
+@given(ANALYSES, HEADERS)
+def test_bytes_are_those_of_a_message_that_is_filled_by_name(
+    analysis: Analysis, joints: JointStates
+) -> None:
+    serialized, message = serialized_state(analysis, joints), filled(analysis, joints)
+    written = CdrWriter(message)
+    assert serialized == written.serialized
+    assert written.same(serialize_message(message))
+    assert repr(deserialize_message(serialized, SolitonState)) == repr(message)
+
+
+@given(ANALYSES, HEADERS)
+def test_a_row_has_a_cell_for_every_column(analysis: Analysis, joints: JointStates) -> None:
+    cells = dict(zip(columns(), row(analysis, joints), strict=True))
+    assert cells['stamp_ns'] == joints.seconds * 10**9 + joints.nanoseconds
+    assert cells['solitons'] == len(analysis.solitons)
+    np.testing.assert_equal(cells['cycle_phase'], analysis.cycle.phase)
+    energies = analysis.energies
+    np.testing.assert_equal(cells['energies_wake'], energies.wake if energies else NAN)
+    np.testing.assert_equal(
+        cells['soliton_position'], analysis.solitons[0].position if analysis.solitons else NAN
+    )
+    assert cells['unseen'] == analysis.unseen

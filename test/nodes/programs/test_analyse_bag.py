@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag is analysed as the live node analysed it, and what is no bag is said."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from graphs import Graph
+from matplotlib.image import imread
+from recordings import START, write_bag
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    frame_to_msg,
+    time_from_msg,
+    time_to_msg,
+)
+from soliton_linkage_nodes.messages.state_conversions import state_to_msg
+from soliton_linkage_nodes.programs.analyse_bag import chain_of_file, main
+from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+
+BAGS = Path(__file__).resolve().parents[3] / 'bags'
+NAMES = ['flipper', 'wobbler', 'spinner']
+NAMED = NamedChain(Chain(number_of_rotors=10), default_joint_names(10))
+PERIOD = 20 * 10**6
+
+
+def frames() -> list[JointState]:
+    """A wall that leaves the edge, seen by noisy encoders."""
+    chain = NAMED.chain
+    start = chain.uniform_state(-1)
+    record = simulate(chain, start, 10 * mode_towards_last(chain, start), 1.0, 0.02)
+    generator = np.random.default_rng(3)
+    angles = record.angles + 0.01 * generator.standard_normal(record.angles.shape)
+    return [
+        frame_to_msg(NAMED, Frame(each, None), 0 * each, time_to_msg(START + number * PERIOD))
+        for number, each in enumerate(angles)
+    ]
+
+
+def bag_of(folder: Path, messages: Sequence[JointState], chain: bool = True) -> Path:
+    entries: list[Any] = [
+        (interfaces.JOINT_STATES, START + number * PERIOD, message)
+        for number, message in enumerate(messages)
+    ]
+    if chain:
+        # A latched topic may be recorded after the first frames.
+        told = (interfaces.CHAIN, START + 7 * PERIOD + 1, chain_to_msg(NAMED, time_to_msg(START)))
+        entries.insert(8, told)
+    return write_bag(folder / 'run', entries)
+
+
+def states_of(bag: Path) -> list[SolitonState]:
+    """States of all frames, of which none is late."""
+    with open_bag(bag) as reader:
+        found = list(analysed(reader))
+    return [state_to_msg(analysis, joints) for joints, analysis in found if analysis is not None]
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / 'soliton_state.csv').open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> None:
+    """To within what is stated: they were recorded on another machine."""
+    with open_bag(BAGS / f'{name}_0') as reader:
+        live = [state for _, state in read_topic(reader, 'soliton_state')]
+    offline = states_of(BAGS / f'{name}_0')
+    assert [state.header for state in offline] == [state.header for state in live]
+    assert len(live) > 500
+    for one, other in zip(offline, live, strict=True):
+        assert len(one.solitons) == len(other.solitons)
+        assert one.status == other.status
+        for wall, same in zip(one.solitons, other.solitons, strict=True):
+            assert abs(wall.position - same.position) < 0.1 * same.position_deviation
+
+
+def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
+    graph: Graph, tmp_path: Path
+) -> None:
+    bag = bag_of(tmp_path, frames())
+    states = graph.hear(interfaces.SOLITON_STATE)
+    topic = interfaces.CHAIN
+    chain = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    chain.publish(chain_to_msg(NAMED, time_to_msg(START)))
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames():
+        joints.publish(frame)
+    graph.until(lambda: len(states) == len(frames()), 'all states')
+    assert list(map(repr, states_of(bag))) == list(map(repr, states))
+
+
+def cells_of(message: Any, prefix: str = '') -> dict[str, Any]:
+    """Fields of a message and of those in it by name; of several, of the first."""
+    cells: dict[str, Any] = {}
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if name == 'solitons':
+            cells[name] = len(value)
+            first = cells_of(value[0] if value else Soliton(), 'soliton_')
+            cells.update(first if value else dict.fromkeys(first, math.nan))
+        elif name != 'header':
+            nested = hasattr(value, 'get_fields_and_field_types')
+            cells.update(cells_of(value, f'{name}_') if nested else {prefix + name: value})
+    return cells
+
+
+def test_the_table_holds_every_number_to_the_last_digit(tmp_path: Path) -> None:
+    bag = bag_of(tmp_path, frames())
+    main([str(bag), '--output', str(tmp_path / 'out')])
+    states = states_of(bag)
+    table = rows(tmp_path / 'out')
+    assert len(table) == len(states) == len(frames())
+    for cells, state in zip(table, states, strict=True):
+        stamp = time_from_msg(state.header.stamp)
+        expected = {'stamp_ns': stamp, **cells_of(state)}
+        assert list(cells.items()) == [(name, str(value)) for name, value in expected.items()]
+    seen = next(number for number, state in enumerate(states) if state.solitons)
+    assert float(table[seen]['soliton_rotor']) == states[seen].solitons[0].rotor
+    assert table[0]['soliton_rotor'] == 'nan'
+    for picture in ('kymograph.png', 'track.png'):
+        assert np.std(imread(tmp_path / 'out' / picture)[..., :3]) > 0.02
+
+
+def test_a_bag_of_joint_states_alone_needs_a_chain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, frames(), chain=False)
+    with pytest.raises(SystemExit) as end:
+        main([str(bag), '--output', str(tmp_path / 'out')])
+    assert end.value.code == 1
+    assert "has no topic 'chain'" in capsys.readouterr().err
+    given = tmp_path / 'chain.yaml'
+    given.write_text('/**: {ros__parameters: {chain.number_of_rotors: 10}}\n')
+    main([str(bag), '--output', str(tmp_path / 'out'), '--chain', str(given)])
+    whole = bag_of(tmp_path, frames())
+    main([str(whole), '--output', str(tmp_path / 'whole')])
+    assert rows(tmp_path / 'out') == rows(tmp_path / 'whole')
+
+
+def test_frames_that_are_refused_are_passed_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = frames()
+    messages[20].position = messages[20].position[:3]
+    messages.insert(31, messages[30])
+    main([str(bag_of(tmp_path, messages)), '--output', str(tmp_path / 'out')])
+    said = capsys.readouterr().err
+    assert 'refused joint_states: joint_states.position has 3 values for 10 names' in said
+    assert '1 were late' in said
+    assert len(rows(tmp_path / 'out')) == len(frames()) - 1
+
+
+@pytest.mark.parametrize(
+    ('content', 'complaint'),
+    [
+        ('just words', 'is no parameter file'),
+        ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
+        ('/**: {ros__parameters: {chain.mass: -1.0}}', 'mass = -1.0 must lie in the range'),
+        (
+            '/**: {ros__parameters: {chain.number_of_rotors: 3, joint_names: [a, b]}}',
+            'joint_names has 2 names for 3 rotors; name one joint a rotor',
+        ),
+    ],
+)
+def test_a_file_that_describes_no_chain_is_refused(
+    tmp_path: Path, content: str, complaint: str
+) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(content)
+    with pytest.raises(ValueError, match=complaint):
+        chain_of_file(path)
+
+
+def test_a_file_may_name_the_joints(tmp_path: Path) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(
+        'soliton_analyser:\n  ros__parameters:\n    chain.number_of_rotors: 2\n'
+        '    joint_names: [left, right]\n    noise: 0.1\n'
+    )
+    chain = replace(Chain(), number_of_rotors=2)
+    assert chain_of_file(path) == NamedChain(chain, ('left', 'right'))
+
+
+def test_what_is_no_bag_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([str(tmp_path / 'nothing')])
+    assert end.value.code == 1
+    assert 'does not exist; give the path of a bag directory' in capsys.readouterr().err

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Child processes are started with a log, missed when they end, and never outlive their parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from ament_index_python.packages import get_package_prefix
+from graphs import Graph
+
+from soliton_linkage_nodes.programs.child_processes import ChildProcesses
+
+LONGEST_WAIT = 20.0
+TIME_TO_STOP = 2.0
+
+
+@pytest.fixture
+def children(graph: Graph, tmp_path: Path) -> Iterator[ChildProcesses]:
+    children = ChildProcesses(tmp_path / 'log')
+    yield children
+    children.stop()
+
+
+@pytest.fixture
+def environment(graph: Graph) -> dict[str, str]:
+    return {**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)}
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not condition():
+        assert time.monotonic() < deadline, f'waited {LONGEST_WAIT:g} s for {what}'
+        time.sleep(0.02)
+
+
+def test_a_node_runs_until_it_is_stopped_with_its_words_in_a_log(
+    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
+) -> None:
+    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
+    log = tmp_path / 'log' / 'bag_recorder.log'
+    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
+    children.check()
+    assert not children.wait('bag_recorder', 0)
+    asked = time.monotonic()
+    assert children.stop() == {'bag_recorder': 0}
+    assert time.monotonic() - asked < TIME_TO_STOP
+    assert (tmp_path / 'run_0' / 'metadata.yaml').is_file()
+
+
+def test_some_are_stopped_while_others_go_on(
+    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
+) -> None:
+    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
+    children.start('soliton_analyser', [], environment)
+    log = tmp_path / 'log' / 'bag_recorder.log'
+    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
+    assert children.stop(['bag_recorder']) == {'bag_recorder': 0}
+    children.check()
+    assert children.stop().keys() == {'soliton_analyser'}
+
+
+def test_one_that_ends_by_itself_is_missed_with_its_last_words(
+    children: ChildProcesses, environment: dict[str, str]
+) -> None:
+    children.start('bag_player', ['-p', 'bag:=nowhere'], environment)
+
+    children._running['bag_player'].wait(LONGEST_WAIT)
+    with pytest.raises(RuntimeError, match='bag_player ended with exit code 1') as failure:
+        children.check()
+    assert "bag 'nowhere' does not exist" in str(failure.value)
+    with pytest.raises(RuntimeError, match='bag_player ended with exit code 1'):
+        children.wait('bag_player', LONGEST_WAIT)
+
+
+def test_one_that_does_not_heed_the_interrupt_is_killed(
+    children: ChildProcesses, environment: dict[str, str], tmp_path: Path
+) -> None:
+    children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)
+    log = tmp_path / 'log' / 'bag_recorder.log'
+    wait_until(lambda: 'recording to' in log.read_text(encoding='utf-8'), 'the first words')
+    children._running['bag_recorder'].send_signal(signal.SIGSTOP)
+    asked = time.monotonic()
+    assert children.stop() == {'bag_recorder': -signal.SIGKILL}
+    assert time.monotonic() - asked < TIME_TO_STOP
+
+
+def test_none_outlives_a_parent_that_was_killed(graph: Graph, tmp_path: Path) -> None:
+    parent = """
+import os, sys, time
+from pathlib import Path
+from soliton_linkage_nodes.programs.child_processes import ChildProcesses
+children = ChildProcesses(Path(sys.argv[1]))
+children.start('soliton_analyser', [], dict(os.environ))
+print(children._running['soliton_analyser'].pid, flush=True)
+time.sleep(60)
+"""
+    process = subprocess.Popen(
+        [sys.executable, '-c', parent, str(tmp_path)],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    child = Path('/proc', process.stdout.readline().strip())
+    executable = Path(get_package_prefix('soliton_linkage_nodes'), 'lib', 'soliton_linkage_nodes')
+    name = str(executable / 'soliton_analyser').encode()
+    wait_until(lambda: name in (child / 'cmdline').read_bytes(), 'the child')
+    process.kill()
+    process.communicate()
+    wait_until(lambda: gone(child), 'the end of the child')
+
+
+def gone(process: Path) -> bool:
+    """Whether a process is no more, or only waits to be reaped."""
+    try:
+        return (process / 'stat').read_text(encoding='ascii').rpartition(')')[2].split()[0] == 'Z'
+    except OSError:
+        return True

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walls that the nodes record have the widths of the theory, and what goes wrong is said."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+from soliton_linkage_nodes.programs.contraction import main, measure
+
+SETTINGS = """
+contraction:
+  seed: 5
+  noise: 0.005
+  frames: 1000
+  chains:
+    wide:
+      chain: {number_of_rotors: 40, rotor_length_ratio: 4.0, rest_angle: 0.9,
+              spacing: 1.0, mass: 1.0, stiffness: 1.0}
+      kicks: [0.6]
+      reference: {kicks: [0.6], speeds: [0.1811], widths: [0.945]}
+"""
+
+
+def test_a_wall_is_recorded_and_as_wide_as_theory_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / 'settings.yaml'
+    settings.write_text(SETTINGS)
+    main([str(settings), '--output', str(tmp_path)])
+    assert 'contraction.md and contraction.png are in' in capsys.readouterr().out
+    passage = measure(tmp_path / 'wide_0_0')
+    contracted = (1 - passage.speed**2) ** 0.5
+    assert passage.width == pytest.approx(contracted, abs=0.005 + 4 * passage.width_deviation)
+    table = (tmp_path / 'contraction.md').read_text(encoding='utf-8')
+    errors = [float(each) for each in re.findall(r'([+-]\S+) %', table)]
+    assert len(errors) == 2
+    assert max(map(abs, errors)) < 1
+    assert imread(tmp_path / 'contraction.png').std() > 0.02
+
+
+def test_settings_without_walls_are_refused(tmp_path: Path) -> None:
+    settings = tmp_path / 'settings.yaml'
+    settings.write_text('record: {}\n')
+    with pytest.raises(SystemExit) as end:
+        main([str(settings), '--output', str(tmp_path)])
+    assert 'contraction' in str(end.value)

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command move_soliton shows a move and how it ended."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+from graphs import Graph
+from programs import Program
+
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+
+QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 250.0, 'tolerance': 1e-8}
+
+
+def steered(graph: Graph) -> SolitonSteering:
+    """Return a steering that sees the wall of a simulated chain."""
+    graph.start(Simulator, QUICK)
+    steering: SolitonSteering = graph.start(SolitonSteering, {'state_timeout': 5.0})
+    graph.until(lambda: steering._place >= 0, 'a wall')
+    return steering
+
+
+def test_it_ends_when_the_soliton_is_there(graph: Graph, start: Callable[..., Program]) -> None:
+    steering = steered(graph)
+    program = start('move_soliton', '2.5')
+    graph.until(lambda: program.process.poll() is not None, 'the end of the move')
+    assert program.process.returncode == 0
+    assert program.said[0].startswith('rotor [')
+    assert 'J in phonons' in program.said[0]
+    assert program.said[-1].startswith('the wall is held at rotor 2.')
+    assert abs(steering._place - 2.5) < 0.1
+
+
+def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Program]) -> None:
+    steering = steered(graph)
+    program = start('move_soliton', '6', '--speed', '1')
+    graph.until(lambda: steering._place > 0.5, 'a wall on its way')
+    program.process.send_signal(signal.SIGINT)
+    graph.until(lambda: program.process.poll() is not None, 'the end of the move')
+    assert program.process.returncode == 130
+    assert program.said[-1].startswith('the wall is held at rotor ')
+    assert steering._place < 5
+
+
+def test_a_refusal_is_said(graph: Graph, start: Callable[..., Program]) -> None:
+    steered(graph)
+    program = start('move_soliton', '77')
+    graph.until(lambda: program.process.poll() is not None, 'the refusal')
+    assert program.process.returncode == 1
+    assert 'range 0 to 7' in program.said[-1]
+
+
+def test_it_says_that_nobody_steers(start: Callable[..., Program]) -> None:
+    program = start('move_soliton', '3')
+    assert program.wait() == 1
+    assert program.said == [
+        'move_soliton: nothing serves move_soliton after 5 s; start soliton_steering first'
+    ]

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node reports once a second; what it refuses is counted, said once, and told on."""
+
+from __future__ import annotations
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from graphs import Graph, values
+from rclpy.node import Node
+
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+
+
+class Reporter(Node):
+    """Reports what the test puts into it."""
+
+    def __init__(self, **kwargs: object) -> None:
+        super().__init__('reporter', namespace='/lab', **kwargs)
+        self.report = Report('well', {'speed [rad/s]': 1.0 / 3.0, 'turns': 7})
+        self.diagnostics = Diagnostics(self, 'turning', lambda: self.report)
+
+
+@pytest.fixture
+def reporter(graph: Graph) -> Reporter:
+    return graph.start(Reporter)
+
+
+def test_it_reports_once_a_second_whatever_the_clock_of_ros_does(reporter: Reporter) -> None:
+    (timer,) = reporter.timers
+    assert timer.timer_period_ns == 10**9
+    assert timer.clock.clock_type.name == 'STEADY_TIME'
+
+
+def test_a_report_names_node_and_task_and_holds_the_figures(
+    graph: Graph, reporter: Reporter
+) -> None:
+    status = graph.next_report('reporter')
+    assert (status.name, status.hardware_id) == ('reporter: turning', '/lab/reporter')
+    assert (status.level, status.message) == (DiagnosticStatus.OK, 'well')
+    assert values(status) == {
+        'speed [rad/s]': '0.333333',
+        'turns': '7',
+        'refused': '0',
+        'last refusal': '',
+    }
+
+
+def test_a_warning_of_the_node_is_a_warning(graph: Graph, reporter: Reporter) -> None:
+    reporter.report = Report('late', warning=True)
+    status = graph.next_report('reporter')
+    assert (status.level, status.message) == (DiagnosticStatus.WARN, 'late')
+
+
+def test_refusals_warn_in_the_next_report_and_stay_counted(
+    graph: Graph, reporter: Reporter
+) -> None:
+    heard = graph.reports('reporter')
+    graph.until(lambda: heard, 'a report')
+    reporter.diagnostics.refuse('nudge', ValueError('speed = nan'))
+    reporter.diagnostics.refuse('nudge', ValueError('speed = inf'))
+    graph.until(lambda: len(heard) >= 3, 'two more reports')
+    _, warning, later = heard[:3]
+    assert (warning.level, later.level) == (DiagnosticStatus.WARN, DiagnosticStatus.OK)
+    assert warning.message == '2 refused: nudge: speed = inf'
+    assert later.message == 'well'
+    assert values(later)['refused'] == '2'
+    assert values(later)['last refusal'] == 'nudge: speed = inf'
+
+
+def test_a_flood_of_refusals_is_counted_in_full_and_said_in_one_line(
+    reporter: Reporter, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for _ in range(1000):
+        reporter.diagnostics.refuse('nudge', 'speed = nan rad/s must be a finite number')
+    assert reporter.diagnostics.refused == 1000
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.endswith('refused nudge: speed = nan rad/s must be a finite number')

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everybody publishes and subscribes with the type and quality of service of the table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from graphs import Graph
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.programs.experiment import Observer
+from soliton_linkage_nodes.programs.watch_soliton import WatchSoliton
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.interfaces import Topic
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+
+ENDPOINTS = {
+    'chain': (1, 5),
+    'joint_states': (1, 3),
+    'nudge': (1, 2),
+    'edge_command': (0, 2),
+    'joint_commands': (0, 2),
+    'edge_actuator/commands': (0, 2),
+    'edge_actuator/joint_trajectory': (0, 2),
+    'last_kick': (1, 1),
+    'delivery': (1, 2),
+    'rotor_impulses': (1, 2),
+    'rotor_torques': (1, 2),
+    'tilt': (0, 2),
+    'soliton_state': (1, 3),
+    '/diagnostics': (4, 2),
+}
+
+
+def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path: Path) -> None:
+    nodes = [
+        graph.start(create, namespace='/lab')
+        for create in (Simulator, EdgeActuator, SolitonAnalyser, Observer, WatchSoliton)
+    ]
+    output = {'output': str(tmp_path / 'bag')}
+    nodes.append(graph.start(BagRecorder, output, namespace='/lab'))
+    assert ENDPOINTS.keys() == {topic.name for topic in interfaces.SUITE}
+    for topic in interfaces.SUITE:
+        publishers, subscribers = ENDPOINTS[topic.name]
+        name = topic.name if topic.name.startswith('/') else f'/lab/{topic.name}'
+        for seen, expected in (
+            (graph.user.get_publishers_info_by_topic, publishers),
+            (graph.user.get_subscriptions_info_by_topic, subscribers),
+        ):
+            graph.until(lambda s=seen, n=name, e=expected: len(s(n)) == e, f'endpoints of {name}')
+            for endpoint in seen(name):
+                assert endpoint.topic_type == type_name(topic.type)
+                assert endpoint.qos_profile.reliability == topic.qos.reliability
+                assert endpoint.qos_profile.durability == topic.qos.durability
+    # Depths are not told to others: ask the nodes themselves.
+    depths = {
+        (endpoint.topic_name, endpoint.qos_profile.depth)
+        for node in nodes
+        for endpoint in [*node.publishers, *node.subscriptions]
+        if endpoint.topic_name.startswith(('/lab/', '/diagnostics'))
+    }
+    for topic in interfaces.SUITE:
+        name = topic.name if topic.name.startswith('/') else f'/lab/{topic.name}'
+        assert {depth for other, depth in depths if other == name} == {topic.qos.depth}
+
+
+@pytest.mark.parametrize('topic', interfaces.SUITE, ids=lambda topic: topic.name)
+def test_topics_are_reliable_and_what_lasts_is_kept_for_late_joiners(topic: Topic) -> None:
+    assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
+    lasting = (interfaces.CHAIN, interfaces.LAST_KICK, interfaces.DELIVERY)
+    assert topic.latched == (topic in lasting)
+    assert (topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL) == topic.latched
+
+
+@given(st.integers(0, 10**12))
+def test_queues_hold_10_to_1000_messages_and_64_mebibytes_where_these_allow(size: int) -> None:
+    depth = interfaces.stream_qos(size).depth
+    assert 10 <= depth <= 1000
+    assert depth == 10 or depth * size <= 64 * 2**20
+    assert depth == 1000 or (depth + 1) * size > 64 * 2**20

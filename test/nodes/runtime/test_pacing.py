@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paced loop, on a clock that the tests advance: absolute deadlines, no drift, no burst."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from soliton_linkage_nodes.runtime import pacing
+from soliton_linkage_nodes.runtime.pacing import PacedLoop
+
+SECOND = 10**9
+START = 123_456_789
+
+
+class Clock:
+    """Stands in for the module time."""
+
+    def __init__(self) -> None:
+        self.now = START
+
+    def monotonic_ns(self) -> int:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += round(seconds * SECOND)
+
+
+class Enough(Exception):
+    """Ends a loop from within."""
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(pacing, 'time', clock)
+    return clock
+
+
+def instants(
+    clock: Clock, rate: float, calls: int, work: Callable[[int], int] = lambda call: 0
+) -> tuple[list[int], PacedLoop]:
+    """Return when a loop acted [ns since it began]; the call k takes work(k) [ns]."""
+    seen: list[int] = []
+    enough = threading.Event()
+
+    def act() -> None:
+        if len(seen) == calls:
+            enough.set()
+            raise Enough
+        seen.append(clock.now - START)
+        clock.now += work(len(seen) - 1)
+
+    loop = PacedLoop(rate, act)
+    loop.start()
+    assert enough.wait(30)
+    loop.stop()
+    assert isinstance(loop.failure, Enough)
+    return seen, loop
+
+
+@pytest.mark.parametrize('rate', [1.0, 300.0, 1999.99])
+def test_deadlines_are_absolute_and_never_drift(clock: Clock, rate: float) -> None:
+    seen, loop = instants(clock, rate, 20_000)
+    assert seen == [round(tick * SECOND / rate) for tick in range(20_000)]
+    assert loop.punctuality == pacing.Punctuality(20_000, 0, 0.0, 0.0)
+
+
+def test_a_short_stall_is_caught_up_with_and_counted(clock: Clock) -> None:
+    stall = {10: SECOND // 20}
+    seen, loop = instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
+    deadlines = [tick * SECOND // 100 for tick in range(40)]
+    assert seen[:11] == deadlines[:11]
+    assert seen[11:15] == [deadlines[15]] * 4
+    assert seen[15:] == deadlines[15:]
+    # Due after 1, 2, 3, 4 of the 5 periods: the last was not more than a period late.
+    assert loop.punctuality == pacing.Punctuality(40, 3, 0.04, 0.0)
+
+
+def test_after_a_long_stall_the_deadlines_lag_instead_of_bursting(clock: Clock) -> None:
+    stall = {10: SECOND}
+    seen, loop = instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
+    period = SECOND // 100
+    late = SECOND - period
+    assert seen[11] == 10 * period + SECOND
+    assert seen[12:] == [tick * period + late for tick in range(12, 40)]
+    assert loop.punctuality == pacing.Punctuality(40, 1, late / SECOND, late / SECOND)
+
+
+def test_a_loop_that_cannot_keep_up_runs_as_fast_as_it_can_and_says_so(clock: Clock) -> None:
+    work = SECOND // 10
+    seen, loop = instants(clock, 1000.0, 100, lambda call: work)
+    assert seen == [call * work for call in range(100)]
+    assert loop.punctuality.missed == 99
+    assert loop.punctuality.lag == pytest.approx(99 * 0.099, abs=0.1)
+
+
+def test_a_failure_ends_the_loop_and_is_kept() -> None:
+    failure = RuntimeError('the chain broke')
+    calls = []
+    broken = threading.Event()
+
+    def act() -> None:
+        calls.append(1)
+        broken.set()
+        raise failure
+
+    loop = PacedLoop(1000.0, act)
+    loop.start()
+    assert broken.wait(10)
+    loop.stop()
+    assert loop.failure is failure
+    assert calls == [1]
+
+
+def test_stop_lets_the_call_that_is_being_made_end_and_makes_no_other() -> None:
+    entered, release, calls = threading.Event(), threading.Event(), []
+
+    def act() -> None:
+        entered.set()
+        assert release.wait(10)
+        calls.append(1)
+
+    loop = PacedLoop(1000.0, act)
+    loop.start()
+    assert entered.wait(10)
+    stopping = threading.Thread(target=loop.stop)
+    stopping.start()
+    assert calls == []
+    release.set()
+    stopping.join(10)
+    assert not stopping.is_alive()
+    assert calls == [1]
+
+
+def test_a_rate_that_is_set_later_counts_from_then_on(clock: Clock) -> None:
+    seen: list[int] = []
+    enough = threading.Event()
+
+    def act() -> None:
+        seen.append(clock.now - START)
+        if len(seen) == 11:
+            clock.now += SECOND // 20
+            loop.rate = 200.0
+        if len(seen) == 31:
+            enough.set()
+            raise Enough
+
+    loop = PacedLoop(100.0, act)
+    loop.start()
+    assert enough.wait(30)
+    loop.stop()
+    changed = SECOND // 10 + SECOND // 20
+    assert seen[:11] == [tick * SECOND // 100 for tick in range(11)]
+    assert seen[11:] == [changed + tick * SECOND // 200 for tick in range(20)]
+    assert loop.punctuality.missed == 0
+
+
+def test_at_an_infinite_rate_it_sleeps_only_where_there_is_nothing_to_do(clock: Clock) -> None:
+    asleep: list[int] = []
+    enough = threading.Event()
+
+    def act() -> bool:
+        asleep.append(clock.now - START)
+        if len(asleep) == 100:
+            enough.set()
+            raise Enough
+        return not 20 < len(asleep) <= 30
+
+    loop = PacedLoop(math.inf, act)
+    loop.start()
+    assert enough.wait(30)
+    loop.stop()
+    assert set(asleep[:21]) == {0}
+    assert len(set(asleep[20:31])) == 11
+    assert len(set(asleep[30:])) == 1
+    assert loop.punctuality == pacing.Punctuality(89, 0, 0.0, 0.0)
+
+
+def test_stop_ends_a_long_wait() -> None:
+    acted = threading.Event()
+    loop = PacedLoop(1e-3, acted.set)
+    loop.start()
+    assert acted.wait(10)
+    loop.stop()
+    assert loop.failure is None
+
+
+@pytest.fixture
+def goes_first(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """What a loop asked for."""
+    asked: list[bool] = []
+    monkeypatch.setattr(pacing, 'go_first', asked.append)
+    return asked
+
+
+def test_it_goes_before_others_unless_it_cannot_keep_up(
+    clock: Clock, goes_first: list[bool]
+) -> None:
+    stall = {10: SECOND // 20}
+    instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
+    assert goes_first == [True, False, True]
+
+
+def test_without_a_limit_of_its_rate_it_is_like_others(
+    clock: Clock, goes_first: list[bool]
+) -> None:
+    instants(clock, math.inf, 40)
+    assert goes_first == [False]

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters are the dataclasses' fields: described, bounded, checked, and no others."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from graphs import Graph
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Deviations, Disorder
+from soliton_linkage.linkage.encoders import EncoderErrors
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.bags.player import BagPlayerParameters
+from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator, EdgeActuatorParameters
+from soliton_linkage_nodes.messages.chain_source import (
+    ChainSourceParameters,
+    OptionalChainSourceParameters,
+)
+from soliton_linkage_nodes.programs.experiment import ExperimentParameters
+from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.simulator.node import Simulator, SimulatorParameters
+from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering, SolitonSteeringParameters
+
+CONFIG = Path(__file__).parents[3] / 'config'
+OF_NODE = {
+    '/**': {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder},
+    'simulator': {'': SimulatorParameters, 'gravity.': Gravity, 'sensors.': EncoderErrors},
+    'edge_actuator': {
+        '': EdgeActuatorParameters,
+        'pneumatics': PneumaticActuator,
+        'source': ChainSourceParameters,
+    },
+    'soliton_steering': {'': SolitonSteeringParameters, 'source': ChainSourceParameters},
+    'soliton_analyser': {'': AnalyserParameters, 'source': OptionalChainSourceParameters},
+    'bag_recorder': {'': BagRecorderParameters},
+    'bag_player': {'': BagPlayerParameters},
+    'experiment': {'': ExperimentParameters},
+}
+
+
+@dataclass(frozen=True)
+class Examples:
+    """One field of each kind."""
+
+    rate: float = quantity(5.0, 'rate of something', 'Hz', 1.0, 10.0)
+    count: int = quantity(3, 'number of things', '', 1, 9)
+    lean: str = quantity('left', 'side to lean to', choices=('left', 'right'), adjustable=True)
+    name: str = quantity('', 'name of it all')
+    loud: bool = quantity(False, 'whether it is loud')
+    topics: tuple[str, ...] = quantity((), 'topics of it')
+    weights: tuple[float, ...] = quantity((), 'weights of it')
+    gain: float = quantity(1.0, 'gain of it', '', 0.0, adjustable=True)
+    hidden: float = 2.0
+    """Without a description, and so no parameter."""
+
+
+class Declarer(Node):
+    """Declares the examples."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('declarer', **kwargs)
+        self.settings = declare(self, Examples, 'group.')
+        refuse_unknown(self)
+
+
+def of_node(node: str) -> dict[str, Any]:
+    """Return the fields that a node declares, by the name of their parameter."""
+    declared = {}
+    for prefix, dataclass_type in OF_NODE[node].items():
+        for field in fields(dataclass_type):
+            if 'quantity' not in field.metadata:
+                continue
+            declared[(prefix if prefix.endswith('.') else '') + field.name] = field
+    return declared
+
+
+def test_defaults_are_those_of_the_dataclass(graph: Graph) -> None:
+    assert graph.start(Declarer).settings == Examples()
+
+
+def test_given_values_replace_the_defaults(graph: Graph) -> None:
+    given = {
+        'rate': 10.0,
+        'count': 1,
+        'lean': 'right',
+        'name': 'x',
+        'loud': True,
+        'topics': ['a', 'b'],
+        'weights': [0.5, -1.5],
+        'gain': 1e9,
+    }
+    node = graph.start(Declarer, {f'group.{name}': value for name, value in given.items()})
+    assert node.settings == Examples(**{**given, 'topics': ('a', 'b'), 'weights': (0.5, -1.5)})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'complaint'),
+    [
+        ('rate', 5, '= 5 must be a number with a decimal point such as 1.0'),
+        ('rate', '5', "= '5' must be a number with a decimal point"),
+        ('rate', 10.5, '= 10.5 must lie in the range 1 to 10 Hz'),
+        ('rate', 10.0000000001, 'must lie in the range 1 to 10 Hz'),
+        ('rate', math.nan, '= nan must be a finite number in the range 1 to 10 Hz'),
+        ('rate', math.inf, '= inf must be a finite number in the range 1 to 10 Hz'),
+        ('gain', math.inf, '= inf must be a finite number in the range 0 to inf'),
+        ('gain', -1.0, '= -1.0 must lie in the range 0 to inf'),
+        ('count', 2.0, '= 2.0 must be a whole number such as 20'),
+        ('count', 10, '= 10 must lie in the range 1 to 9'),
+        ('count', True, '= True must be a whole number'),
+        ('lean', 'up', "= 'up' must be one of 'left', 'right'"),
+        ('lean', 1, '= 1 must be a text'),
+        ('loud', 'yes', "= 'yes' must be true or false"),
+        ('topics', 'chain', "= 'chain' must be a list of texts"),
+        ('topics', [1, 2], '= [1, 2] must be a list of texts'),
+        ('weights', [1, 2], 'must be a list of numbers with a decimal point'),
+        ('weights', ['a'], 'must be a list of numbers with a decimal point'),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_said_in_one_line(
+    graph: Graph, name: str, value: Any, complaint: str
+) -> None:
+    said = re.escape(f'parameter group.{name} of declarer ') + '.*' + re.escape(complaint)
+    with pytest.raises(ValueError, match=said) as refusal:
+        graph.start(Declarer, {f'group.{name}': value})
+    assert '\n' not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ('name', 'meant'),
+    [
+        ('group.rat', "did you mean 'group.rate'?"),
+        ('chain.spacng', "did you mean 'chain.spacing'?"),
+        ('zzz', 'known: group.count, group.gain'),
+    ],
+)
+def test_a_parameter_that_nothing_declares_is_refused_with_the_one_meant(
+    graph: Graph, name: str, meant: str
+) -> None:
+    said = re.escape(f'parameter {name!r} of declarer is unknown; {meant}')
+    with pytest.raises(ValueError, match=said):
+        graph.start(Declarer, {name: 1.0})
+
+
+def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph: Graph) -> None:
+    node = graph.start(Declarer, {'chain.spacing': 0.2, 'use_sim_time': True})
+    assert not node.has_parameter('chain.spacing')
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('lean', 'up', "parameter group.lean = 'up' must be one of 'left', 'right'"),
+        ('gain', math.nan, 'out of range'),
+        ('rate', 2.0, 'read-only'),
+    ],
+)
+def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(
+    graph: Graph, name: str, value: Any, reason: str
+) -> None:
+    node = graph.start(Declarer)
+    before = node.get_parameter(f'group.{name}').value
+    change = Parameter(f'group.{name}', value=value).to_parameter_msg()
+    response = graph.call(SetParameters, 'declarer/set_parameters', parameters=[change])
+    assert not response.results[0].successful
+    assert reason in response.results[0].reason
+    assert node.get_parameter(f'group.{name}').value == before
+
+
+def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
+    node = graph.start(Declarer)
+    change = Parameter('group.lean', value='right').to_parameter_msg()
+    response = graph.call(SetParameters, 'declarer/set_parameters', parameters=[change])
+    assert response.results[0].successful
+    assert node.get_parameter('group.lean').value == 'right'
+    assert current(node, Examples, 'group.') == dataclasses.replace(Examples(), lean='right')
+
+
+@pytest.mark.parametrize(
+    'create',
+    [Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering, BagRecorder],
+    ids=lambda c: c.__name__,
+)
+def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change(
+    graph: Graph, create: Callable[..., Node], tmp_path: Path
+) -> None:
+    given = {'output': str(tmp_path / 'bag')} if create is BagRecorder else {}
+    name = graph.start(create, given).get_name()
+    declared = of_node(name) | (of_node('/**') if create is not BagRecorder else {})
+    listed = graph.call(ListParameters, f'{name}/list_parameters')
+    of_ros = {'use_sim_time', 'start_type_description_service'}
+    assert set(listed.result.names) == declared.keys() | of_ros
+    described = graph.call(DescribeParameters, f'{name}/describe_parameters', names=list(declared))
+    for parameter, field in zip(described.descriptors, declared.values(), strict=True):
+        expected = field.metadata['quantity']
+        assert parameter.description.startswith(expected.description)
+        assert parameter.description.endswith(f'[{expected.unit}]' if expected.unit else '')
+        assert parameter.read_only == (not expected.adjustable)
+        assert parameter.additional_constraints == ', '.join(expected.choices)
+        ranges = [*parameter.floating_point_range, *parameter.integer_range]
+        if expected.minimum is not None:
+            assert [bounds.from_value for bounds in ranges] == [expected.minimum]
+        if expected.maximum is not None:
+            assert [bounds.to_value for bounds in ranges] == [expected.maximum]
+        assert parameter.type != ParameterType.PARAMETER_NOT_SET
+
+
+def test_the_parameters_that_can_change_at_run_time() -> None:
+    adjustable = {
+        name
+        for node in OF_NODE
+        for name, field in of_node(node).items()
+        if field.metadata['quantity'].adjustable
+    }
+    assert adjustable == {
+        'gravity.acceleration',
+        'gravity.tilt',
+        'nudge_as',
+        'nudge_duration',
+        'nudge_edge',
+        'real_time_factor',
+        'sensors.noise',
+        'sensors.quantisation',
+    }
+
+
+@pytest.mark.parametrize('node', OF_NODE)
+def test_the_configuration_shows_every_parameter_with_its_default(node: str) -> None:
+    shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[node]['ros__parameters']
+    defaults = {name: field.default for name, field in of_node(node).items()}
+    assert shown == {name: value for name, value in defaults.items() if value != ()}
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
+def test_configurations_name_known_parameters_only(path: Path) -> None:
+    for node, given in yaml.safe_load(path.read_text()).items():
+        known = of_node(node)
+        for name, value in given['ros__parameters'].items():
+            assert type(value) is type(known[name].default), name
+            assert known[name].metadata['quantity'].complaint(value) is None, name

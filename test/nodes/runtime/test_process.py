@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every node starts as a process or says in one line why not, and stops when it is told to."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from graphs import Graph
+from programs import STOP_LIMIT, Program
+from recordings import run_of, write_bag
+
+from soliton_linkage_nodes.messages.conversions import NamedChain
+
+NODES = (
+    'simulator',
+    'edge_actuator',
+    'soliton_analyser',
+    'soliton_steering',
+    'bag_recorder',
+    'bag_player',
+)
+MINUTE = 60 * 10**9
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_every_node_stops_cleanly_on_a_signal(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    number: signal.Signals,
+) -> None:
+    long_bag = write_bag(tmp_path / 'long', run_of(named, 2, gap=MINUTE))
+    given = {
+        'bag_recorder': ['-p', f'output:={tmp_path / "run"}'],
+        'bag_player': ['-p', f'bag:={long_bag}'],
+    }
+    reports = {node: graph.reports(node) for node in NODES}
+    programs = {node: start(node, '--ros-args', *given.get(node, [])) for node in NODES}
+    graph.until(lambda: all(reports.values()), 'a report of every node')
+    for node, program in programs.items():
+        asked = time.monotonic()
+        program.process.send_signal(number)
+        assert program.process.wait(10 * STOP_LIMIT) == 0, node
+        assert time.monotonic() - asked < STOP_LIMIT, node
+        assert 'Traceback' not in ''.join(program.said), node
+        assert 'FATAL' not in ''.join(program.said), node
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_simulator_that_computes_a_long_frame_stops_as_well(
+    graph: Graph, start: Callable[..., Program], number: signal.Signals
+) -> None:
+    reports = graph.reports('simulator')
+    program = start('simulator', '--ros-args', '-p', 'chain.number_of_rotors:=20000')
+    graph.until(lambda: reports, 'a report')
+    assert program.stop(number) == 0
+
+
+def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Program]) -> None:
+    reports = graph.reports('simulator')
+    program = start('simulator')
+    graph.until(lambda: reports, 'a report')
+    program.process.send_signal(signal.SIGTERM)
+    assert program.stop(signal.SIGINT) == 0
+
+
+@pytest.mark.parametrize('content', ['simulator:\n  ros__parameters: [', '\x00', 'a: 1\n'])
+def test_parameters_that_cannot_be_read_are_said_in_one_line(
+    start: Callable[..., Program], tmp_path: Path, content: str
+) -> None:
+    path = tmp_path / 'wrong.yaml'
+    path.write_text(content)
+    program = start('simulator', '--ros-args', '--params-file', str(path))
+    assert program.wait() == 1
+    (line,) = [line for line in program.said if 'FATAL' in line]
+    assert 'wrong ROS arguments' in line
+    assert str(path) in line
+    assert 'Traceback' not in ''.join(program.said)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'complaint'),
+    [
+        (['--unknown'], "wrong ROS arguments: ['--unknown']"),
+        (['-p', 'publish_rate'], 'wrong ROS arguments: '),
+        (['--params-file', '/nowhere.yaml'], 'wrong ROS arguments: '),
+        (
+            ['-p', 'publish_rate:=500'],
+            'parameter publish_rate of simulator = 500 must be a number with a decimal point',
+        ),
+        (
+            ['-p', 'publish_rate:=.nan'],
+            'publish_rate of simulator = nan must be a finite number in the range 1 to 10000 Hz',
+        ),
+        (
+            ['-p', 'publsh_rate:=500.0'],
+            "parameter 'publsh_rate' of simulator is unknown; did you mean 'publish_rate'?",
+        ),
+        (
+            ['-p', 'chain.mass:=0.0'],
+            'parameter chain.mass of simulator = 0.0 must lie in the range 1e-09 to 1e+06 kg',
+        ),
+    ],
+)
+def test_wrong_arguments_are_said_in_one_line(
+    start: Callable[..., Program], arguments: list[str], complaint: str
+) -> None:
+    program = start('simulator', '--ros-args', *arguments)
+    assert program.wait() == 1
+    (line,) = [line for line in program.said if 'FATAL' in line]
+    assert complaint in line
+    assert 'Traceback' not in ''.join(program.said)
+
+
+def test_parameters_for_all_nodes_may_hold_the_chain(
+    graph: Graph, start: Callable[..., Program], tmp_path: Path
+) -> None:
+    path = tmp_path / 'all.yaml'
+    path.write_text(
+        '/**:\n  ros__parameters:\n    chain.number_of_rotors: 5\n    use_sim_time: false\n'
+    )
+    reports = graph.reports('bag_recorder')
+    program = start(
+        'bag_recorder',
+        *('--ros-args', '--params-file', str(path), '-p', f'output:={tmp_path / "run"}'),
+    )
+    graph.until(lambda: reports, 'a report')
+    assert program.stop() == 0
+
+
+@pytest.mark.parametrize('output', ['file/run', 'file/deep/run'])
+def test_an_output_that_cannot_be_written_is_said_in_one_line(
+    start: Callable[..., Program], tmp_path: Path, output: str
+) -> None:
+    (tmp_path / 'file').write_text('not a directory')
+    program = start('bag_recorder', '--ros-args', '-p', f'output:={tmp_path / output}')
+    assert program.wait() == 1
+    (line,) = program.said
+    assert f"bag '{tmp_path / output}_0' cannot be written: " in line
+    assert line.endswith('; choose another output')
+
+
+def test_a_bag_that_cannot_be_read_is_said_in_one_line(
+    start: Callable[..., Program], tmp_path: Path
+) -> None:
+    program = start('bag_player', '--ros-args', '-p', f'bag:={tmp_path}')
+    assert program.wait() == 1
+    (line,) = program.said
+    assert f"bag '{tmp_path}' cannot be read: " in line

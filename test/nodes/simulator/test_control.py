@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands act between frames, each whole; pause, step and reset lose and add nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import State, leaning
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
+from soliton_linkage_nodes.simulator import control as simulation_control
+from soliton_linkage_nodes.simulator.control import SimulationControl
+
+CHAIN = Chain(number_of_rotors=6)
+RATE = 100.0
+TIMEOUT = 0.05
+KICK = np.linspace(1e-4, 2e-4, 6)
+TORQUES = np.linspace(-1e-3, 1e-3, 6)
+LEFT, RIGHT = leaning(CHAIN, -1), leaning(CHAIN, 1)
+TILTED = Gravity(9.81, 0.3)
+
+
+def begin_springs(state: State, gravity: Gravity = NO_GRAVITY) -> Simulation:
+    return ElasticSimulation(CHAIN, state.angles, state.rates, 1 / RATE, 1e-11, gravity)
+
+
+def begin_bars(state: State, gravity: Gravity = NO_GRAVITY) -> Simulation:
+    return RigidSimulation(CHAIN, state.angles, state.rates, 1 / RATE, 1e-11, gravity)
+
+
+class Published:
+    """What a control has published: the numbers of the frames and their angles."""
+
+    def __init__(
+        self,
+        timeout: float = TIMEOUT,
+        begin: Callable[[State, Gravity], Simulation] = begin_springs,
+    ) -> None:
+        self.numbers: list[int] = []
+        self.angles: list[Array] = []
+        self.rates: list[Array] = []
+        self.control = SimulationControl(begin, LEFT, NO_GRAVITY, timeout, self._publish)
+
+    def tick(self, times: int) -> None:
+        for _ in range(times):
+            self.control.tick()
+
+    def _publish(self, number: int, simulation: Simulation) -> None:
+        self.numbers.append(number)
+        self.angles.append(simulation.angles.copy())
+        self.rates.append(simulation.rates.copy())
+
+
+def reference() -> Simulation:
+    return begin_springs(LEFT)
+
+
+def test_a_kick_acts_at_the_instant_of_the_next_frame_published() -> None:
+    published = Published()
+    published.tick(3)
+    published.control.kick(KICK)
+    published.tick(5)
+    simulation = reference()
+    for number, angles in zip(published.numbers, published.angles, strict=True):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number == 3:
+            simulation.kick(KICK)
+        simulation.advance()
+
+
+def test_the_frame_at_whose_instant_a_kick_acts_shows_it() -> None:
+    published = Published()
+    published.tick(3)
+    published.control.kick(KICK)
+    published.tick(1)
+    simulation = reference()
+    for _ in range(3):
+        simulation.advance()
+    simulation.kick(KICK)
+    np.testing.assert_array_equal(published.rates[-1], simulation.rates)
+
+
+def test_torques_are_dropped_after_the_timeout_of_simulated_time() -> None:
+    published = Published()
+    published.control.hold(TORQUES)
+    published.tick(12)
+    simulation = reference()
+    for number, angles in enumerate(published.angles):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number == 0:
+            simulation.hold(TORQUES)
+        if number == round(TIMEOUT * RATE):
+            simulation.hold(0 * TORQUES)
+        simulation.advance()
+
+
+def test_without_a_timeout_torques_are_held_for_ever() -> None:
+    published = Published(timeout=0.0)
+    published.control.hold(TORQUES)
+    published.tick(200)
+    simulation = reference()
+    simulation.hold(TORQUES)
+    for _ in range(199):
+        simulation.advance()
+    np.testing.assert_array_equal(published.angles[-1], simulation.angles)
+
+
+def test_a_pause_is_idempotent_and_what_came_meanwhile_acts_on_going_on() -> None:
+    published = Published()
+    published.tick(2)
+    assert published.control.pause(True) is None
+    assert published.control.pause(True) is None
+    published.control.kick(KICK)
+    published.tick(10)
+    assert published.numbers == [0, 1]
+    assert published.control.status.pending == 1
+    assert published.control.pause(False) is None
+    published.tick(2)
+    assert published.numbers == [0, 1, 2, 3]
+    simulation = reference()
+    simulation.advance()
+    simulation.advance()
+    simulation.kick(KICK)
+    simulation.advance()
+    np.testing.assert_array_equal(published.angles[-1], simulation.angles)
+
+
+def test_steps_are_taken_while_paused_only() -> None:
+    published = Published()
+    complaint = published.control.step(3)
+    assert complaint is not None
+    assert 'pause it' in complaint
+    assert published.numbers == []
+    published.control.pause(True)
+    assert published.control.step(3) is None
+    assert published.numbers == [0, 1, 2]
+
+
+def test_a_reset_drops_commands_and_motion_and_time_goes_on() -> None:
+    published = Published()
+    published.control.kick(KICK)
+    published.tick(4)
+    published.control.kick(KICK)
+    published.control.hold(TORQUES)
+    published.control.reset(RIGHT)
+    published.tick(4)
+    assert published.numbers == list(range(8))
+    simulation = begin_springs(RIGHT)
+    for angles in published.angles[4:]:
+        np.testing.assert_array_equal(angles, simulation.angles)
+        simulation.advance()
+
+
+def test_what_cannot_be_computed_pauses_until_a_reset() -> None:
+    published = Published()
+    published.control.kick(np.full(6, 1e300))
+    published.tick(3)
+    status = published.control.status
+    assert status.paused
+    assert status.failure is not None
+    assert 'call ~/reset' in status.failure
+    assert len(published.numbers) == 1
+    assert published.control.pause(False) == status.failure
+    assert published.control.step(1) == status.failure
+    published.control.reset(LEFT)
+    published.tick(2)
+    assert published.control.status.failure is None
+    assert published.numbers == [0, 1, 2]
+
+
+def test_the_status_tells_the_energy_that_a_kick_gave() -> None:
+    published = Published()
+    published.control.kick(KICK)
+    published.tick(20)
+    status = published.control.status
+    given = 0.5 * float(np.sum(KICK**2)) / CHAIN.moment_of_inertia
+    assert status.frames == 20
+    assert status.energy == pytest.approx(given, rel=1e-8)
+    assert math.isfinite(status.energy_drift)
+    assert abs(status.energy_drift) < 1e-8
+
+
+def test_of_what_comes_between_two_frames_all_kicks_act_and_the_latest_torques() -> None:
+    published = Published()
+    for _ in range(1000):
+        published.control.kick(KICK / 500)
+        published.control.hold(-TORQUES)
+    published.control.hold(TORQUES)
+    assert published.control.status.pending == 2001
+    published.tick(5)
+    assert published.control.status.pending == 0
+    simulation = reference()
+    for _ in range(1000):
+        simulation.kick(KICK / 500)
+    simulation.hold(TORQUES)
+    for angles in published.angles:
+        np.testing.assert_array_equal(angles, simulation.angles)
+        simulation.advance()
+
+
+def test_kicks_that_wait_for_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation_control, '_MOST_KICKS', 2)
+    published = Published()
+    published.control.pause(True)
+    assert [published.control.kick(KICK) is None for _ in range(3)] == [True, True, False]
+    assert '2 kicks wait for the next frame already' in str(published.control.kick(KICK))
+    published.control.step(1)
+    assert published.control.kick(KICK) is None
+
+
+@pytest.mark.parametrize('begin', [begin_springs, begin_bars])
+def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(
+    begin: Callable[[State, Gravity], Simulation],
+) -> None:
+    published = Published(begin=begin)
+    published.tick(2)
+    published.control.turn_gravity(Gravity(9.81, -0.3))
+    published.control.turn_gravity(TILTED)
+    published.tick(3)
+    simulation = begin(LEFT, NO_GRAVITY)
+    for number, angles in enumerate(published.angles):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number == 2:
+            simulation.turn_gravity(TILTED)
+        simulation.advance()
+    published.control.reset(RIGHT)
+    published.tick(3)
+    simulation = begin(RIGHT, TILTED)
+    for angles in published.angles[5:]:
+        np.testing.assert_array_equal(angles, simulation.angles)
+        simulation.advance()
+
+
+def test_a_pulse_goes_on_after_a_pause_with_nothing_lost() -> None:
+    paused, through = Published(), Published()
+    for published in (paused, through):
+        published.control.hold(TORQUES)
+        published.tick(2)
+    paused.control.pause(True)
+    paused.tick(50)
+    paused.control.pause(False)
+    for published in (paused, through):
+        published.tick(20)
+    assert paused.numbers == through.numbers
+    np.testing.assert_array_equal(paused.angles, through.angles)
+
+
+def test_a_tick_says_whether_there_was_something_to_do() -> None:
+    published = Published()
+    assert published.control.tick()
+    published.control.pause(True)
+    assert not published.control.tick()
+
+
+def test_a_reset_to_what_the_mechanics_do_not_allow_changes_nothing() -> None:
+    published = Published(begin=begin_bars)
+    published.tick(2)
+    published.control.kick(KICK)
+    with pytest.raises(ValueError, match='longer than its'):
+        published.control.reset(State(np.zeros(6), np.zeros(6)))
+    published.tick(2)
+    simulation = begin_bars(LEFT)
+    for number, angles in enumerate(published.angles):
+        np.testing.assert_array_equal(angles, simulation.angles)
+        if number == 2:
+            simulation.kick(KICK)
+        simulation.advance()
+
+
+def test_the_state_is_that_of_the_frame_published_next() -> None:
+    published = Published()
+    published.control.kick(KICK)
+    published.tick(3)
+    state = published.control.state
+    published.tick(1)
+    np.testing.assert_array_equal(state.angles, published.angles[-1])
+    assert state.rates.any()
+
+
+def test_the_status_tells_what_the_damping_took() -> None:
+    chain = dataclasses.replace(CHAIN, damping=1e-4)
+
+    def begin_damped(state: State, gravity: Gravity) -> Simulation:
+        return ElasticSimulation(chain, state.angles, state.rates, 1 / RATE, 1e-11, gravity)
+
+    published = Published(begin=begin_damped)
+    published.control.kick(KICK)
+    published.tick(30)
+    status = published.control.status
+    given = 0.5 * float(np.sum(KICK**2)) / CHAIN.moment_of_inertia
+    assert status.dissipated > 0.1 * given
+    assert status.energy + status.dissipated == pytest.approx(given, rel=1e-8)
+
+
+@pytest.fixture
+def endless(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Let no frame be ever computed, and tell when one is being."""
+    begun = threading.Event()
+
+    def step(simulation: ElasticSimulation) -> None:
+        begun.set()
+        time.sleep(1e-4)
+
+    monkeypatch.setattr(ElasticSimulation, 'step', step)
+    return begun
+
+
+def end(published: Published, tick: threading.Thread) -> None:
+    published.control.stop()
+    tick.join(10)
+    assert not tick.is_alive()
+
+
+def begin(published: Published, begun: threading.Event) -> threading.Thread:
+    tick = threading.Thread(target=published.control.tick)
+    tick.start()
+    assert begun.wait(10)
+    return tick
+
+
+def test_while_a_frame_is_computed_everybody_is_answered(endless: threading.Event) -> None:
+    published = Published()
+    tick = begin(published, endless)
+    published.control.kick(KICK)
+    published.control.hold(TORQUES)
+    assert published.control.pause(True) is None
+    status = published.control.status
+    assert (status.frames, status.pending, status.paused) == (1, 2, True)
+    assert tick.is_alive()
+    end(published, tick)
+
+
+def test_a_reset_gives_up_the_frame_that_is_computed(
+    endless: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    published = Published()
+    tick = begin(published, endless)
+    published.control.reset(RIGHT)
+    tick.join(10)
+    assert not tick.is_alive()
+    monkeypatch.undo()
+    published.tick(3)
+    assert published.numbers == [0, 1, 2, 3]
+    simulation = begin_springs(RIGHT)
+    for angles in published.angles[1:]:
+        np.testing.assert_array_equal(angles, simulation.angles)
+        simulation.advance()
+
+
+def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(
+    endless: threading.Event,
+) -> None:
+    published = Published()
+    end(published, begin(published, endless))
+    published.tick(3)
+    assert published.numbers == [0]

@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The world of the simulator by topics, services and parameters: what it shows is its physics."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from graphs import Graph, values
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Disorder
+from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.solitons.passage import find_obstacles
+from soliton_linkage_msgs.msg import RotorImpulses
+from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_nodes.messages.conversions import chain_from_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+
+pytestmark = pytest.mark.usefixtures('often')
+
+ROTORS = 8
+RATE = 250.0
+CHAIN = Chain(number_of_rotors=ROTORS)
+GIVEN = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
+
+
+class Paused:
+    """A simulator that takes steps when it is told to."""
+
+    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
+        self.graph = graph
+        self.frames: list[JointState] = graph.hear(interfaces.JOINT_STATES)
+        chains = graph.hear(interfaces.CHAIN)
+        self.node = graph.start(Simulator, {**GIVEN, **(parameters or {})})
+        graph.until(lambda: chains and self.frames, 'the chain and a frame')
+        self.chain = chain_from_msg(chains[0]).chain
+        assert graph.call(SetBool, 'simulator/pause', data=True).success
+
+    def reset(self, **request: Any) -> Any:
+        return self.graph.call(Reset, 'simulator/reset', **request)
+
+    def change(self, **changes: Any) -> Any:
+        parameters = [
+            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+            for name, value in changes.items()
+        ]
+        service = 'simulator/set_parameters'
+        return self.graph.call(SetParameters, service, parameters=parameters).results[0]
+
+    def taken(self, periods: int) -> list[JointState]:
+        """Return the frames of so many steps."""
+        published = self.node.control.status.frames
+        assert self.graph.call(Step, 'simulator/step', periods=periods).success
+        last = self.node.control.status.frames
+        assert last == published + periods
+        self.graph.until(lambda: self._stamps()[-1] >= self._stamp(last - 1), 'the last frame')
+        return self.frames[-periods:]
+
+    def _stamp(self, frame: int) -> float:
+        return frame / RATE - 1e-9
+
+    def _stamps(self) -> list[float]:
+        epoch = self.node._epoch
+        return [
+            (f.header.stamp.sec * 10**9 + f.header.stamp.nanosec - epoch) / 1e9
+            for f in self.frames
+        ]
+
+
+def assert_shown(frames: list[JointState], simulation: Simulation) -> None:
+    """Assert that frames are those of a simulation, from its current one on."""
+    for frame in frames:
+        assert list(frame.position) == simulation.angles.tolist()
+        assert list(frame.velocity) == simulation.rates.tolist()
+        assert list(frame.effort) == simulation.link_torques.tolist()
+        simulation.advance()
+
+
+@pytest.mark.parametrize(
+    ('mechanics', 'kind'), [('elastic', ElasticSimulation), ('rigid', RigidSimulation)]
+)
+def test_mechanics_gravity_and_damping_are_those_of_the_parameters(
+    graph: Graph, mechanics: str, kind: type[Simulation]
+) -> None:
+    parameters = {
+        'mechanics': mechanics,
+        'chain.damping': 1e-4,
+        'gravity.acceleration': 9.81,
+        'gravity.tilt': 0.3,
+    }
+    paused = Paused(graph, parameters)
+    assert paused.reset().success
+    chain = dataclasses.replace(CHAIN, damping=1e-4)
+    state = leaning(chain, -1)
+    twin = kind(chain, state.angles, state.rates, 1 / RATE, gravity=Gravity(9.81, 0.3))
+    assert_shown(paused.taken(60), twin)
+    assert float(values(graph.next_report('simulator'))['dissipated [J]']) > 0
+
+
+def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(graph: Graph) -> None:
+    paused = Paused(graph, {'gravity.acceleration': 9.81})
+    tilts = graph.speak(interfaces.TILT)
+    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE, 1e-11, Gravity(9.81))
+    paused.reset()
+    assert_shown(paused.taken(20), twin)
+    tilts.publish(Float64(data=0.4))
+    node = paused.node
+    graph.until(lambda: node.get_parameter('gravity.tilt').value == 0.4, 'the tilt')
+    first = paused.taken(1)
+    assert list(first[0].position) == twin.angles.tolist()
+    twin.turn_gravity(Gravity(9.81, 0.4))
+    twin.advance()
+    assert_shown(paused.taken(20), twin)
+    assert paused.change(gravity__tilt=-0.2, gravity__acceleration=5.0).successful
+    assert_shown(paused.taken(1), twin)
+
+
+def test_a_tilt_that_is_no_angle_is_refused(graph: Graph) -> None:
+    paused = Paused(graph, {'gravity.acceleration': 9.81, 'gravity.tilt': 0.1})
+    reports = graph.reports('simulator')
+    graph.speak(interfaces.TILT).publish(Float64(data=float('nan')))
+    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
+    assert 'gravity.tilt = nan must be a finite number' in values(reports[-1])['last refusal']
+    assert values(reports[-1])['tilt [rad]'] == '0.1'
+    assert paused.node.get_parameter('gravity.tilt').value == 0.1
+
+
+def test_a_drawn_chain_is_told_to_the_last_digit_and_warned_of(graph: Graph) -> None:
+    spread = {'rotor_length': 0.1, 'rest_length': 0.1, 'mass': 0.1, 'damping': 0.2, 'seed': 1}
+    parameters = {f'chain.disorder.{name}': value for name, value in spread.items()}
+    parameters |= {'chain.damping': 1e-5, 'chain.deviations.stiffness': [0.1] * (ROTORS - 1)}
+    paused = Paused(graph, parameters)
+    drawn = Disorder(**spread).drawn(ROTORS)
+    expected = dataclasses.replace(drawn, stiffness=(0.1,) * (ROTORS - 1))
+    assert paused.chain == dataclasses.replace(CHAIN, damping=1e-5, deviations=expected)
+    paused.reset()
+    state = leaning(paused.chain, -1)
+    assert_shown(
+        paused.taken(5), ElasticSimulation(paused.chain, state.angles, state.rates, 1 / RATE)
+    )
+    figures = values(graph.next_report('simulator'))
+    obstacles = len(find_obstacles(paused.chain))
+    assert int(figures['bonds that may stop a wall']) == obstacles > 0
+
+
+def test_periodic_ends_and_fixed_rotors(graph: Graph) -> None:
+    paused = Paused(graph, {'chain.periodic': True, 'fixed_rotors': ['rotor_2', '5']})
+    assert paused.chain == dataclasses.replace(CHAIN, periodic=True)
+    state = State(CHAIN.uniform_state(-1) + 0.1, np.zeros(ROTORS))
+    names = [f'rotor_{rotor}' for rotor in range(ROTORS)]
+    response = paused.reset(state=Reset.Request.ANGLES, name=names, angle=list(state.angles))
+    assert response.success
+    twin = ElasticSimulation(paused.chain, state.angles, None, 1 / RATE, fixed=(2, 5))
+    frames = paused.taken(30)
+    assert_shown(frames, twin)
+    assert frames[-1].position[2] == state.angles[2]
+
+
+@pytest.mark.parametrize('velocity', [0.5, -0.5])
+def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: float) -> None:
+    paused = Paused(graph)
+    response = paused.reset(state=Reset.Request.SOLITON, place=3.2, velocity=velocity)
+    assert (response.success, response.message) == (
+        True,
+        f'soliton at rotor 3.2 with {velocity} m/s',
+    )
+    state = with_soliton(CHAIN, 3.2, velocity)
+    twin = ElasticSimulation(CHAIN, state.angles, state.rates, 1 / RATE)
+    assert_shown(paused.taken(30), twin)
+    response = paused.reset(
+        state=Reset.Request.ANGLES, name=['rotor_7', 'rotor_0'], angle=[1.0, 2.0], rate=[3.0, 4.0]
+    )
+    assert (response.success, response.message) == (True, '2 joints at their angles')
+    angles = twin.angles.copy()
+    angles[[7, 0]] = 1.0, 2.0
+    rates = np.zeros(ROTORS)
+    rates[[7, 0]] = 3.0, 4.0
+    assert_shown(paused.taken(30), ElasticSimulation(CHAIN, angles, rates, 1 / RATE))
+
+
+@pytest.mark.parametrize(
+    ('request_', 'complaint'),
+    [
+        ({'state': Reset.Request.SOLITON, 'place': 7.0}, 'place = 7.0 must lie from 0.5 to'),
+        (
+            {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': float('inf')},
+            'velocity of the soliton = inf m/s must be a finite number',
+        ),
+        (
+            {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': 1e300},
+            'gives an energy that is no finite number; start more slowly',
+        ),
+        (
+            {'state': Reset.Request.ANGLES, 'name': ['rotor_8'], 'angle': [0.0]},
+            "'rotor_8', which is none of 'rotor_0' to 'rotor_7'",
+        ),
+        (
+            {'state': Reset.Request.ANGLES, 'name': ['rotor_1'], 'angle': [0.0]},
+            'start from angles that the bars allow',
+        ),
+    ],
+)
+def test_a_reset_to_what_cannot_be_changes_nothing(
+    graph: Graph, request_: dict[str, Any], complaint: str
+) -> None:
+    paused = Paused(graph, {'mechanics': 'rigid'})
+    paused.reset(state=Reset.Request.SOLITON, place=3.0, velocity=0.5)
+    response = paused.reset(**request_)
+    assert not response.success
+    assert complaint in response.message
+    state = with_soliton(CHAIN, 3.0, 0.5)
+    assert_shown(paused.taken(10), RigidSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
+
+
+def test_the_initial_state_can_be_a_soliton(graph: Graph) -> None:
+    given = {'initial_state': 'soliton', 'initial_place': 4.5, 'initial_velocity': -0.3}
+    paused = Paused(graph, given)
+    paused.reset(state=Reset.Request.RIGHT_LEANING)
+    paused.reset()
+    state = with_soliton(CHAIN, 4.5, -0.3)
+    assert_shown(paused.taken(10), ElasticSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
+
+
+def test_joint_states_are_what_sensors_show(graph: Graph) -> None:
+    errors = EncoderErrors(noise=0.02, quantisation=0.003, offsets=(0.1,) * ROTORS, seed=9)
+    given = {
+        'sensors.noise': 0.02,
+        'sensors.quantisation': 0.003,
+        'sensors.offsets': [0.1] * ROTORS,
+        'sensors.seed': 9,
+        'missing_joints': ['rotor_3', '6'],
+    }
+    paused = Paused(graph, given)
+    paused.reset(state=Reset.Request.SOLITON, place=3.2, velocity=0.5)
+    start = paused.node.control.status.frames
+    frames = paused.taken(30)
+    state = with_soliton(CHAIN, 3.2, 0.5)
+    twin = ElasticSimulation(CHAIN, state.angles, state.rates, 1 / RATE)
+    encoders = Encoders(ROTORS, 1 / RATE, errors)
+    shown = [0, 1, 2, 4, 5, 7]
+    for number, frame in enumerate(frames, start):
+        readings, rates = encoders.read(number, twin.angles)
+        assert frame.name == [f'rotor_{rotor}' for rotor in shown]
+        assert list(frame.position) == readings[shown].tolist()
+        assert list(frame.velocity) == rates[shown].tolist()
+        twin.advance()
+    assert paused.change(sensors__noise=0.0, sensors__quantisation=0.0).successful
+    (frame,) = paused.taken(1)
+    assert list(frame.position) == (twin.angles + 0.1)[shown].tolist()
+
+
+def test_the_simulation_runs_as_much_faster_as_it_is_told(graph: Graph) -> None:
+    clocks = graph.hear(interfaces.CLOCK)
+    paused = Paused(graph, {'real_time_factor': 0.0, 'publish_clock': True})
+    control = paused.node.control
+    graph.call(SetBool, 'simulator/pause', data=False)
+    before = control.status.frames
+    report = values(graph.next_report('simulator'))
+    assert float(report['real-time factor']) > 1.5
+    graph.until(lambda: control.status.frames > before + 500, '500 frames')
+    graph.call(SetBool, 'simulator/pause', data=True)
+    stopped = control.status.frames
+    assert paused.change(real_time_factor=0.5).successful
+    graph.next_report('simulator')
+    assert control.status.frames == stopped
+    graph.call(SetBool, 'simulator/pause', data=False)
+    graph.until(lambda: control.status.frames > stopped + 60, '60 frames')
+    reports = graph.reports('simulator')
+    graph.until(lambda: len(reports) > 8, 'reports')
+    factors = [float(values(report)['real-time factor']) for report in reports[2:]]
+    assert np.median(factors) == pytest.approx(0.5, rel=0.3)
+    stamps = [clock.clock.sec * 10**9 + clock.clock.nanosec for clock in clocks]
+    assert stamps == sorted(set(stamps))
+
+
+@pytest.mark.parametrize(
+    'name', ['chain.damping', 'mechanics', 'sensors.seed', 'chain.disorder.mass', 'publish_rate']
+)
+def test_what_may_not_change_is_read_only_and_says_so(graph: Graph, name: str) -> None:
+    paused = Paused(graph)
+    before = paused.node.get_parameter(name).value
+    changed = 'rigid' if name == 'mechanics' else type(before)(1)
+    parameter = Parameter(name, value=changed).to_parameter_msg()
+    response = graph.call(SetParameters, 'simulator/set_parameters', parameters=[parameter])
+    assert not response.results[0].successful
+    assert 'read-only' in response.results[0].reason
+    kept = graph.call(GetParameters, 'simulator/get_parameters', names=[name]).values[0]
+    assert kept == Parameter(name, value=before).get_parameter_value()
+
+
+def test_of_a_flood_with_wrong_commands_the_right_ones_alone_count(graph: Graph) -> None:
+    paused = Paused(graph, {'command_timeout': 0.0})
+    paused.reset()
+    control = paused.node.control
+    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
+    torques = graph.speak(interfaces.ROTOR_TORQUES)
+    names = [f'rotor_{rotor}' for rotor in range(ROTORS)]
+    kick, push = np.linspace(1e-6, 2e-6, ROTORS), np.linspace(-1e-3, 1e-3, ROTORS)
+    right = 0
+    for burst in range(10):
+        for _ in range(8):
+            impulses.publish(RotorImpulses(name=names, impulse=list(kick)))
+            impulses.publish(RotorImpulses(name=names, impulse=[float('nan')] * ROTORS))
+            impulses.publish(RotorImpulses(name=['rotor_9'], impulse=[1e-6]))
+            impulses.publish(RotorImpulses(name=['rotor_1'], impulse=[0.2]))
+            torques.publish(JointState(name=names, effort=list(push * burst)))
+            torques.publish(JointState(name=names, effort=[1.0]))
+            right += 1
+        expected = 2 * right
+        graph.until(lambda n=expected: control.status.pending == n, f'{expected} commands')
+    refusals = paused.node._diagnostics
+    graph.until(lambda: refusals.refused == 4 * right, 'the refusals')
+    frames = paused.taken(60)
+    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE)
+    assert list(frames[0].position) == twin.angles.tolist()
+    for _ in range(right):
+        twin.kick(kick)
+    twin.hold(push * 9)
+    twin.advance()
+    assert_shown(frames[1:], twin)
+
+
+def test_a_pace_of_next_to_nothing_stands_still_and_can_be_left(graph: Graph) -> None:
+    paused = Paused(graph)
+    graph.call(SetBool, 'simulator/pause', data=False)
+    assert paused.change(real_time_factor=5e-324).successful
+    graph.next_report('simulator')
+    graph.next_report('simulator')
+    standing = paused.node.control.status.frames
+    graph.next_report('simulator')
+    assert paused.node.control.status.frames == standing
+    assert paused.change(real_time_factor=1.0).successful
+    graph.until(lambda: paused.node.control.status.frames > standing + 10, 'frames')
+    assert paused.node.failure is None

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states: exact without errors, else as encoders show them, without the missing joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
+
+PERIOD = 0.01
+NOISY = EncoderErrors(noise=0.05, quantisation=0.001, offsets=(0.1,) * 8, seed=4)
+
+
+def moving(named: NamedChain) -> Simulation:
+    chain = named.chain
+    return ElasticSimulation(chain, chain.uniform_state(-1), np.linspace(-5, 5, 8), PERIOD)
+
+
+def read(joints: SensedJoints, frame: int, simulation: Simulation) -> JointState:
+    return deserialize_message(bytes(joints.fill(10**9, frame, simulation)), JointState)
+
+
+@pytest.mark.parametrize('missing', [(), (0, 5), (7,)])
+def test_without_errors_what_is_shown_is_exact(
+    named: NamedChain, missing: tuple[int, ...]
+) -> None:
+    joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), missing), moving(named)
+    shown = [rotor for rotor in range(8) if rotor not in missing]
+    for frame in range(3):
+        message = read(joints, frame, simulation)
+        assert message.name == [f'rotor_{rotor}' for rotor in shown]
+        assert list(message.position) == simulation.angles[shown].tolist()
+        assert list(message.velocity) == simulation.rates[shown].tolist()
+        assert list(message.effort) == simulation.link_torques[shown].tolist()
+        simulation.advance()
+
+
+@pytest.mark.parametrize('missing', [(), (0, 5)])
+def test_with_errors_it_is_what_encoders_read(named: NamedChain, missing: tuple[int, ...]) -> None:
+    joints, simulation = SensedJoints(named, PERIOD, NOISY, missing), moving(named)
+    encoders = Encoders(8, PERIOD, NOISY)
+    shown = [rotor for rotor in range(8) if rotor not in missing]
+    for frame in range(3):
+        message = read(joints, frame, simulation)
+        readings, rates = encoders.read(frame, simulation.angles)
+        assert list(message.position) == readings[shown].tolist()
+        assert list(message.velocity) == rates[shown].tolist()
+        assert list(message.effort) == simulation.link_torques[shown].tolist()
+        simulation.advance()
+
+
+def test_another_simulation_has_no_frame_before(named: NamedChain) -> None:
+    joints = SensedJoints(named, PERIOD, NOISY, ())
+    read(joints, 0, moving(named))
+    simulation = moving(named)
+    assert not any(read(joints, 1, simulation).velocity)
+    simulation.advance()
+    assert all(read(joints, 2, simulation).velocity)
+
+
+def test_errors_change_with_the_next_frame(named: NamedChain) -> None:
+    joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), ()), moving(named)
+    exact = simulation.angles.tolist()
+    assert list(read(joints, 0, simulation).position) == exact
+    joints.change(NOISY)
+    expected, _ = Encoders(8, PERIOD, NOISY).read(1, simulation.angles)
+    assert list(read(joints, 1, simulation).position) == expected.tolist()
+    joints.change(EncoderErrors())
+    assert list(read(joints, 2, simulation).position) == exact

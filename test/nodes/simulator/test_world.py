@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The world by its parameters: mechanics, states to start from, joints by name or number."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import with_soliton
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.simulator.world import World, WorldParameters, rotors_of
+
+CHAIN = Chain(number_of_rotors=8)
+NAMED = NamedChain(CHAIN, default_joint_names(8))
+
+
+def world(named: NamedChain = NAMED, **parameters: object) -> World:
+    return World(named, dataclasses.replace(WorldParameters(), **parameters), 0.01)
+
+
+@pytest.mark.parametrize(
+    ('mechanics', 'kind'), [('elastic', ElasticSimulation), ('rigid', RigidSimulation)]
+)
+def test_the_mechanics_are_springs_or_bars(mechanics: str, kind: type[Simulation]) -> None:
+    one = world(mechanics=mechanics, tolerance=1e-6)
+    gravity = Gravity(9.81, 0.2)
+    simulation = one.begin(one.initial_state(), gravity)
+    assert type(simulation) is kind
+    assert (simulation.period, simulation.tolerance) == (0.01, 1e-6)
+    assert simulation.gravity == gravity
+
+
+@pytest.mark.parametrize(('name', 'lean'), [('left_leaning', -1), ('right_leaning', 1)])
+def test_it_starts_leaning_to_a_side(name: str, lean: int) -> None:
+    state = world(initial_state=name).initial_state()
+    assert np.array_equal(state.angles, CHAIN.uniform_state(lean))
+    assert not state.rates.any()
+
+
+def test_it_starts_with_a_soliton() -> None:
+    one = world(initial_state='soliton', initial_place=3.25, initial_velocity=-0.5)
+    expected = with_soliton(CHAIN, 3.25, -0.5)
+    assert np.array_equal(one.initial_state().angles, expected.angles)
+    assert np.array_equal(one.initial_state().rates, expected.rates)
+
+
+def test_bars_between_periodic_ends_and_bars_with_a_fixed_rotor_are_refused() -> None:
+    ring = NamedChain(dataclasses.replace(CHAIN, periodic=True), NAMED.joint_names)
+    for stuck in (world(ring, mechanics='rigid'), world(mechanics='rigid', fixed_rotors=('1',))):
+        with pytest.raises(ValueError, match='or simulate springs'):
+            stuck.begin(stuck.initial_state(), NO_GRAVITY)
+
+
+def test_fixed_rotors_are_those_of_the_simulation() -> None:
+    one = world(fixed_rotors=('rotor_7', '2', 'rotor_2'))
+    assert one.begin(one.initial_state(), NO_GRAVITY).fixed == (2, 7)
+
+
+def test_a_joint_goes_by_its_name_or_its_number_and_the_name_goes_first() -> None:
+    assert rotors_of('these', ('b', '0', 'a'), ('a', 'b', 'c')) == (0, 1)
+    assert rotors_of('these', ('0',), ('1', '0')) == (1,)
+    assert rotors_of('these', (), ('a', 'b')) == ()
+    with pytest.raises(ValueError, match=r"these names joint '3', which is none of 'a' to 'c' or"):
+        rotors_of('these', ('3',), ('a', 'b', 'c'))

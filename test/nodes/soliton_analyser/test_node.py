@@ -1,0 +1,416 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every frame of joint states gets its solitons, none as an empty list."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from graphs import Graph, values
+from programs import Program
+from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    frame_to_msg,
+    time_to_msg,
+)
+from soliton_linkage_nodes.messages.joint_states import joint_states_from_msg
+from soliton_linkage_nodes.messages.state_conversions import state_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.soliton_analyser import node as soliton_analyser
+from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+
+pytestmark = pytest.mark.usefixtures('often')
+
+CHAINS = {
+    'flipper': (Chain(number_of_rotors=16), 10.0),
+    'wobbler': (Chain(number_of_rotors=12, rotor_length=0.1, rest_angle=0.77), 4.0),
+    'spinner': (Chain(number_of_rotors=16, rotor_length=0.2, rest_angle=1.18), 12.5),
+}
+
+
+PERIOD = 20 * 10**6
+
+
+def named_chain(chain: Chain) -> NamedChain:
+    return NamedChain(chain, default_joint_names(chain.number_of_rotors))
+
+
+def frames_of(named: NamedChain, speed: float, duration: float = 2.0) -> list[JointState]:
+    """The frames of a chain that was kicked at its first edge."""
+    chain = named.chain
+    rest = chain.uniform_state(-1)
+    moved = simulate(chain, rest, speed * edge_mode(chain, rest, Edge.FIRST), duration, 0.02)
+    return [
+        frame_to_msg(
+            named, Frame(angles, rates), 0 * angles, time_to_msg(7 * 10**9 + number * PERIOD)
+        )
+        for number, (angles, rates) in enumerate(zip(moved.angles, moved.rates, strict=True))
+    ]
+
+
+def expected_of(named: NamedChain, frames: Sequence[JointState]) -> list[Any]:
+    """States of frames by the same analysis without a node."""
+    analysis = JointStateAnalysis()
+    analysis.learn(named)
+    states = []
+    for joints in map(joint_states_from_msg, frames):
+        found = analysis.analyse(joints)
+        assert found is not None
+        states.append(state_to_msg(found, joints))
+    return states
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two states say the same, where NaN is like NaN."""
+    return repr(one) == repr(other)
+
+
+def tell_chain(graph: Graph, named: NamedChain) -> Publisher:
+    topic = interfaces.CHAIN
+    publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    publisher.publish(chain_to_msg(named, time_to_msg(0)))
+    return publisher
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_every_frame_gets_its_solitons_under_its_own_header(graph: Graph, name: str) -> None:
+    chain, speed = CHAINS[name]
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, speed)
+    for frame in frames:
+        joints.publish(frame)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    for state, expected in zip(states, expected_of(named, frames), strict=True):
+        assert same(state, expected)
+    assert states[0].solitons == []
+    assert any(state.solitons for state in states)
+
+
+@pytest.mark.parametrize('rates', [True, False])
+def test_joints_may_come_in_any_order_and_without_rates(graph: Graph, rates: bool) -> None:
+    chain, speed = CHAINS['flipper']
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frame = frames_of(named, speed)[60]
+    order = np.random.default_rng(1).permutation(chain.number_of_rotors)
+    shuffled = JointState(
+        header=Header(stamp=time_to_msg(3)),
+        name=['gripper', *(frame.name[n] for n in order)],
+        position=[5.0, *(frame.position[n] for n in order)],
+        velocity=[5.0, *(frame.velocity[n] for n in order)] if rates else [],
+    )
+    joints.publish(shuffled)
+    graph.until(lambda: states, 'a state')
+    assert same(states[0], expected_of(named, [shuffled])[0])
+    if not rates:
+        frame.velocity = []
+    frame.header = shuffled.header
+    assert same(states[0], expected_of(named, [frame])[0])
+
+
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_no_soliton_is_an_empty_list(graph: Graph, named: NamedChain, lean: int) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    rest = named.chain.uniform_state(lean)
+    joints.publish(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, time_to_msg(1)))
+    graph.until(lambda: states, 'a state')
+    assert states[0].solitons == []
+    assert states[0].motion_name == 'flipper'
+
+
+def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: Graph) -> None:
+    chain, speed = CHAINS['flipper']
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, speed)
+    for frame in frames:
+        joints.publish(frame)
+    graph.until(lambda: reports, 'a report')
+    said = (
+        'waiting for the topic chain; where there is none, set chain_from to parameters or to '
+        'nowhere'
+    )
+    assert (reports[-1].message, reports[-1].level) == (said, reports[-1].WARN)
+    assert states == []
+    tell_chain(graph, named)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    assert [state.header for state in states] == [frame.header for frame in frames]
+
+
+def test_of_frames_that_wait_for_the_chain_too_long_the_last_are_kept(
+    graph: Graph, named: NamedChain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(soliton_analyser.interfaces, '_DEEPEST_QUEUE', 20)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    analyser = graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, 10.0)[:50]
+    for number, frame in enumerate(frames):
+        joints.publish(frame)
+        graph.until(
+            lambda n=number: (
+                analyser._waiting
+                and analyser._waiting[-1][4:12]
+                == frames[n].header.stamp.sec.to_bytes(4, 'little')
+                + frames[n].header.stamp.nanosec.to_bytes(4, 'little')
+            ),
+            'the frame',
+        )
+    tell_chain(graph, named)
+    graph.until(lambda: states and states[-1].header == frames[-1].header, 'the last state')
+    assert [state.header for state in states] == [frame.header for frame in frames[-20:]]
+
+
+def test_parameters_of_the_chain_take_the_place_of_the_topic(
+    graph: Graph, named: NamedChain
+) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    graph.start(
+        SolitonAnalyser, {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
+    )
+    joints = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, 10.0)
+    for frame in frames:
+        joints.publish(frame)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    for state, expected in zip(states, expected_of(named, frames), strict=True):
+        assert same(state, expected)
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'complaint'),
+    [
+        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
+        ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
+        (
+            {'name': [f'wheel_{n}' for n in range(8)]},
+            "has none of the 8 rotors, whose first is 'rotor_0'; tell the names of the joints",
+        ),
+        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
+        ({'name': [], 'position': [], 'velocity': []}, 'has none of the 8 rotors'),
+    ],
+)
+def test_wrong_joint_states_are_refused_and_right_ones_analysed_as_before(
+    graph: Graph, named: NamedChain, spoil: dict[str, Any], complaint: str
+) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    right = frames_of(named, 10.0)[60]
+    wrong = frames_of(named, 10.0)[60]
+    for field, value in spoil.items():
+        setattr(wrong, field, value)
+    joints.publish(wrong)
+    joints.publish(right)
+    graph.until(lambda: states, 'a state')
+    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
+    assert complaint in values(reports[-1])['last refusal']
+    assert len(states) == 1
+    assert same(states[0], expected_of(named, [right])[0])
+
+
+def test_bytes_that_are_no_joint_states_are_refused(graph: Graph, named: NamedChain) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    right = frames_of(named, 10.0)[60]
+    joints.publish(serialize_message(right)[:200])
+    joints.publish(right)
+    graph.until(lambda: states, 'a state')
+    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
+    said = 'joint_states of 200 bytes are no sensor_msgs/JointState'
+    assert said in values(reports[-1])['last refusal']
+    assert same(states[0], expected_of(named, [right])[0])
+
+
+def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
+    chance = np.random.default_rng(3)
+    named = named_chain(Chain(number_of_rotors=5))
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    for number in range(300):
+        size = 10.0 ** chance.uniform(-150, 150)
+        angles, rates = chance.uniform(-size, size, (2, 5))
+        angles[chance.random(5) < 0.2] = chance.choice([math.nan, math.inf])
+        frame = Frame(angles, rates if number % 2 else np.zeros(5))
+        joints.publish(frame_to_msg(named, frame, np.zeros(5), time_to_msg(number)))
+    graph.until(lambda: len(states) == 300, 'an answer to each frame')
+    assert not reports or values(reports[-1])['refused'] == '0'
+
+
+def test_a_report_tells_rate_and_number_of_solitons(graph: Graph, named: NamedChain) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    graph.until(lambda: reports and reports[-1].message == 'waiting for joint_states', 'a warning')
+    joints = graph.speak(interfaces.JOINT_STATES)
+    joints.publish(frames_of(named, 10.0)[20])
+    said = '1 solitons, acquired'
+    graph.until(lambda: any(r.message == said for r in reports), 'a report')
+    assert len(states) == 1
+    figures = values(next(r for r in reports if r.message == said))
+    assert (figures['frames'], figures['solitons'], figures['subscribers']) == ('1', '1', '1')
+    assert float(figures['rate [Hz]']) > 0
+
+
+def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> None:
+    joints = [f'wheel_{7 - rotor}' for rotor in range(8)]
+    states = graph.hear(interfaces.SOLITON_STATE)
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser, {'joint_names': joints})
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, 10.0)
+    for frame in frames:
+        publisher.publish(
+            JointState(
+                header=frame.header,
+                name=[f'wheel_{n}' for n in range(8)],
+                position=frame.position[::-1],
+                velocity=frame.velocity[::-1],
+            )
+        )
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    for state, expected in zip(states, expected_of(named, frames), strict=True):
+        assert same(state, expected)
+
+
+def test_joints_that_do_not_fit_the_chain_are_said(graph: Graph, named: NamedChain) -> None:
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser, {'joint_names': ['a', 'b']})
+    graph.until(
+        lambda: any('parameter joint_names has 2 names' in r.message for r in reports), 'it'
+    )
+
+
+def test_without_any_chain_the_angles_alone_tell_how_it_moves(
+    graph: Graph, named: NamedChain
+) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    graph.start(SolitonAnalyser, {'chain_from': 'nowhere'})
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    chain, speed = CHAINS['spinner']
+    frames = frames_of(named_chain(chain), speed)
+    for frame in frames:
+        publisher.publish(frame)
+    graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
+    assert states[-1].motion_name == 'spinner'
+    assert states[-1].measured_motion == states[-1].motion
+    assert states[-1].measured_motion_confidence > 0.99
+    assert math.isnan(states[-1].cycle.phase)
+    assert any(state.solitons for state in states)
+    said = 'the parameters of the chain are not known'
+    graph.until(lambda: any(said in r.message for r in reports), 'a report')
+
+
+def test_late_frames_get_no_state_and_are_counted(graph: Graph, named: NamedChain) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    frames = frames_of(named, 10.0)[:10]
+    for frame in (*frames, frames[4], frames[9]):
+        publisher.publish(frame)
+    graph.until(
+        lambda: reports and values(reports[-1]).get('late frames') == '2', 'the late frames'
+    )
+    assert [state.header for state in states] == [frame.header for frame in frames]
+
+
+@pytest.mark.parametrize(('spoiled', 'said'), [(1, '1 of 16 rotors are not seen'), (0, 'soliton')])
+def test_rotors_that_are_not_seen_are_said(graph: Graph, spoiled: int, said: str) -> None:
+    chain, speed = CHAINS['flipper']
+    named = named_chain(chain)
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames_of(named, speed)[:60]:
+        if spoiled:
+            frame.position[5] = math.nan
+        publisher.publish(frame)
+    graph.until(lambda: len(states) == 60, 'all states')
+    assert {state.unseen for state in states} == {spoiled}
+    graph.until(lambda: any(said in r.message for r in reports), 'a report')
+    report = next(r for r in reports if said in r.message)
+    assert report.level == (report.WARN if spoiled else report.OK)
+
+
+def test_angles_of_another_class_than_the_parameters_are_said(graph: Graph) -> None:
+    chain, speed = CHAINS['spinner']
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named_chain(CHAINS['flipper'][0]))
+    graph.start(SolitonAnalyser)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames_of(named_chain(chain), speed):
+        publisher.publish(frame)
+    said = 'the angles are those of a spinner'
+    graph.until(lambda: any(said in r.message for r in reports), 'a warning')
+    report = next(r for r in reports if said in r.message)
+    assert report.level == report.WARN
+    assert 'the parameters those of a flipper' in report.message
+
+
+def test_offsets_of_encoders_are_told(graph: Graph) -> None:
+    chain, speed = CHAINS['flipper']
+    named = named_chain(chain)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames_of(named, speed, 8.0):
+        frame.position[5] += 0.2
+        publisher.publish(frame)
+    graph.until(
+        lambda: reports and 'rotor_5 0.2' in values(reports[-1]).get('encoder offsets [rad]', ''),
+        'the offset',
+    )
+
+
+def test_an_unknown_source_of_the_chain_ends_it_with_one_line(
+    start: Callable[..., Program],
+) -> None:
+    program = start('soliton_analyser', '--ros-args', '-p', 'chain_from:=telepathy')
+    assert program.wait() == 1
+    (line,) = program.said
+    said = "chain_from of soliton_analyser = 'telepathy' must be one of 'topic', 'parameters'"
+    assert said in line

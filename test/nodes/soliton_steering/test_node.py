@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The soliton goes where it is sent, and each thing that can go wrong has its own answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from graphs import Graph, values
+from programs import Program
+from rclpy.action import ActionClient
+from std_srvs.srv import SetBool, Trigger
+
+from soliton_linkage.estimation.nearest_point import fit_anywhere
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_msgs.srv import Reset
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+    frame_to_msg,
+    time_to_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+
+pytestmark = pytest.mark.usefixtures('often')
+
+ROTORS = 8
+CHAIN = Chain(number_of_rotors=ROTORS)
+CYCLE = UniformOrbit(CHAIN)
+Result = MoveSoliton.Result
+
+
+class Bench:
+    """A simulated chain with a steering, and a user who sends goals."""
+
+    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
+        self.graph = graph
+        self.reports = graph.reports('soliton_steering')
+        self.frames = graph.hear(interfaces.JOINT_STATES)
+        self.torques = graph.hear(interfaces.ROTOR_TORQUES)
+        self.feedback: list[MoveSoliton.Feedback] = []
+        self.simulator = graph.start(
+            Simulator,
+            {'chain.number_of_rotors': ROTORS, 'publish_rate': 250.0, 'tolerance': 1e-8},
+        )
+        self.node = graph.start(SolitonSteering, {'state_timeout': 5.0, **(parameters or {})})
+        self._client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON)
+        graph.until(self._client.server_is_ready, 'the action server')
+        graph.until(lambda: self.message == 'ready', 'a steering that sees the wall')
+        self.after(20)
+
+    @property
+    def message(self) -> str:
+        return str(self.reports[-1].message) if self.reports else ''
+
+    @property
+    def place(self) -> float:
+        """Where the wall is by the last frame [rotor spacings]."""
+        return CYCLE.place(fit_anywhere(CYCLE, np.array(self.frames[-1].position)).arc)
+
+    def send(self, rotor: float, speed: float = 0.0) -> Any:
+        """Return the handle of a goal that was accepted."""
+        goal = MoveSoliton.Goal(rotor=rotor, speed=speed)
+        sent = self._client.send_goal_async(
+            goal, feedback_callback=lambda message: self.feedback.append(message.feedback)
+        )
+        self.graph.until(sent.done, 'an answer to the goal')
+        assert sent.result().accepted
+        return sent.result()
+
+    def result(self, handle: Any) -> Any:
+        """Return how a goal ended."""
+        future = handle.get_result_async()
+        self.graph.until(future.done, 'the result')
+        return future.result()
+
+    def move(self, rotor: float, speed: float = 0.0) -> Any:
+        return self.result(self.send(rotor, speed))
+
+    def after(self, frames: int) -> None:
+        """Wait for more frames."""
+        target = len(self.frames) + frames
+        self.graph.until(lambda: len(self.frames) >= target, f'{frames} frames')
+
+
+def test_the_wall_is_drawn_out_of_its_edge_to_a_place_and_held_there(graph: Graph) -> None:
+    bench = Bench(graph)
+    ended = bench.move(4.3)
+    assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_SUCCEEDED, Result.REACHED)
+    assert ended.result.rotor == pytest.approx(4.3, abs=0.05)
+    for _ in range(5):
+        bench.after(20)
+        assert bench.place == pytest.approx(4.3, abs=0.1)
+    rotors = [each.rotor for each in bench.feedback]
+    assert len(rotors) > 5
+    assert max(rotors) < 4.4
+    assert max(each.speed for each in bench.feedback) > 1
+    assert all(each.phonon_energy >= 0 for each in bench.feedback)
+    assert bench.feedback[-1].phonon_energy < 1e-7
+
+
+def test_a_goal_on_the_way_takes_the_place_of_the_one_before(graph: Graph) -> None:
+    bench = Bench(graph)
+    first = bench.send(6.0)
+    graph.until(lambda: len(bench.feedback) > 3, 'feedback')
+    second = bench.send(2.0)
+    ended = bench.result(first)
+    assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_ABORTED, Result.PREEMPTED)
+    assert 'another goal, rotor 2, has taken its place' in ended.result.message
+    assert bench.result(second).result.outcome == Result.REACHED
+    assert bench.place == pytest.approx(2.0, abs=0.1)
+
+
+def test_cancelled_it_stops_and_holds_and_let_go_it_is_free(graph: Graph) -> None:
+    bench = Bench(graph)
+    handle = bench.send(6.0)
+    graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 1, 'a wall on its way')
+    cancelled = handle.cancel_goal_async()
+    graph.until(cancelled.done, 'an answer to the cancellation')
+    ended = bench.result(handle)
+    assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_CANCELED, Result.CANCELLED)
+    stopped = ended.result.rotor
+    assert 1 < stopped < 5
+    bench.after(100)
+    assert bench.place == pytest.approx(stopped, abs=0.1)
+    graph.until(lambda: bench.message.startswith('holding the soliton'), 'a steering that holds')
+    assert graph.call(Trigger, 'soliton_steering/release').success
+    graph.until(lambda: bench.torques and not any(bench.torques[-1].effort), 'torques of 0')
+    count = len(bench.torques)
+    bench.after(50)
+    assert len(bench.torques) == count
+    assert not graph.call(Trigger, 'soliton_steering/release').success
+
+
+@pytest.mark.parametrize(
+    ('rotor', 'speed', 'outcome', 'reason'),
+    [
+        (7.5, 0.0, Result.OUT_OF_CHAIN, 'range 0 to 7'),
+        (math.nan, 0.0, Result.OUT_OF_CHAIN, 'rotor = nan'),
+        (4.0, -2.0, Result.INVALID_SPEED, 'speed = -2'),
+        (6.0, 0.0, Result.OUT_OF_REACH, 'actuate more rotors'),
+    ],
+)
+def test_what_cannot_be_is_refused_with_the_reason_and_changes_nothing(
+    graph: Graph, rotor: float, speed: float, outcome: int, reason: str
+) -> None:
+    bench = Bench(graph, {'actuated_joints': ['rotor_0', 'rotor_1']})
+    ended = bench.move(rotor, speed)
+    assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_ABORTED, outcome)
+    assert reason in ended.result.message
+    graph.until(
+        lambda: reason in values(bench.reports[-1])['last refusal'], 'a report of the refusal'
+    )
+    assert bench.torques == []
+
+
+def test_actuators_at_the_edge_carry_the_wall_as_far_as_they_reach(graph: Graph) -> None:
+    bench = Bench(graph, {'actuated_joints': ['rotor_0', 'rotor_1']})
+    assert bench.move(1.0).result.outcome == Result.REACHED
+    assert bench.place == pytest.approx(1.0, abs=0.1)
+    assert any(any(each.effort[:2]) for each in bench.torques)
+    assert not any(any(each.effort[2:]) for each in bench.torques)
+
+
+def test_a_wall_is_lost_when_the_joint_states_stop(graph: Graph) -> None:
+    bench = Bench(graph, {'state_timeout': 0.3})
+    handle = bench.send(6.0)
+    graph.until(lambda: len(bench.feedback) > 3, 'feedback')
+    assert graph.call(SetBool, 'simulator/pause', data=True).success
+    ended = bench.result(handle)
+    lost = GoalStatus.STATUS_ABORTED, Result.SOLITON_LOST
+    assert (ended.status, ended.result.outcome) == lost
+    assert 'joint_states have stopped' in ended.result.message
+    graph.until(lambda: not any(bench.torques[-1].effort), 'torques of 0')
+    none = bench.move(6.0).result
+    assert none.outcome == Result.NO_SOLITON
+    assert 'no fresh joint_states' in none.message
+    assert graph.call(SetBool, 'simulator/pause', data=False).success
+    graph.until(lambda: bench.message == 'ready', 'a steering that sees the wall again')
+    assert bench.move(2.0).result.outcome == Result.REACHED
+
+
+def test_a_wall_that_is_somewhere_else_all_at_once_is_lost(graph: Graph) -> None:
+    bench = Bench(graph)
+    handle = bench.send(5.0)
+    graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 2, 'a wall on its way')
+    state = Reset.Request.RIGHT_LEANING
+    assert graph.call(Reset, 'simulator/reset', state=state).success
+    ended = bench.result(handle)
+    assert ended.result.outcome == Result.SOLITON_LOST
+    assert 'let go' in ended.result.message
+    bench.after(10)
+    assert bench.move(4.0).result.outcome == Result.REACHED
+
+
+def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph: Graph) -> None:
+    client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON)
+    node = graph.start(SolitonSteering)
+
+    def move() -> Any:
+        graph.until(client.server_is_ready, 'the action server')
+        sent = client.send_goal_async(MoveSoliton.Goal(rotor=3.0))
+        graph.until(sent.done, 'an answer')
+        future = sent.result().get_result_async()
+        graph.until(future.done, 'the result')
+        return future.result().result
+
+    assert move().outcome == Result.NO_SOLITON
+    named = NamedChain(CHAIN, default_joint_names(ROTORS))
+    graph.hear(interfaces.ROTOR_TORQUES)
+    chain = graph.speak(interfaces.CHAIN)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    chain.publish(chain_to_msg(named, time_to_msg(0)))
+    graph.until(lambda: node._steering is not None, 'the chain')
+    graph.until(node._torques.get_subscription_count, 'a subscriber of the torques')
+    angles = np.full(ROTORS, 2.0)
+    joints.publish(frame_to_msg(named, Frame(angles, None), 0 * angles, time_to_msg(1)))
+    graph.until(lambda: node._heard_at > 0, 'joint states')
+    none = move()
+    assert none.outcome == Result.NO_SOLITON
+    assert 'near no configuration' in none.message
+    assert math.isnan(none.rotor)
+
+
+def test_a_joint_that_the_chain_has_not_is_refused(graph: Graph) -> None:
+    reports = graph.reports('soliton_steering')
+    graph.start(Simulator, {'chain.number_of_rotors': ROTORS})
+    graph.start(SolitonSteering, {'actuated_joints': ['rotor_9']})
+    graph.until(
+        lambda: reports and "'rotor_9'" in values(reports[-1])['last refusal'], 'the refusal'
+    )
+
+
+def test_a_steering_that_goes_lets_go(graph: Graph) -> None:
+    bench = Bench(graph)
+    bench.send(6.0)
+    graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 1, 'a wall on its way')
+    graph.stop(bench.node)
+    graph.until(lambda: not any(bench.torques[-1].effort), 'torques of 0')
+
+
+def test_it_is_a_program(start: Callable[..., Program]) -> None:
+    steering = start('soliton_steering', '--ros-args', '-p', 'torque_limit:=-1.0')
+    assert steering.wait() == 1
+    assert any('torque_limit' in line for line in steering.said)

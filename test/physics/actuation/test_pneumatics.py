@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pressure follows its command by the law of the chamber, however far apart one looks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.profile import Profile, trapezoid
+from soliton_linkage.linkage.chain import Array
+
+ACTUATOR = PneumaticActuator(filling_time=0.03, venting_time=0.07)
+PRESSURES = st.floats(-8e4, 2e5)
+SLOPES = st.floats(-3e6, 3e6)
+TIMES = st.floats(0, 1)
+
+
+def integrated(pressure: float, command: Profile, start: float, end: float) -> Array:
+    """Solve the equation of the chamber by steps: pressure and its integral at the end."""
+
+    def derivative(time: float, state: Array) -> Array:
+        lag = float(command.after(time)) - state[0]
+        constant = ACTUATOR.filling_time if lag > 0 else ACTUATOR.venting_time
+        return np.array([lag / constant, state[0]])
+
+    state = np.array([pressure, 0.0])
+    for line in command.pieces(start, end):
+        solution = solve_ivp(
+            derivative, (line.start, line.end), state, rtol=1e-9, atol=1e-6, max_step=0.01
+        )
+        state = solution.y[:, -1]
+    return state
+
+
+@pytest.mark.parametrize('value', [2e5, -8e4])
+@pytest.mark.parametrize('ramps', [(0.0, 0.0), (0.05, 0.0), (0.02, 0.1)])
+@pytest.mark.parametrize('pressure', [0.0, 1.5e5, -5e4])
+def test_it_is_what_small_steps_give(
+    pressure: float, ramps: tuple[float, float], value: float
+) -> None:
+    command = trapezoid(value, ramps[0], 0.1, ramps[1])
+    for end in (0.04, 0.15, 0.4):
+        closed = ACTUATOR.driven(pressure, command, 0.0, end)
+        expected = integrated(pressure, command, 0.0, end)
+        np.testing.assert_allclose(closed, expected, rtol=1e-6, atol=1.0)
+
+
+@given(PRESSURES, PRESSURES, SLOPES, TIMES, TIMES)
+def test_two_steps_are_one(
+    pressure: float, target: float, slope: float, first: float, second: float
+) -> None:
+    whole, area = ACTUATOR.follow(pressure, target, slope, first + second)
+    middle, before = ACTUATOR.follow(pressure, target, slope, first)
+    end, after = ACTUATOR.follow(middle, target + slope * first, slope, second)
+    scale = abs(pressure) + abs(target) + abs(slope) * (first + second) + 1
+    assert end == pytest.approx(whole, abs=1e-9 * scale)
+    assert before + after == pytest.approx(area, abs=1e-9 * scale)
+
+
+@given(PRESSURES, PRESSURES, TIMES)
+def test_it_never_passes_a_steady_command(pressure: float, target: float, time: float) -> None:
+    reached, area = ACTUATOR.follow(pressure, target, 0.0, time)
+    low, high = sorted((pressure, target))
+    rounding = 1e-9 * (high - low) + 1e-9
+    assert low - rounding <= reached <= high + rounding
+    assert low * time - rounding <= area <= high * time + rounding
+
+
+@pytest.mark.parametrize(
+    ('start', 'target', 'constant'), [(0.0, 1e5, 0.03), (1e5, 0.0, 0.07), (0.0, -5e4, 0.07)]
+)
+def test_after_its_time_constant_it_has_gone_63_percent_of_the_way(
+    start: float, target: float, constant: float
+) -> None:
+    reached, _ = ACTUATOR.follow(start, target, 0.0, constant)
+    assert (reached - start) / (target - start) == pytest.approx(1 - math.exp(-1))
+
+
+def test_a_long_ramp_is_followed_late_by_the_time_constant() -> None:
+    reached, _ = ACTUATOR.follow(0.0, 0.0, 1e4, 3.0)
+    assert reached == pytest.approx(1e4 * (3.0 - 0.03), rel=1e-9)
+    reached, _ = ACTUATOR.follow(0.0, 0.0, -1e4, 3.0)
+    assert reached == pytest.approx(-1e4 * (3.0 - 0.07), rel=1e-9)
+
+
+@given(st.floats(1e-6, 1e-3), st.sampled_from([-1.0, 1.0]), st.floats(0.01, 1.0))
+def test_the_pressure_of_a_pulse_gives_its_impulse(
+    size: float, sign: float, duration: float
+) -> None:
+    impulse = sign * size
+    pressure = ACTUATOR.pulse_pressure(impulse, duration)
+    command = trapezoid(pressure, 0.0, duration, 0.0)
+    left, area = ACTUATOR.driven(0.0, command, 0.0, duration + 5.0)
+    assert ACTUATOR.torque_per_pressure * area == pytest.approx(impulse, rel=1e-9)
+    assert abs(left) < 1e-9 * abs(pressure)
+
+
+def test_the_torque_is_proportional_up_to_saturation() -> None:
+    actuator = PneumaticActuator(torque_per_pressure=1e-7, saturation_torque=0.01)
+    torques = actuator.torque(np.array([0.0, 5e4, -5e4, 1e5, 2e5, -2e5]))
+    np.testing.assert_allclose(torques, [0.0, 0.005, -0.005, 0.01, 0.01, -0.01])
+
+
+@pytest.mark.parametrize('pressure', [2.1e5, -9e4, math.nan, math.inf])
+def test_pressures_out_of_reach_are_refused(pressure: float) -> None:
+    with pytest.raises(ValueError, match=r'^pressure = .* Pa must'):
+        ACTUATOR.check_pressure(pressure)
+
+
+@pytest.mark.parametrize(
+    'wrong', [{'filling_time': 0.0}, {'venting_time': -1.0}, {'lowest_pressure': 1.0}]
+)
+def test_parameters_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match='must lie in the range'):
+        PneumaticActuator(**wrong)

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, chain_of
+from scipy.integrate import DOP853, solve_ivp
+from scipy.special import ellipj, ellipk
+
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
+from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
+from soliton_linkage.dynamics.integrators.multistep_coefficients import (
+    STABLE_STEP as LONGEST_OF_MULTISTEP,
+)
+from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
+from soliton_linkage.dynamics.integrators.nystrom_steps import STABLE_STEP as LONGEST_OF_NYSTROM
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import Gravity
+
+Method = type[ChainSolver]
+
+
+@pytest.fixture(params=[False, True], ids=['numpy', 'compiled'], autouse=True)
+def compiled(request: pytest.FixtureRequest) -> bool:
+    if request.param:
+        pytest.importorskip('numba')
+    return bool(request.param)
+
+
+@pytest.fixture(params=[SymplecticNystrom, SymmetricMultistep], ids=['nystrom', 'multistep'])
+def method(request: pytest.FixtureRequest) -> Method:
+    return request.param
+
+
+def in_units(rotors: int, example: tuple[float, float] = FLIPPER, **others: object) -> Chain:
+    ratio, rest_angle = example
+    return dataclasses.replace(Chain(rotors, 1.0, ratio, rest_angle, 1.0, 1.0), **others)
+
+
+def kicked(motion: EquationOfMotion, speed: float = 0.1) -> Array:
+    angles = motion.chain.uniform_state(-1)
+    return motion.state(angles, speed * edge_mode(motion.chain, angles, Edge.FIRST))
+
+
+def solved(
+    motion: EquationOfMotion,
+    state: Array,
+    times: Array | list[float],
+    compiled: bool,
+    method: Method = SymplecticNystrom,
+    **options: object,
+) -> Array:
+    solution = solve_ivp(
+        motion,
+        (times[0], times[-1]),
+        state,
+        method=method,
+        t_eval=times,
+        compiled=compiled,
+        **options,
+    )
+    assert solution.success
+    return np.asarray(solution.y)
+
+
+def energy(motion: EquationOfMotion, states: Array) -> Array:
+    number, chain = motion.rotors, motion.chain
+    angles, rates = states[:number].T, states[number : 2 * number].T
+    total = chain.elastic_energy(angles) + chain.kinetic_energy(rates)
+    total += motion.gravity.energy(chain, angles)
+    return total + states[2 * number :].sum(axis=0)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_it_agrees_with_another_solver(
+    example: tuple[float, float], method: Method, compiled: bool
+) -> None:
+    motion = EquationOfMotion(in_units(12, example))
+    state, times = kicked(motion, 0.2), np.linspace(0, 40, 81)
+    found = solved(motion, state, times, compiled, method, rtol=0, atol=1e-13)
+    other = solve_ivp(motion, (0, 40), state, method=DOP853, t_eval=times, rtol=3e-14, atol=1e-14)
+    np.testing.assert_allclose(found, other.y, rtol=0, atol=1e-10)
+
+
+@functools.cache
+def three_rotors_in_thirty_digits(duration: int) -> tuple[float, ...]:
+    chain = in_units(3)
+    state = kicked(EquationOfMotion(chain), 0.3)
+    with mpmath.workdps(30):
+        a, r = mpmath.mpf(chain.spacing), mpmath.mpf(chain.rotor_length)
+        rest = mpmath.sqrt(a**2 + (2 * r * mpmath.cos(mpmath.mpf(chain.rest_angle))) ** 2)
+
+        def derivative(_time: object, y: list[object]) -> list[object]:
+            torques = [mpmath.mpf(0)] * 3
+            for n in range(2):
+                p, q = y[n], y[n + 1]
+                across = a + r * (mpmath.sin(q) - mpmath.sin(p))
+                up = r * (mpmath.cos(q) - mpmath.cos(p))
+                pull = 1 - rest / mpmath.hypot(across, up)
+                torques[n] += pull * r * (across * mpmath.cos(p) - up * mpmath.sin(p))
+                torques[n + 1] -= pull * r * (across * mpmath.cos(q) - up * mpmath.sin(q))
+            return [*y[3:], *(torque / r**2 for torque in torques)]
+
+        start = [mpmath.mpf(value) for value in state]
+        return tuple(map(float, mpmath.odefun(derivative, 0, start, tol=1e-20)(duration)))
+
+
+def test_it_agrees_with_a_taylor_series_in_thirty_digits(method: Method, compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(3))
+    found = solved(motion, kicked(motion, 0.3), [0, 2], compiled, method, rtol=0, atol=1e-15)
+    exact = three_rotors_in_thirty_digits(2)
+    np.testing.assert_allclose(found[:, -1], exact, rtol=0, atol=2e-14)
+
+
+def test_the_error_is_below_the_sum_of_those_tolerated(method: Method, compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(12, SPINNER))
+    state = kicked(motion, 0.3)
+    fixed = {'first_step': 0.02, 'max_step': 0.02, 'atol': 1.0}
+    exact = solved(motion, state, [0, 50], compiled, **fixed)[:, -1]
+    tolerances, errors = 10.0 ** -np.arange(6, 13), []
+    for tolerance in tolerances:
+        solver = method(
+            motion, 0.0, state, 50.0, rtol=0, atol=tolerance, together=1, compiled=compiled
+        )
+        steps = 0
+        while solver.status == 'running':
+            solver.step()
+            steps += 1
+        errors.append(np.abs(solver.y - exact).max())
+        assert errors[-1] < steps * tolerance * math.sqrt(len(state))
+    slope = np.polyfit(np.log(tolerances[2:]), np.log(errors[2:]), 1)[0]
+    order = {SymplecticNystrom: 6, SymmetricMultistep: 10}[method]
+    assert order / (order + 1) - 0.15 < slope < 1.1
+
+
+def test_the_way_back_leads_to_the_start(compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(15))
+    state = kicked(motion)
+    forth = solved(motion, state, [0, 100], compiled, first_step=1.0, max_step=1.0, atol=1.0)
+    back = solved(motion, forth[:, -1], [100, 0], compiled, first_step=1.0, max_step=1.0, atol=1.0)
+    assert np.abs(forth[:, -1] - state).max() > 1
+    np.testing.assert_allclose(back[:, -1], state, rtol=0, atol=1e-11)
+
+
+def test_the_energy_does_not_drift(compiled: bool) -> None:
+    if not compiled:
+        pytest.skip('takes too long without compiled loops')
+    motion = EquationOfMotion(in_units(10))
+    state, times = kicked(motion), np.linspace(0, 40_000, 4001)
+    states = solved(motion, state, times, compiled, first_step=1.0, max_step=1.0, atol=1.0)
+    errors = energy(motion, states) / energy(motion, state[:, np.newaxis]) - 1
+    early, late = np.abs(errors[1:401]).max(), np.abs(errors[-400:]).max()
+    assert 1e-10 < early < 1e-5
+    assert late < 2 * early
+
+
+def test_vibrations_of_the_method_itself_do_not_get_out_of_hand(compiled: bool) -> None:
+    if not compiled:
+        pytest.skip('takes too long without compiled loops')
+    motion = EquationOfMotion(in_units(10, SPINNER))
+    state = kicked(motion, 0.3)
+    solver = SymmetricMultistep(motion, 0.0, state, 10_000.0, rtol=0, atol=1e-8)
+    start, errors = energy(motion, state[:, np.newaxis]), []
+    while solver.status == 'running':
+        assert solver.step() is None
+        errors.append(abs(energy(motion, solver.y[:, np.newaxis]) / start - 1))
+    forces_of_steps_alone = solver.t / solver.length
+    assert solver.nfev < 2 * forces_of_steps_alone
+    early, late = np.max(errors[: len(errors) // 4]), np.max(errors[-len(errors) // 4 :])
+    assert late < 10 * early < 1e-3
+
+
+def test_dissipated_energy_is_what_is_missing(compiled: bool) -> None:
+    chain = in_units(10, damping=0.01)
+    torques = np.zeros(10)
+    motion = EquationOfMotion(chain, torques, Gravity(0.05, 0.3))
+    state, times = kicked(motion, 0.3), np.linspace(0, 60, 200)
+    states = solved(motion, state, times, compiled, rtol=0, atol=1e-12)
+    total = energy(motion, states)
+    assert states[-1, -1] > 0.3 * (0.3**2 / 2 * chain.moment_of_inertia)
+    assert (np.diff(states[-1]) > 0).all()
+    np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-10)
+
+
+def test_a_pendulum_swings_as_its_closed_form(method: Method, compiled: bool) -> None:
+    chain = in_units(2, stiffness=1e-9)
+    gravity, amplitude = Gravity(1.0), 1.2
+    motion = EquationOfMotion(chain, gravity=gravity)
+    omega, modulus = math.sqrt(1.0 / chain.rotor_length), math.sin(amplitude / 2) ** 2
+    state = motion.state(np.full(2, math.pi + amplitude), np.zeros(2))
+    times = np.linspace(0, 20, 50)
+    found = solved(motion, state, times, compiled, method, rtol=0, atol=1e-12)[0] - math.pi
+    sine = ellipj(ellipk(modulus) - omega * times, modulus)[0]
+    expected = 2 * np.arcsin(math.sqrt(modulus) * sine)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('damping', [0.01, 10.0])
+def test_a_free_rotor_slows_down_as_its_closed_form(damping: float, compiled: bool) -> None:
+    chain = in_units(2, stiffness=1e-9, damping=damping)
+    motion = EquationOfMotion(chain)
+    gamma = damping / chain.moment_of_inertia
+    state = motion.state(np.array([0.3, -1.0]), np.array([0.5, 0.0]))
+    times = np.linspace(0, 4 / gamma, 20)
+    found = solved(motion, state, times, compiled, rtol=0, atol=1e-13)
+    turned = 0.3 + 0.5 * (1 - np.exp(-gamma * times)) / gamma
+    lost = chain.moment_of_inertia / 2 * 0.25 * (1 - np.exp(-2 * gamma * times))
+    np.testing.assert_allclose(found[0], turned, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found[2], 0.5 * np.exp(-gamma * times), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found[4], lost, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('method', 'damping', 'orders'),
+    [
+        (SymplecticNystrom, 0.0, (5.5, 9)),
+        (SymplecticNystrom, 0.02, (5.5, 9)),
+        (SymmetricMultistep, 0.0, (9, 12.5)),
+    ],
+)
+def test_dense_output_is_of_the_order_of_the_steps(
+    method: Method, damping: float, orders: tuple[float, float], compiled: bool
+) -> None:
+    motion = EquationOfMotion(in_units(8, SPINNER, damping=damping))
+    state = kicked(motion, 0.3)
+    times = np.linspace(0, 8, 100)
+    exact = solved(motion, state, times, compiled, first_step=0.02, max_step=0.02, atol=1.0)
+    steps = np.array([0.5, 0.4, 0.25, 0.2])
+    steps *= {SymplecticNystrom: 1, SymmetricMultistep: 0.5}[method]
+    errors = []
+    for step in steps:
+        options = {'first_step': step, 'max_step': step, 'atol': 1.0}
+        found = solved(motion, state, times, compiled, method, **options)
+        errors.append(np.linalg.norm(found - exact))
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert orders[0] < slope < orders[1]
+
+
+@pytest.mark.parametrize('steps_before', [0, 1, 4])
+def test_dense_output_meets_the_steps_and_is_smooth_in_between(
+    method: Method, steps_before: int, compiled: bool
+) -> None:
+    damping = {SymplecticNystrom: 0.02, SymmetricMultistep: 0.0}[method]
+    motion = EquationOfMotion(in_units(8, damping=damping))
+    options = {'first_step': 0.25, 'max_step': 0.25, 'atol': 1.0, 'together': 3}
+    solver = method(motion, 0.0, kicked(motion), 100.0, compiled=compiled, **options)
+    for _ in range(steps_before):
+        solver.step()
+    start = solver.y.copy()
+    solver.step()
+    dense = solver.dense_output()
+    np.testing.assert_allclose(dense(solver.t_old), start, rtol=0, atol=2e-15)
+    np.testing.assert_allclose(dense(solver.t), solver.y, rtol=0, atol=2e-15)
+    times = np.linspace(solver.t_old, solver.t, 7)
+    np.testing.assert_array_equal(dense(times)[:, 3], dense(times[3]))
+    width = 1e-4
+    slopes = (dense(times[1:-1] + width) - dense(times[1:-1] - width)) / (2 * width)
+    expected = np.array([motion(0.0, y) for y in dense(times[1:-1]).T]).T
+    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7)
+
+
+def test_steps_keep_their_length_and_end_at_the_bound(method: Method, compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(20))
+    solver = method(
+        motion, 5.0, kicked(motion), 205.3, rtol=0, atol=1e-8, together=1, compiled=compiled
+    )
+    lengths = []
+    while solver.status == 'running':
+        assert solver.step() is None
+        lengths.append(solver.step_size)
+    assert solver.t == 205.3
+    assert sum(lengths) == pytest.approx(200.3, abs=1e-10)
+    changes = np.abs(np.diff(lengths[:-1])) > 1e-9
+    assert changes.sum() <= 3
+
+
+def test_how_many_steps_go_together_makes_no_difference(method: Method, compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(20))
+    state, times = kicked(motion), np.linspace(0, 30, 7)
+    options = {'first_step': 0.5, 'max_step': 0.5, 'atol': 1.0}
+    alone = solved(motion, state, times, compiled, method, together=1, **options)
+    many = solved(motion, state, times, compiled, method, together=50, **options)
+    np.testing.assert_allclose(alone, many, rtol=0, atol=1e-13)
+
+
+def test_a_chain_at_rest_takes_the_longest_step(method: Method, compiled: bool) -> None:
+    chain = chain_of(FLIPPER, 6)
+    motion = EquationOfMotion(chain)
+    state = motion.state(chain.uniform_state(1), np.zeros(6))
+    solver = method(motion, 0.0, state, np.inf, together=1, compiled=compiled)
+    for _ in range(100):
+        solver.step()
+    longest = {
+        SymplecticNystrom: LONGEST_OF_NYSTROM,
+        SymmetricMultistep: LONGEST_OF_MULTISTEP,
+    }[method]
+    assert solver.step_size * motion.fastest_rate == pytest.approx(longest)
+    np.testing.assert_allclose(solver.y, state, rtol=0, atol=1e-11)
+
+
+def test_a_rotor_that_spins_fast_is_followed(method: Method, compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(3, stiffness=1e-9))
+    state = motion.state(np.zeros(3), np.array([0.0, 500.0, 0.0]))
+    found = solved(motion, state, [0, 1], compiled, method, rtol=0, atol=1e-3)
+    assert found[1, -1] == pytest.approx(500, abs=1e-3)
+
+
+def test_what_it_cannot_integrate_is_refused(method: Method, compiled: bool) -> None:
+    chain = in_units(4)
+    motion, state = EquationOfMotion(chain), np.zeros(8)
+    with pytest.raises(TypeError, match='take DOP853'):
+        method(lambda t, y: y, 0.0, state, 1.0)
+    damped = EquationOfMotion(dataclasses.replace(chain, damping=1.0))
+    with pytest.raises(ValueError, match='which has 9'):
+        method(damped, 0.0, state, 1.0, compiled=compiled)
+    with pytest.raises(ValueError, match='not both be 0'):
+        method(motion, 0.0, state, 1.0, rtol=0.0, atol=0.0, compiled=compiled)
+    with pytest.raises(ValueError, match='must be 0 or more'):
+        method(motion, 0.0, state, 1.0, rtol=-1.0, compiled=compiled)
+    with pytest.raises(ValueError, match='first_step'):
+        method(motion, 0.0, state, 1.0, first_step=0.0, compiled=compiled)
+    with pytest.raises(ValueError, match='together'):
+        method(motion, 0.0, state, 1.0, together=0, compiled=compiled)
+
+
+def test_tolerances_that_no_step_meets_are_reported(method: Method, compiled: bool) -> None:
+    motion = EquationOfMotion(in_units(10))
+    solver = method(motion, 0.0, kicked(motion), 10.0, rtol=0.0, atol=1e-19, compiled=compiled)
+    while solver.status == 'running':
+        complaint = solver.step()
+    assert solver.status == 'failed'
+    assert 'no step is short enough' in complaint

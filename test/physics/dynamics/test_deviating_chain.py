@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of chains whose rotors and springs differ and whose ends may be periodic."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import mpmath
+import numpy as np
+import pytest
+from chains import EPS, any_chain
+from deviating_chains import (
+    any_deviating_chain,
+    any_deviating_configuration,
+    bare_springs,
+    deviating,
+    reach,
+    rounding,
+    shortest_length,
+)
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import Deviations
+
+OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
+
+
+def mirrored_springs(chain: Chain, values: Sequence[float] | Array) -> Array:
+    """Values of the springs in reverse; that round the end comes after the last rotor again."""
+    return np.roll(values[::-1], -1 if chain.periodic else 0)
+
+
+@given(any_deviating_configuration())
+def test_extensions_of_springs_that_differ_are_rounded_less_than_their_lengths(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    extensions = chain.spring_extensions(angles)
+    with mpmath.workdps(40):
+        places = [
+            (r * mpmath.sin(phi), r * mpmath.cos(phi))
+            for r, phi in zip(
+                map(mpmath.mpf, chain.rotor_lengths), map(mpmath.mpf, angles), strict=True
+            )
+        ]
+        for n, extension in enumerate(extensions):
+            (h, v), (h_after, v_after) = places[n], places[(n + 1) % len(places)]
+            across = mpmath.mpf(chain.spacings[n]) + h_after - h
+            exact = mpmath.hypot(across, v_after - v) - mpmath.mpf(chain.rest_lengths[n])
+            assert abs(extension - exact) <= rounding(chain)
+
+
+@given(any_deviating_configuration())
+def test_springs_that_differ_agree_with_their_bare_twins_one_by_one(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    shortest = shortest_length(chain, angles)
+    assume(shortest > 1e-3 * reach(chain))
+    extensions, first, second = chain.springs(angles)
+    bare, bare_first, bare_second = bare_springs(chain, angles)
+    limit = rounding(chain) + 8 * EPS * reach(chain)
+    assert extensions == pytest.approx(bare, rel=0, abs=limit)
+    # A lever is a rotor's length times a sine, whose angle is rounded with the direction.
+    of_levers = 16 * EPS * reach(chain) ** 2 / shortest
+    assert first == pytest.approx(bare_first, rel=0, abs=of_levers)
+    assert second == pytest.approx(bare_second, rel=0, abs=of_levers)
+
+
+@given(any_deviating_configuration())
+def test_torques_of_springs_that_differ_are_minus_the_gradient_of_the_energy(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    size = reach(chain)
+    curvature = size / shortest_length(chain, angles)
+    assume(curvature < 30)
+    step = EPS ** (1 / 3) / curvature
+    shifts = step * np.eye(chain.number_of_rotors)
+    difference = chain.elastic_energy(angles + shifts) - chain.elastic_energy(angles - shifts)
+    scale = float(chain.stiffnesses.max()) * size**2
+    # As for springs that are all alike; extensions are rounded on the scale of their own.
+    truncation = 10 * scale * curvature**2 * step**2
+    of_energies = 2 * chain.number_of_springs * scale * rounding(chain) / size
+    assert -difference / (2 * step) == pytest.approx(
+        chain.spring_torques(angles), rel=0, abs=truncation + of_energies / step
+    )
+
+
+@given(any_chain(), st.booleans(), st.lists(st.floats(-0.9, 3), min_size=5, max_size=5))
+def test_rotors_and_springs_that_deviate_alike_are_a_chain_of_other_parameters(
+    chain: Chain, periodic: bool, fractions: list[float]
+) -> None:
+    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
+    chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic, damping=0.1)
+    springs, (a, r, mass, stiffness, damping) = chain.number_of_springs, fractions
+    scaled = dataclasses.replace(
+        chain,
+        spacing=chain.spacing * (1 + a),
+        rotor_length=chain.rotor_length * (1 + r),
+        mass=chain.mass * (1 + mass),
+        stiffness=chain.stiffness * (1 + stiffness),
+        damping=chain.damping * (1 + damping),
+    )
+    drawn = Deviations(
+        spacing=(a,) * springs,
+        rotor_length=(r,) * rotors,
+        mass=(mass,) * rotors,
+        stiffness=(stiffness,) * springs,
+        rest_length=(scaled.rest_length / chain.rest_length - 1,) * springs,
+        damping=(damping,) * rotors,
+    )
+    same = dataclasses.replace(chain, deviations=drawn)
+    for name in ('spacings', 'rotor_lengths', 'stiffnesses', 'masses', 'dampings'):
+        assert getattr(same, name) == pytest.approx(getattr(scaled, name), rel=4 * EPS)
+    assert same.moments_of_inertia == pytest.approx(scaled.moment_of_inertia, rel=16 * EPS)
+    angles = np.linspace(-2, 2, rotors) ** 3
+    # Lengths at rest are rounded to EPS of the one the chain would have without deviations.
+    limit = rounding(scaled) + rounding(same) + 8 * EPS * chain.rest_length
+    larger = max(1.0, reach(chain) / reach(scaled)) ** 2
+    assert same.spring_extensions(angles) == pytest.approx(
+        scaled.spring_extensions(angles), rel=0, abs=limit * larger
+    )
+
+
+@given(any_deviating_configuration(), st.integers(1, 8))
+def test_a_periodic_chain_is_the_same_from_any_rotor_on(
+    configuration: tuple[Chain, Array], shift: int
+) -> None:
+    chain, angles = configuration
+    assume(chain.periodic)
+    deviations = {
+        name: tuple(np.roll(fractions, shift).tolist())
+        for name, fractions in dataclasses.asdict(chain.deviations).items()
+    }
+    shifted = dataclasses.replace(chain, deviations=Deviations(**deviations))
+    rolled = np.roll(angles, shift)
+    for law in ('spring_extensions', 'spring_torques'):
+        there, here = getattr(shifted, law)(rolled), getattr(chain, law)(angles)
+        assert np.array_equal(there, np.roll(here, shift))
+    assert np.array_equal(shifted.moments_of_inertia, np.roll(chain.moments_of_inertia, shift))
+
+
+@given(any_chain(), st.integers(0, 2**32))
+def test_a_periodic_chain_is_one_that_repeats_without_end(chain: Chain, seed: int) -> None:
+    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
+    ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
+    ring = deviating(ring, seed, 0.2)
+    repeated = {
+        name: fractions * 3
+        if name in ('rotor_length', 'mass', 'damping')
+        else (fractions * 3)[:-1]
+        for name, fractions in dataclasses.asdict(ring.deviations).items()
+    }
+    unrolled = dataclasses.replace(
+        chain, number_of_rotors=3 * rotors, deviations=Deviations(**repeated)
+    )
+    angles = np.random.default_rng(seed).normal(size=rotors)
+    middle = slice(rotors, 2 * rotors)
+    for law in ('spring_extensions', 'spring_torques'):
+        endless = getattr(unrolled, law)(np.tile(angles, 3))[middle]
+        assert np.array_equal(getattr(ring, law)(angles), endless)
+
+
+@given(any_deviating_configuration())
+def test_a_mirrored_chain_whose_springs_differ_has_mirrored_torques(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    shortest = shortest_length(chain, angles)
+    assume(shortest > 1e-3 * reach(chain))
+    mirrored = {
+        name: tuple(mirrored_springs(chain, fractions) if name in OF_SPRINGS else fractions[::-1])
+        for name, fractions in vars(chain.deviations).items()
+    }
+    image = dataclasses.replace(chain, deviations=Deviations(**mirrored))
+    assert image.spring_extensions(-angles[::-1]) == pytest.approx(
+        mirrored_springs(chain, chain.spring_extensions(angles)), rel=0, abs=2 * rounding(chain)
+    )
+    lever = float(chain.rotor_lengths.max())
+    of_levers = 16 * EPS * reach(chain) ** 2 / shortest
+    limit = (
+        4 * float(chain.stiffnesses.max()) * (lever * rounding(chain) + reach(chain) * of_levers)
+    )
+    assert image.spring_torques(-angles[::-1]) == pytest.approx(
+        -chain.spring_torques(angles)[::-1], rel=0, abs=limit
+    )
+
+
+@given(any_chain(), st.sampled_from([-1, 1]))
+def test_uniform_states_of_a_periodic_chain_are_relaxed(chain: Chain, lean: int) -> None:
+    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
+    ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
+    assert ring.number_of_springs == rotors
+    limit = rounding(ring) + 4 * EPS * ring.rotor_length
+    assert np.abs(ring.spring_extensions(ring.uniform_state(lean))).max() <= limit
+
+
+@given(any_deviating_chain())
+def test_kinetic_energy_counts_each_mass_at_its_own_speed(chain: Chain) -> None:
+    rates = np.linspace(-3, 5, chain.number_of_rotors)
+    speeds = chain.rotor_lengths * rates
+    expected = math.fsum(0.5 * chain.masses * speeds**2)
+    assert chain.kinetic_energy(rates) == pytest.approx(expected, rel=16 * EPS)
+
+
+@pytest.mark.parametrize('rotors', [3, 41])
+def test_a_periodic_chain_of_odd_number_is_refused(rotors: int) -> None:
+    with pytest.raises(
+        ValueError, match=f'number_of_rotors = {rotors} must be even with periodic'
+    ):
+        Chain(rotors, periodic=True)
+
+
+@pytest.mark.parametrize('damping', [-1e-9, math.nan, math.inf])
+def test_a_damping_that_would_drive_is_refused(damping: float) -> None:
+    with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} must (be|lie)'):
+        Chain(damping=damping)
+
+
+@pytest.mark.parametrize(('periodic', 'springs'), [(False, 5), (True, 6)])
+def test_deviations_of_another_chain_are_refused(periodic: bool, springs: int) -> None:
+    for count in {5, 6, 7} - {springs}:
+        drawn = Deviations(stiffness=(0.1,) * count)
+        with pytest.raises(ValueError, match=f'{count} deviations of stiffness .* {springs} spr'):
+            Chain(6, periodic=periodic, deviations=drawn)
+    with pytest.raises(ValueError, match='5 deviations of mass do not fit a chain of 6 rotors'):
+        Chain(6, periodic=periodic, deviations=Deviations(mass=(0.1,) * 5))

@@ -1,0 +1,452 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of motion: energy, time reversal, exact stamps, kicks, torques, ten thousand rotors."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import EPS, EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
+from linkage_motion import wall_between
+
+from soliton_linkage.dynamics.elastic import INTEGRATORS, ElasticSimulation, simulate
+from soliton_linkage.linear.bands import couplings, penetration_depth
+from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_towards_last, rigidity_matrix
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.tanh_fit import find_solitons
+
+MOVING = ((FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3))
+DURATION = 60
+
+
+def nudged(
+    example: tuple[float, float], speed: float, rotors: int = 10
+) -> tuple[Chain, Array, Array]:
+    """Return a chain, its left-leaning state [rad] and the rates [rad/s] after a kick.
+
+    The speed of the masses, r |phi_dot|, is in units of a / time_unit, as in docs/physics.md.
+    """
+    chain = chain_of(example, rotors)
+    angles = chain.uniform_state(-1)
+    rate = speed * chain.spacing / chain.rotor_length / chain.time_unit
+    return chain, angles, rate * mode_towards_last(chain, angles)
+
+
+def moved(chain: Chain, angles: Array, rates: Array, tolerance: float = 1e-9) -> Recording:
+    return simulate(chain, angles, rates, DURATION * chain.time_unit, chain.time_unit, tolerance)
+
+
+def energies(chain: Chain, recording: Recording) -> Array:
+    return chain.elastic_energy(recording.angles) + chain.kinetic_energy(recording.rates)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_energy_and_path_are_as_exact_as_the_tolerance_asks(
+    example: tuple[float, float], speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('soliton_linkage.dynamics.elastic._LONGEST_STEP', math.inf)
+    chain, angles, rates = nudged(example, speed)
+    exact = moved(chain, angles, rates, 1e-13)
+    tolerances = 10.0 ** -np.arange(3, 12)
+    drifts, errors = [], []
+    for tolerance in tolerances:
+        recording = moved(chain, angles, rates, float(tolerance))
+        energy = energies(chain, recording)
+        drifts.append(np.abs(energy - energy[0]).max() / energy[0])
+        errors.append(np.abs(recording.angles - exact.angles).max())
+    # A step of about a time unit may be off by the tolerance, and nothing here is unstable.
+    assert (errors <= DURATION * tolerances).all()
+    # An angle off by e lets speeds be off by e per time unit, and the energy by twice that share.
+    norm = float(np.linalg.norm(rates)) * chain.time_unit
+    assert (drifts <= 2 * DURATION * tolerances / norm).all()
+    for order in np.polyfit(np.log(tolerances), np.log([errors, drifts]).T, 1)[0]:
+        assert order == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_motion_played_backwards_returns_to_its_start(
+    example: tuple[float, float], speed: float
+) -> None:
+    chain, angles, rates = nudged(example, speed)
+    there = moved(chain, angles, rates)
+    back = moved(chain, there.angles[-1], -there.rates[-1])
+    limit = 2 * DURATION * 1e-9
+    assert back.angles[::-1] == pytest.approx(there.angles, rel=0, abs=limit)
+    assert back.rates[::-1] * chain.time_unit == pytest.approx(
+        -there.rates * chain.time_unit, rel=0, abs=limit
+    )
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_the_same_start_gives_the_same_motion_to_the_last_bit(
+    example: tuple[float, float], speed: float
+) -> None:
+    chain, angles, rates = nudged(example, speed)
+    first, second = (moved(chain, angles.copy(), rates.copy()) for _ in range(2))
+    assert np.array_equal(first.angles, second.angles)
+    assert np.array_equal(first.rates, second.rates)
+
+
+@pytest.mark.parametrize('branch', [1, 4, 8])
+@pytest.mark.parametrize('lean', [-1, 1])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_small_vibrations_have_the_frequencies_of_the_free_chain(
+    example: tuple[float, float], lean: int, branch: int
+) -> None:
+    rotors = 9
+    chain = chain_of(example, rotors)
+    plus, minus = couplings(chain)
+    squares = plus**2 + minus**2 + 2 * plus * minus * np.cos(np.pi * np.arange(1, rotors) / rotors)
+    omega = math.sqrt(np.sort(squares)[branch - 1]) / (chain.rotor_length * chain.time_unit)
+    rest = chain.uniform_state(lean)
+    shapes = np.linalg.svd(rigidity_matrix(chain, rest).toarray())[2]
+    amplitude = 1e-7
+    start = rest + amplitude * shapes[rotors - 1 - branch]
+    duration = 2 * np.pi / omega
+    recording = simulate(chain, start, 0 * start, duration, duration / 16, 1e-13)
+    wave = np.cos(omega * recording.times)[:, None] * (start - rest)
+    # Springs yield with the square of the amplitude, by a factor of the size of r / lbar.
+    assert recording.angles - rest == pytest.approx(wave, rel=0, abs=100 * amplitude**2)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_frames_at_two_periods_agree_at_the_instants_that_they_share(
+    example: tuple[float, float], speed: float
+) -> None:
+    chain, angles, rates = nudged(example, speed)
+    fine = simulate(chain, angles, rates, 1.0, 1 / 256)
+    coarse = simulate(chain, angles, rates, 1.0, 1 / 16)
+    assert np.array_equal(fine.times[::16], coarse.times)
+    assert np.array_equal(fine.angles[::16], coarse.angles)
+    assert np.array_equal(fine.rates[::16], coarse.rates)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_frames_between_the_solvers_steps_are_as_exact_as_those_at_them(
+    example: tuple[float, float], speed: float
+) -> None:
+    chain, angles, rates = nudged(example, speed)
+    period = chain.time_unit / 32
+    exact = simulate(chain, angles, rates, 2 * chain.time_unit, period, 1e-13)
+    recording = simulate(chain, angles, rates, 2 * chain.time_unit, period, 1e-9)
+    assert len(recording.times) == 65
+    assert np.abs(recording.angles - exact.angles).max() <= 4e-9
+    assert np.abs(recording.rates - exact.rates).max() * chain.time_unit <= 1e-8
+
+
+def test_the_time_of_a_frame_is_its_number_times_the_period() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
+    simulation = ElasticSimulation(chain, angles, rates, period=0.003)
+    times = [simulation.time]
+    for _ in range(1000):
+        simulation.advance()
+        times.append(simulation.time)
+    assert times == [frame * 0.003 for frame in range(1001)]
+
+
+def test_a_recording_holds_both_ends_of_its_duration() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
+    assert simulate(chain, angles, rates, 0.3, 0.1).times == pytest.approx([0, 0.1, 0.2, 0.3])
+    assert simulate(chain, angles, rates, 0.29, 0.1).times == pytest.approx([0, 0.1, 0.2])
+    assert simulate(chain, angles, rates, 0, 0.1).times == pytest.approx([0])
+
+
+def test_rates_are_the_derivative_of_the_angles() -> None:
+    chain, angles, rates = nudged(SPINNER, 0.3)
+    step = 1e-3 * chain.time_unit
+    recording = simulate(chain, angles, rates, 200 * step, step, 1e-13)
+    slopes = (recording.angles[2:] - recording.angles[:-2]) / (2 * step)
+    # Errors: (step^2 / 6) phi''' and rounding over the step.
+    limit = (1e-6 + EPS * 10 / 1e-3) / chain.time_unit
+    assert slopes == pytest.approx(recording.rates[1:-1], rel=0, abs=limit)
+
+
+def test_a_kick_changes_the_rate_of_its_rotor_by_impulse_over_inertia() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1)
+    simulation = ElasticSimulation(chain, angles, rates)
+    simulation.kick(2e-5 * np.eye(10)[3])
+    change = simulation.rates - rates
+    expected = 2e-5 / (chain.mass * chain.rotor_length**2)
+    assert change == pytest.approx(expected * np.eye(10)[3], rel=8 * EPS)
+    assert np.array_equal(simulation.angles, angles)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_a_kick_at_a_frame_is_a_start_from_that_frame(
+    example: tuple[float, float], speed: float
+) -> None:
+    chain, angles, rates = nudged(example, speed)
+    impulse = 0.1 * chain.moment_of_inertia * rates[::-1]
+    simulation = ElasticSimulation(chain, angles, rates)
+    for _ in range(7):
+        simulation.advance()
+    simulation.kick(impulse)
+    restarted = ElasticSimulation(chain, simulation.angles, simulation.rates)
+    for _ in range(20):
+        simulation.advance()
+        restarted.advance()
+        assert np.array_equal(simulation.angles, restarted.angles)
+        assert np.array_equal(simulation.rates, restarted.rates)
+    assert (simulation.frame, restarted.frame) == (27, 20)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_the_books_of_work_and_energy_balance_through_kicks_and_torques(
+    example: tuple[float, float], speed: float
+) -> None:
+    chain, angles, rates = nudged(example, speed)
+    simulation = ElasticSimulation(chain, angles, rates, period=0.1 * chain.time_unit)
+    random = np.random.default_rng(5)
+    impulse = chain.moment_of_inertia * float(np.linalg.norm(rates))
+    energy = simulation.energy
+    for _ in range(10):
+        simulation.kick(0.3 * impulse * random.normal(size=10))
+        simulation.hold(0.05 * impulse / chain.time_unit * random.normal(size=10))
+        for _ in range(10):
+            simulation.advance()
+        # As in free motion, and a unit of rounding for each change of the books.
+        limit = 2 * DURATION * 1e-9 / (np.linalg.norm(rates) * chain.time_unit)
+        assert abs(simulation.energy_drift) <= limit
+    assert simulation.energy > 1.5 * energy
+
+
+def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1)
+    simulation = ElasticSimulation(chain, angles, rates)
+    assert simulation.energy_drift == 0
+    simulation.rates = 2 * simulation.rates
+    assert simulation.energy_drift == pytest.approx(3 / 4, rel=8 * EPS)
+    assert ElasticSimulation(chain, angles).energy_drift == 0 or np.any(
+        chain.spring_extensions(angles) != 0
+    )
+
+
+def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly() -> None:
+    chain = Chain(3, stiffness=1e-9)
+    torque = 1e-4 * np.array([1.0, 0.0, -2.0])
+    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=0.25)
+    for _ in range(4):
+        simulation.advance()
+    simulation.hold(torque)
+    for _ in range(8):
+        simulation.advance()
+    simulation.hold(0 * torque)
+    for _ in range(4):
+        simulation.advance()
+    acceleration = torque / chain.moment_of_inertia
+    assert simulation.rates == pytest.approx(2 * acceleration, rel=1e-6, abs=1e-4)
+    travelled = acceleration * (2**2 / 2 + 2 * 1)
+    assert simulation.angles - chain.uniform_state(-1) == pytest.approx(
+        travelled, rel=1e-6, abs=1e-4
+    )
+
+
+def test_the_state_of_a_frame_is_that_at_its_time_however_far_the_solver_has_gone() -> None:
+    chain = Chain(3, mass=1000.0, stiffness=1e-9)
+    start, rates = chain.uniform_state(-1), np.array([0.0, 1000.0, -30.0])
+    recording = simulate(chain, start, rates, 1.0, 0.01)
+    # Springs that would need a million seconds to move the masses leave them to turn evenly.
+    evenly = start + recording.times[:, None] * rates
+    assert recording.angles == pytest.approx(evenly, rel=0, abs=1e-8)
+
+
+def test_holding_the_same_torque_again_changes_nothing() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1)
+    torque = np.full(10, 1e-5)
+    once, again = (ElasticSimulation(chain, angles, rates) for _ in range(2))
+    once.hold(torque)
+    for _ in range(20):
+        again.hold(torque.copy())
+        once.advance()
+        again.advance()
+    assert np.array_equal(once.angles, again.angles)
+    assert once.energy_drift == again.energy_drift
+
+
+def test_the_simulation_keeps_its_own_copy_of_what_it_is_given() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1)
+    torque = np.full(10, 1e-5)
+    given = ElasticSimulation(chain, angles, rates)
+    given.hold(torque)
+    kept = ElasticSimulation(chain, angles.copy(), rates.copy())
+    kept.hold(torque.copy())
+    for array in (angles, rates, torque):
+        array += 1
+    for _ in range(5):
+        assert np.array_equal(given.angles, kept.angles)
+        assert np.array_equal(given.rates, kept.rates)
+        assert given.energy_drift == kept.energy_drift
+        given.advance()
+        kept.advance()
+
+
+@pytest.mark.parametrize('turns', [1, 1000])
+def test_turns_that_the_rotors_have_made_cost_no_accuracy(turns: int) -> None:
+    chain, angles, rates = nudged(SPINNER, 0.3)
+    turned = moved(chain, angles + 2 * np.pi * turns, rates)
+    straight = moved(chain, angles, rates)
+    # An angle of 2 pi turns is rounded by EPS of it in each of a few hundred steps.
+    limit = 2 * DURATION * 1e-9 + 1000 * EPS * 2 * np.pi * turns
+    assert turned.angles - 2 * np.pi * turns == pytest.approx(straight.angles, rel=0, abs=limit)
+
+
+def test_the_error_does_not_grow_with_the_rotors_at_rest() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1, rotors=40)
+    exact = moved(chain, angles, rates, 1e-13).angles[-1, :20]
+    errors = []
+    for rotors in (40, 2000):
+        start = nudged(FLIPPER, 0.1, rotors)
+        errors.append(np.abs(moved(*start, 1e-7).angles[-1, :20] - exact).max())
+    assert errors[1] <= 1.5 * errors[0]
+
+
+def unseen(chain: Chain, spacings: int) -> float:
+    """What is left of a wall at some spacings from it [rad]: its tail, and the solver's errors."""
+    return 4 * math.exp(-spacings * chain.spacing / penetration_depth(chain)) + 1e-8
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example: tuple[float, float]) -> None:
+    tracks = []
+    for rotors, rotor in ((40, 20), (10_000, 5000)):
+        chain = chain_of(example, rotors)
+        wall = wall_between(chain, rotor)
+        rate = 0.1 * chain.spacing / chain.rotor_length / chain.time_unit
+        simulation = ElasticSimulation(
+            chain, wall, rate * mode_towards_last(chain, wall), period=chain.time_unit
+        )
+        for _ in range(8):
+            simulation.advance()
+        core = slice(rotor - 8, rotor + 9)
+        soliton = find_solitons(chain, simulation.angles, simulation.rates)[0]
+        tracks.append(
+            [
+                *(simulation.angles - wall)[core],
+                *simulation.rates[core] * chain.time_unit,
+                soliton.rotor - rotor,
+            ]
+        )
+        far = np.r_[: rotor - 17, rotor + 20 : rotors]
+        assert np.abs((simulation.angles - wall)[far]).max() <= unseen(chain, 16)
+        assert soliton.rotor > rotor + 0.5
+    assert tracks[1] == pytest.approx(tracks[0], rel=0, abs=unseen(chain, 16))
+
+
+def test_rotors_far_from_a_kick_rest_but_for_rounding() -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1, rotors=10_000)
+    simulation = ElasticSimulation(chain, angles, rates, period=chain.time_unit)
+    for _ in range(10):
+        simulation.advance()
+    # A relaxed spring pulls by up to 8 EPS k_e r, and the masses follow it for ten time units.
+    limit = 8 * EPS * 10**2 / 2
+    assert np.abs(simulation.angles - angles)[100:].max() <= limit
+    assert np.abs(simulation.angles - angles)[0] > 0.01
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'complaint'),
+    [
+        ({'period': 0.0}, 'period = 0.0 s'),
+        ({'period': math.nan}, 'period = nan s'),
+        ({'tolerance': 1e-14}, 'tolerance = 1e-14 rad must lie in the range 1e-13 to 0.01'),
+        ({'tolerance': math.nan}, 'tolerance = nan rad'),
+        ({'angles': np.zeros(3)}, r'angles of shape \(3,\) do not fit a chain of 4 rotors'),
+        ({'rates': np.array([0, math.inf, 0, 0])}, 'rate of rotor 1 = inf must be a finite'),
+    ],
+)
+def test_a_simulation_refuses_by_name_and_value(
+    arguments: dict[str, object], complaint: str
+) -> None:
+    chain = chain_of(FLIPPER, 4)
+    with pytest.raises(ValueError, match=complaint):
+        ElasticSimulation(chain, **{'angles': chain.uniform_state(-1), **arguments})
+
+
+@pytest.mark.parametrize(('command', 'what'), [('kick', 'impulse'), ('hold', 'torque')])
+def test_a_command_with_a_bad_value_is_refused_whole(command: str, what: str) -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1, rotors=4)
+    simulation = ElasticSimulation(chain, angles, rates)
+    with pytest.raises(ValueError, match=f'{what} of rotor 2 = nan must be a finite number'):
+        getattr(simulation, command)(np.array([1e-5, 0, math.nan, 0]))
+    with pytest.raises(ValueError, match=rf'{what}s of shape \(3,\) do not fit'):
+        getattr(simulation, command)(np.zeros(3))
+    untouched = ElasticSimulation(chain, angles, rates)
+    simulation.advance()
+    untouched.advance()
+    assert np.array_equal(simulation.angles, untouched.angles)
+    assert simulation.energy_drift == untouched.energy_drift
+
+
+@pytest.mark.parametrize('duration', [-1.0, math.nan, math.inf])
+def test_a_duration_that_is_no_time_is_refused(duration: float) -> None:
+    chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
+    with pytest.raises(ValueError, match=f'duration = {duration} s must be'):
+        simulate(chain, angles, rates, duration, 0.1)
+
+
+def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('soliton_linkage.dynamics.simulation._MOST_STEPS_A_TIME_UNIT', 100)
+    chain = chain_of(FLIPPER, 4)
+    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=chain.time_unit / 2)
+    simulation.kick(chain.moment_of_inertia * 1e100 * np.eye(4)[2])
+    complaint = r't = 0 s, where rotor 2 turns at 1e\+100 rad/s: .* more than 150 steps; kick'
+    with pytest.raises(ArithmeticError, match=complaint):
+        simulation.advance()
+    assert np.array_equal(simulation.angles, chain.uniform_state(-1))
+    assert simulation.frame == 0
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_a_chain_at_rest_stays_there_but_for_rounding(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 40)
+    rest = chain.uniform_state(1)
+    recording = simulate(chain, rest, np.zeros(40), 500 * chain.time_unit, chain.time_unit)
+    # The springs' forces are off by their rounding, eps k_e r, for 500 time units.
+    assert np.abs(recording.rates).max() * chain.time_unit < 500 * np.finfo(float).eps
+    simulation = ElasticSimulation(chain, rest, period=100 * chain.time_unit)
+    simulation.advance()
+    assert abs(simulation.energy_drift) < 1e-8
+
+
+@pytest.mark.parametrize('damping', [0.0, 1e-4])
+def test_all_integrators_move_the_chain_alike(damping: float) -> None:
+    pytest.importorskip('numba')
+    chain = dataclasses.replace(chain_of(FLIPPER, 12), damping=damping)
+    impulses = (
+        0.5 * chain.moment_of_inertia * edge_mode(chain, chain.uniform_state(-1), Edge.FIRST)
+    )
+    torques = np.linspace(-1e-3, 1e-3, 12)
+    ends = []
+    for integrator in INTEGRATORS[: 2 if damping else 3]:
+        simulation = ElasticSimulation(
+            chain, chain.uniform_state(-1), gravity=Gravity(0.2, 0.3), integrator=integrator
+        )
+        for _ in range(30):
+            simulation.advance()
+        simulation.kick(impulses)
+        simulation.hold(torques)
+        for _ in range(50):
+            simulation.advance()
+        assert abs(simulation.energy_drift) < 1e-9
+        ends.append((simulation.angles, simulation.rates, simulation.dissipated))
+    for end in ends[1:]:
+        for one, other in zip(ends[0], end, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
+
+
+def test_damping_is_refused_by_the_integrator_that_takes_none() -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 4), damping=1e-4)
+    with pytest.raises(ValueError, match="'multistep' takes no damping"):
+        ElasticSimulation(chain, chain.uniform_state(1), integrator='multistep')
+
+
+def test_an_unknown_integrator_is_refused() -> None:
+    chain = chain_of(FLIPPER, 4)
+    with pytest.raises(ValueError, match="'LSODA' must be one of"):
+        ElasticSimulation(chain, chain.uniform_state(1), integrator='LSODA')

@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of motion with gravity, damping, deviations and periodic ends, shown on springs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import EPS, FLIPPER, SPINNER, WOBBLER, chain_of
+from deviating_chains import deviating
+from scipy.special import ellipj, ellipk
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.linear.rigidity import dynamical_matrix
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
+
+CLASSES = (FLIPPER, WOBBLER, SPINNER)
+TILTED = Gravity(9.81, 0.5)
+TOLERANCE = 1e-9
+UNITS = 40
+
+
+def shaken(
+    example: tuple[float, float],
+    gravity: Gravity = TILTED,
+    periodic: bool = False,
+    damping: float = 0.0,
+) -> ElasticSimulation:
+    """Start a chain of eight unlike rotors with rates of all sorts; period is a time unit."""
+    bare = chain_of(example, 8)
+    resisting = damping * bare.moment_of_inertia / bare.time_unit
+    chain = dataclasses.replace(bare, periodic=periodic, damping=resisting)
+    chain = deviating(chain, 7, 0.05)
+    angles = chain.uniform_state(-1)
+    rates = 0.2 * np.cos(2 * np.arange(8)) / chain.time_unit
+    return ElasticSimulation(chain, angles, rates, chain.time_unit, TOLERANCE, gravity)
+
+
+def largest_drift(simulation: ElasticSimulation) -> float:
+    """Bound of the drift [1] that the tolerance allows in all time units together.
+
+    A rate off by the tolerance a time unit, in each of them, lets the energy be off by that
+    times the momenta, sqrt(2 T I), and the angles do as much against the forces.
+    """
+    chain = simulation.chain
+    inertia = float(chain.moments_of_inertia.max())
+    energy = simulation._largest_energy
+    return 4 * UNITS * TOLERANCE * math.sqrt(2 * inertia / energy) / chain.time_unit
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('damping', [0.0, 0.05])
+@pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
+@pytest.mark.parametrize('example', CLASSES)
+def test_energy_with_what_the_damping_took_is_constant(
+    example: tuple[float, float], gravity: Gravity, damping: float, periodic: bool
+) -> None:
+    simulation = shaken(example, gravity, periodic, damping)
+    start = simulation.energy
+    for _ in range(UNITS):
+        simulation.advance()
+        assert abs(simulation.energy_drift) <= largest_drift(simulation)
+    limit = largest_drift(simulation) * simulation._largest_energy
+    assert simulation.energy + simulation.dissipated == pytest.approx(start, rel=0, abs=limit)
+    assert (simulation.dissipated > 0) == (damping > 0)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_the_damping_takes_the_integral_of_its_power(example: tuple[float, float]) -> None:
+    simulation = shaken(example, damping=0.05)
+    simulation.period /= 64
+    chain = simulation.chain
+    power = simulation.record(8 * chain.time_unit).rates ** 2 @ chain.dampings
+    weights = np.full(len(power), 2.0)
+    weights[1::2], weights[0], weights[-1] = 4, 1, 1
+    assert simulation.dissipated == pytest.approx(
+        float(weights @ power) * simulation.period / 3, rel=1e-6
+    )
+
+
+def test_what_was_dissipated_before_a_command_stays_in_the_books() -> None:
+    simulation = shaken(FLIPPER, damping=0.05)
+    dissipated = [0.0]
+    for torque in (1e-4, 0.0, -2e-4):
+        for _ in range(5):
+            simulation.advance()
+        dissipated.append(simulation.dissipated)
+        simulation.kick(np.full(8, 1e-6))
+        simulation.hold(np.full(8, torque))
+        assert simulation.dissipated == dissipated[-1]
+        assert abs(simulation.energy_drift) <= largest_drift(simulation)
+    assert np.all(np.diff(dissipated) > 0)
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('damping', [0.02, 0.3])
+@pytest.mark.parametrize('example', CLASSES)
+def test_normal_modes_decay_at_half_the_damping_over_the_inertia(
+    example: tuple[float, float], damping: float, periodic: bool
+) -> None:
+    bare = dataclasses.replace(chain_of(example, 6), periodic=periodic)
+    decay = damping / bare.time_unit
+    chain = dataclasses.replace(bare, damping=decay * bare.moment_of_inertia)
+    rest = chain.uniform_state(1)
+    squares, shapes = np.linalg.eigh(dynamical_matrix(chain, rest).toarray())
+    amplitude = 1e-7
+    for mode in (1, 5):
+        omega = math.sqrt(squares[mode] - decay**2 / 4)
+        simulation = ElasticSimulation(
+            chain, rest + amplitude * shapes[:, mode], None, chain.time_unit / 2, 1e-13
+        )
+        recording = simulation.record(15 * chain.time_unit)
+        phases = omega * recording.times
+        wave = np.exp(-decay * recording.times / 2) * (
+            np.cos(phases) + decay / (2 * omega) * np.sin(phases)
+        )
+        # Springs yield with the square of the amplitude, by a factor of the size of r / lbar.
+        assert recording.angles - rest == pytest.approx(
+            amplitude * np.outer(wave, shapes[:, mode]), rel=0, abs=1000 * amplitude**2
+        )
+
+
+@pytest.mark.parametrize('tilt', [0.0, 0.5, -2.0])
+@pytest.mark.parametrize('swing', [0.1, 1.5, 3.0])
+def test_rotors_on_slack_springs_are_pendulums(swing: float, tilt: float) -> None:
+    chain = Chain(3, mass=1e3, stiffness=1e-9)
+    lengths = (0.0, 0.44, -0.19)
+    chain = dataclasses.replace(chain, deviations=Deviations(rotor_length=lengths))
+    down = math.pi - tilt
+    gravity = Gravity(9.81, tilt)
+    start = np.full(3, down + swing)
+    modulus = math.sin(swing / 2)
+    omega = np.sqrt(9.81 / chain.rotor_lengths)
+    period = 4 * ellipk(modulus**2) / omega
+    simulation = ElasticSimulation(chain, start, None, period[0] / 64, 1e-11, gravity)
+    recording = simulation.record(float(period.max()) * 1.01)
+    phases = omega * recording.times[:, None] + ellipk(modulus**2)
+    sine = ellipj(phases, modulus**2)[0]
+    expected = down + 2 * np.arcsin(modulus * sine)
+    # Springs pull with 1e-9 a / (M g) of the weights; errors grow where a rotor nearly stands.
+    assert recording.angles == pytest.approx(expected, rel=0, abs=1e-7)
+    assert recording.angles[64, 0] == pytest.approx(start[0], abs=1e-7)
+
+
+def test_slack_rotors_slow_down_each_by_its_own_damping_over_its_own_inertia() -> None:
+    chain = Chain(5, stiffness=1e-9, damping=2e-5)
+    chain = deviating(chain, 3, 0.5)
+    rates = np.linspace(20, 60, 5)
+    simulation = ElasticSimulation(chain, chain.uniform_state(-1), rates, 0.1)
+    recording = simulation.record(5.0)
+    decay = chain.dampings / chain.moments_of_inertia
+    expected = rates * np.exp(-np.outer(recording.times, decay))
+    assert recording.rates == pytest.approx(expected, rel=0, abs=1e-5)
+    lost = float(chain.kinetic_energy(rates) - chain.kinetic_energy(recording.rates[-1]))
+    assert simulation.dissipated == pytest.approx(lost, rel=1e-6)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(
+    example: tuple[float, float],
+) -> None:
+    simulation = shaken(example, NO_GRAVITY)
+    for _ in range(5):
+        simulation.advance()
+    for gravity in (TILTED, Gravity(3.0, -1.0), NO_GRAVITY):
+        energy = simulation.energy
+        lifted = gravity.energy(simulation.chain, simulation.angles)
+        lifted -= simulation.gravity.energy(simulation.chain, simulation.angles)
+        simulation.turn_gravity(gravity)
+        assert simulation.energy - energy == pytest.approx(
+            float(lifted), rel=0, abs=8 * EPS * simulation._largest_energy
+        )
+        chain, angles, rates = simulation.chain, simulation.angles, simulation.rates
+        fresh = ElasticSimulation(chain, angles, rates, chain.time_unit, TOLERANCE, gravity)
+        for _ in range(5):
+            simulation.advance()
+            fresh.advance()
+            assert np.array_equal(simulation.angles, fresh.angles)
+            assert np.array_equal(simulation.rates, fresh.rates)
+            assert abs(simulation.energy_drift) <= largest_drift(simulation)
+
+
+def test_turning_gravity_to_what_it_is_changes_nothing() -> None:
+    once, again = shaken(FLIPPER), shaken(FLIPPER)
+    for _ in range(10):
+        again.turn_gravity(Gravity(9.81, 0.5))
+        once.advance()
+        again.advance()
+    assert np.array_equal(once.angles, again.angles)
+    assert once.energy_drift == again.energy_drift
+
+
+def test_the_drift_shows_energy_that_gravity_does_not_account_for() -> None:
+    simulation = shaken(FLIPPER)
+    assert simulation.energy_drift == 0
+    heavier = dataclasses.replace(simulation.gravity, acceleration=2 * 9.81)
+    missing = float(heavier.energy(simulation.chain, simulation.angles))
+    missing -= float(simulation.gravity.energy(simulation.chain, simulation.angles))
+    simulation.gravity = heavier
+    assert simulation.energy_drift * simulation._largest_energy == pytest.approx(missing)
+    assert abs(missing) > 1e-3 * simulation._largest_energy
+
+
+def test_a_kick_turns_each_rotor_by_its_own_inertia() -> None:
+    simulation = shaken(FLIPPER)
+    before = simulation.rates
+    simulation.kick(np.full(8, 1e-5))
+    expected = 1e-5 / (simulation.chain.masses * simulation.chain.rotor_lengths**2)
+    assert simulation.rates - before == pytest.approx(expected, rel=1e-12)
+
+
+def ring(example: tuple[float, float]) -> tuple[Chain, Array, Array]:
+    chain = dataclasses.replace(chain_of(example, 10), periodic=True)
+    random = np.random.default_rng(3)
+    angles = chain.uniform_state(1) + 0.1 * random.normal(size=10)
+    return chain, angles, 0.1 * random.normal(size=10) / chain.time_unit
+
+
+@pytest.mark.parametrize('shift', [1, 2, 7])
+@pytest.mark.parametrize('example', CLASSES)
+def test_motion_in_a_ring_is_the_same_from_any_rotor_on(
+    example: tuple[float, float], shift: int
+) -> None:
+    chain, angles, rates = ring(example)
+    here = ElasticSimulation(chain, angles, rates, chain.time_unit, gravity=TILTED)
+    there = ElasticSimulation(
+        chain, np.roll(angles, shift), np.roll(rates, shift), chain.time_unit, gravity=TILTED
+    )
+    moved, shifted = here.record(10 * chain.time_unit), there.record(10 * chain.time_unit)
+    # Sums over the rotors in another order let the solver take steps off by rounding.
+    assert np.roll(moved.angles, shift, axis=1) == pytest.approx(shifted.angles, rel=0, abs=1e-8)
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('example', CLASSES)
+def test_the_mirrored_chain_moves_as_the_mirror_image(
+    example: tuple[float, float], periodic: bool
+) -> None:
+    chain, angles, rates = ring(example)
+    chain = dataclasses.replace(chain, periodic=periodic, damping=1e-6)
+    image = dataclasses.replace(TILTED, tilt=-TILTED.tilt)
+    here = ElasticSimulation(chain, angles, rates, chain.time_unit, gravity=TILTED)
+    there = ElasticSimulation(chain, -angles[::-1], -rates[::-1], chain.time_unit, gravity=image)
+    moved, mirrored = here.record(10 * chain.time_unit), there.record(10 * chain.time_unit)
+    assert -moved.angles[:, ::-1] == pytest.approx(mirrored.angles, rel=0, abs=1e-8)
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('damping', [0.0, 1.0, 5.0, 30.0])
+def test_a_chain_at_rest_stays_there_however_it_is_damped(damping: float, periodic: bool) -> None:
+    bare = dataclasses.replace(chain_of(FLIPPER, 20), periodic=periodic)
+    resisting = damping * bare.moment_of_inertia / bare.time_unit
+    chain = dataclasses.replace(bare, damping=resisting)
+    simulation = ElasticSimulation(chain, chain.uniform_state(1), period=20 * chain.time_unit)
+    for _ in range(5):
+        simulation.advance()
+        # The springs' forces are off by their rounding, eps k_e r, for up to 100 time units.
+        assert np.abs(simulation.rates).max() * chain.time_unit <= 100 * 4 * EPS
+
+
+def test_a_chain_that_hangs_at_rest_stays_there_but_for_rounding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('soliton_linkage.dynamics.simulation._MOST_STEPS_A_TIME_UNIT', 2)
+    chain = Chain(2, rotor_length=1e-3, stiffness=1e-9)
+    simulation = ElasticSimulation(
+        chain, np.full(2, np.pi), period=5e-3, tolerance=1e-5, gravity=Gravity(1e7)
+    )
+    for _ in range(5):
+        simulation.advance()
+    # It would swing with sqrt(g / r) = 1e5 rad/s, far from the time unit of its slack springs;
+    # each of some 500 steps rounds the angle.
+    assert np.abs(simulation.angles - np.pi).max() <= 500 * 4 * EPS
+
+
+FIXED = (2, 5)
+
+
+@pytest.mark.parametrize('damping', [0.0, 0.05])
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('example', CLASSES)
+def test_fixed_rotors_stay_and_the_energy_is_kept(
+    example: tuple[float, float], periodic: bool, damping: float
+) -> None:
+    loose = shaken(example, TILTED, periodic, damping)
+    chain, angles = loose.chain, loose.angles
+    simulation = ElasticSimulation(
+        chain, angles, loose.rates, chain.time_unit, TOLERANCE, TILTED, FIXED
+    )
+    assert simulation.energy < loose.energy
+    for frame in range(UNITS):
+        if frame == 10:
+            simulation.kick(np.full(8, 1e-6))
+            simulation.hold(np.full(8, 1e-4))
+        if frame == 20:
+            simulation.turn_gravity(Gravity(9.81, -0.5))
+        simulation.advance()
+        assert np.array_equal(simulation.angles[[*FIXED]], angles[[*FIXED]])
+        assert not simulation.rates[[*FIXED]].any()
+        assert abs(simulation.energy_drift) <= largest_drift(simulation)
+
+
+def test_rotors_beyond_a_fixed_one_know_nothing_of_each_other() -> None:
+    calm, kicked = (
+        ElasticSimulation(chain_of(FLIPPER, 8), np.zeros(8), fixed=(4,)) for _ in range(2)
+    )
+    kicked.kick(np.array([1e-5, 0, 0, 0, 0, 0, 0, 0]))
+    for _ in range(10):
+        calm.advance()
+        kicked.advance()
+    # The solver's steps, which all rotors share, differ.
+    assert kicked.angles[5:] == pytest.approx(calm.angles[5:], rel=0, abs=1e-9)
+    assert np.abs(kicked.angles[:4] - calm.angles[:4]).min() > 1e-6
+
+
+@pytest.mark.parametrize('rotor', [-1, 8, 2.5])
+def test_a_fixed_rotor_that_there_is_not_is_refused(rotor: int) -> None:
+    with pytest.raises(ValueError, match=rf'fixed rotor {rotor} must be one of 0 to 7'):
+        ElasticSimulation(Chain(8), np.zeros(8), fixed=(rotor,))
+
+
+def test_rates_of_an_energy_beyond_numbers_are_refused() -> None:
+    rates = np.array([0.0, 0.0, -1e300, 0.0])
+    with pytest.raises(ValueError, match=r'rate of rotor 2 = -1e\+300 rad/s gives an energy'):
+        ElasticSimulation(Chain(4), np.zeros(4), rates)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_torques_of_springs_are_those_of_the_chain(example: tuple[float, float]) -> None:
+    simulation = shaken(example)
+    simulation.advance()
+    expected = simulation.chain.spring_torques(simulation.angles)
+    assert np.array_equal(simulation.link_torques, expected)
+    assert np.abs(expected).max() > 0
+
+
+def test_however_much_happens_at_a_frame_the_solver_starts_anew_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    starts = []
+    fresh = ElasticSimulation._fresh_solver
+
+    def counted(simulation: ElasticSimulation) -> object:
+        starts.append(simulation.frame)
+        return fresh(simulation)
+
+    monkeypatch.setattr(ElasticSimulation, '_fresh_solver', counted)
+    simulation = shaken(FLIPPER)
+    simulation.advance()
+    for torque in range(1, 6):
+        simulation.kick(np.full(8, 1e-6))
+        simulation.hold(np.full(8, 1e-5 * torque))
+        simulation.turn_gravity(Gravity(9.81, 0.1 * torque))
+    simulation.advance()
+    simulation.advance()
+    assert starts == [0, 1]

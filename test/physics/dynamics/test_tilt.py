@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tilt drives the soft mode: the wall falls from edge to edge (paper, Movie S2)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import leaning, with_soliton
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linear.rigidity import mode_centre, zero_mode
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.solitons.static_wall import static_wall
+
+STRENGTH = 9.81
+
+
+@pytest.mark.parametrize('tilt', [-1.0, 0.0, 0.3])
+@pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER])
+def test_two_rotors_on_a_wall_has_fallen_by_twice_their_swing(
+    example: tuple[float, float], tilt: float
+) -> None:
+    """U(X + 2) - U(X) = -4 M g ubar sin(tilt): each rotor goes from -ubar to ubar."""
+    chain = chain_of(example, 80)
+    field = Gravity(STRENGTH, tilt)
+    swing = chain.rotor_length * math.sin(chain.rest_angle)
+    expected = -4 * chain.mass * STRENGTH * swing * math.sin(tilt)
+    for place in (38.5, 39.1):
+        here, there = static_wall(chain, place), static_wall(chain, place + 2)
+        fallen = float(field.energy(chain, there) - field.energy(chain, here))
+        assert fallen == pytest.approx(expected, rel=1e-9, abs=1e-12 * field.scale(chain))
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_what_a_wall_of_bars_has_fallen_is_its_kinetic_energy(
+    example: tuple[float, float],
+) -> None:
+    chain, field = chain_of(example, 20), Gravity(STRENGTH, 1.2)
+    start = with_soliton(chain, 9.5, 1.0)
+    simulation = RigidSimulation(chain, start.angles, start.rates, 0.02, 1e-9, field)
+    before = float(field.energy(chain, start.angles) + chain.kinetic_energy(start.rates))
+    for _ in range(20):
+        simulation.advance()
+        kinetic = float(chain.kinetic_energy(simulation.rates))
+        fallen = before - float(field.energy(chain, simulation.angles))
+        assert kinetic == pytest.approx(fallen, rel=0, abs=1e-14 * field.scale(chain) * 10)
+
+
+@pytest.mark.parametrize('mechanics', [ElasticSimulation, RigidSimulation])
+def test_tilting_to_and_fro_sends_the_wall_from_edge_to_edge_and_back(
+    mechanics: type[Simulation],
+) -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 12), damping=3e-4)
+    start = leaning(chain, -1)
+    simulation = mechanics(chain, start.angles, start.rates, 0.05, 1e-8, Gravity(STRENGTH, -0.25))
+
+    def centre() -> float:
+        return mode_centre(zero_mode(chain, simulation.angles))
+
+    centres = []
+    for tilt in (0.25, -0.25, 0.25):
+        simulation.turn_gravity(Gravity(STRENGTH, tilt))
+        for _ in range(60):
+            simulation.advance()
+        centres.append(centre())
+    assert [centre > 6 for centre in centres] == [True, False, True]
+    assert np.abs(np.array(centres) - 5.5).min() > 4.5
+    assert simulation.dissipated > 0
+    assert np.abs(simulation.energy_drift) < 1e-6

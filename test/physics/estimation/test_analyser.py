@@ -1,0 +1,462 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The analyser goes on with whatever encoders do, and what it states is true."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.estimation.analyser import (
+    AnalysedSoliton,
+    Analyser,
+    Analysis,
+    UnknownChainAnalyser,
+)
+from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.orbit_filter import TrackingStatus
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linear.statics import rest_state
+from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+
+CHAINS = {
+    'flipper': Chain(number_of_rotors=16),
+    'wobbler': Chain(number_of_rotors=12, rotor_length=0.1, rest_angle=0.77),
+    'spinner': Chain(number_of_rotors=16, rotor_length=0.2, rest_angle=1.18),
+}
+KICKS = {'flipper': 10.0, 'wobbler': 4.0, 'spinner': 12.5}
+DURATIONS = {'flipper': 4.0, 'wobbler': 7.0, 'spinner': 4.0}
+PERIOD = 0.004
+EPOCH = 1_700_000_000_123_456_789
+NOISE = 0.01
+SURE = 6.0
+BEGUN = 50
+
+
+@lru_cache
+def record(name: str) -> Recording:
+    """A wall that crosses the chain, is reflected and comes back."""
+    chain = CHAINS[name]
+    start = chain.uniform_state(-1)
+    kick = KICKS[name] * mode_towards_last(chain, start)
+    return simulate(chain, start, kick, DURATIONS[name], PERIOD)
+
+
+@lru_cache
+def noisy(name: str, seed: int = 1) -> Array:
+    angles = record(name).angles
+    return np.asarray(angles + NOISE * np.random.default_rng(seed).standard_normal(angles.shape))
+
+
+def stamps(count: int) -> list[int]:
+    return [EPOCH + round(number * PERIOD * 1e9) for number in range(count)]
+
+
+def analysed(
+    chain: Chain, angles: Array, rates: Array | None = None, when: Sequence[int] | None = None
+) -> list[Analysis]:
+    """Analyses of all frames, of which none is late."""
+    analyser = Analyser(chain)
+    found = []
+    for number, stamp in enumerate(when or stamps(len(angles))):
+        moving = None if rates is None else rates[number]
+        found.append(analyser.analyse(stamp, angles[number], moving))
+    assert analyser.late == 0
+    return [each for each in found if each is not None]
+
+
+@lru_cache
+def exact(name: str) -> tuple[Analysis, ...]:
+    """Analyses of the frames without noise."""
+    return tuple(analysed(CHAINS[name], record(name).angles, record(name).rates))
+
+
+def phases(found: Sequence[Analysis]) -> Array:
+    """Phase of the cycle that counts cycles [rad], shape (T,)."""
+    return np.array([each.cycle.phase + 2 * math.pi * each.cycle.completed for each in found])
+
+
+def apart(one: Analysis, other: Analysis) -> float:
+    """Difference of the phases of two analyses over its standard deviation [1]."""
+    difference = math.remainder(one.cycle.phase - other.cycle.phase, 2 * math.pi)
+    return abs(difference) / math.hypot(one.cycle.phase_deviation, other.cycle.phase_deviation)
+
+
+def assert_true(name: str, found: Sequence[Analysis], first: int = BEGUN) -> None:
+    """From a frame on, the phase is what it is without noise, to within what is stated."""
+    errors = [apart(*both) for both in zip(found, exact(name), strict=True)]
+    assert max(errors[first:]) < SURE
+    assert np.nanmax(errors) < SURE
+
+
+def only(analysis: Analysis) -> AnalysedSoliton:
+    (soliton,) = analysis.solitons
+    return soliton
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_the_wall_crosses_the_chain_and_comes_back(name: str) -> None:
+    chain, found = CHAINS[name], exact(name)
+    last = chain.number_of_rotors - 1
+    assert found[0].solitons == ()
+    places = np.array([only(each).rotor if each.solitons else math.nan for each in found])
+    assert np.nanmin(places) < 1
+    assert np.nanmax(places) > last - 1
+    assert np.nanmax(np.abs(np.diff(places))) < 0.1 * last
+    turn = np.nanargmax(places)
+    out, back = found[turn // 2], found[turn + turn // 2]
+    assert only(out).velocity > 0 > only(back).velocity
+    assert only(out).charge == 1
+    assert only(out).position == pytest.approx(only(out).rotor * chain.spacing)
+    assert (out.cycle.leg, back.cycle.leg) == (0, 1)
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_the_phase_grows_evenly_through_the_reflections(name: str) -> None:
+    phase = phases(exact(name))[BEGUN:]
+    grown = np.diff(phase)
+    assert 0 <= phase[0] < 2 * math.pi / 10
+    assert phase[-1] > 3
+    assert (grown > 0).all()
+    assert np.abs(grown / grown.mean() - 1).max() < 0.25
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_noise_is_no_more_than_what_is_stated(name: str) -> None:
+    assert_true(name, analysed(CHAINS[name], noisy(name), record(name).rates))
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_velocities_are_not_needed(name: str) -> None:
+    with_rates = analysed(CHAINS[name], noisy(name), record(name).rates)
+    without = analysed(CHAINS[name], noisy(name))
+    for one, other in zip(with_rates, without, strict=True):
+        assert str(one.estimate) == str(other.estimate)
+        assert str(one.solitons) == str(other.solitons)
+    for one, other in zip(with_rates[50:], without[50:], strict=True):
+        assert one.energies is not None
+        assert other.energies is not None
+        assert other.energies.kinetic == pytest.approx(one.energies.kinetic, rel=0.25)
+
+
+def test_frames_may_be_views_that_cannot_be_written() -> None:
+    frames, rates = noisy('flipper')[:60], record('flipper').rates[:60]
+    views = [np.repeat(each, 2, axis=1)[:, ::2] for each in (frames, rates)]
+    for each in views:
+        each.flags.writeable = False
+    assert str(analysed(CHAINS['flipper'], *views)) == str(
+        analysed(CHAINS['flipper'], frames, rates)
+    )
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_wrapped_angles_are_as_good(name: str) -> None:
+    whole = analysed(CHAINS[name], noisy(name))
+    wound = analysed(CHAINS[name], wrapped(noisy(name)))
+    for one, other in zip(whole, wound, strict=True):
+        assert only_difference(one, other) < 1e-9
+        assert one.edge_rotors is not None
+        assert other.edge_rotors is not None
+        turned = np.subtract(one.edge_rotors.turns, other.edge_rotors.turns)
+        first = np.subtract(whole[0].edge_rotors.turns, wound[0].edge_rotors.turns)
+        np.testing.assert_allclose(turned, first, atol=1e-12)
+
+
+def only_difference(one: Analysis, other: Analysis) -> float:
+    assert len(one.solitons) == len(other.solitons)
+    return max(
+        [abs(a.rotor - b.rotor) for a, b in zip(one.solitons, other.solitons, strict=True)],
+        default=0.0,
+    )
+
+
+@pytest.mark.parametrize('name', CHAINS)
+@pytest.mark.parametrize('share', [0.1, 0.4])
+def test_missing_rotors_leave_a_larger_uncertainty(name: str, share: float) -> None:
+    angles, rates = noisy(name).copy(), record(name).rates.copy()
+    missing = np.random.default_rng(3).random(angles.shape) < share
+    angles[missing] = math.nan
+    rates[missing] = math.inf
+    found = analysed(CHAINS[name], angles, rates)
+    assert_true(name, found)
+    assert [each.unseen for each in found] == missing.sum(axis=1).tolist()
+    whole = analysed(CHAINS[name], noisy(name))
+    for of in (arc_deviation, elastic_deviation):
+        larger = [of(one) / of(other) for one, other in zip(found, whole, strict=True)]
+        assert np.mean(larger[BEGUN:]) > 1
+
+
+def arc_deviation(analysis: Analysis) -> float:
+    return analysis.estimate.arc_deviation
+
+
+def elastic_deviation(analysis: Analysis) -> float:
+    assert analysis.energies is not None
+    return analysis.energies.elastic_deviation
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_rotors_that_are_never_seen_are_done_without(name: str) -> None:
+    angles = noisy(name).copy()
+    angles[:, [3, 4, 8]] = math.nan
+    found = analysed(CHAINS[name], angles)
+    assert_true(name, found)
+    assert all(each.unseen == 3 for each in found)
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_frames_without_any_rotor_are_coasted_through(name: str) -> None:
+    angles = noisy(name).copy()
+    gap = slice(len(angles) // 4, len(angles) // 4 + 60)
+    angles[gap] = math.nan
+    found = analysed(CHAINS[name], angles)
+    assert_true(name, found)
+    assert all(each.estimate.status is TrackingStatus.COASTING for each in found[gap])
+    deviations = [each.estimate.arc_deviation for each in found[gap]]
+    assert (np.diff(deviations) > 0).all()
+    assert all(only(each).charge == 1 for each in found[gap])
+    assert all(each.unseen == CHAINS[name].number_of_rotors for each in found[gap])
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_a_gap_in_time_changes_nothing_after_it(name: str) -> None:
+    angles, when = noisy(name), stamps(len(noisy(name)))
+    kept = [n for n in range(len(when)) if not len(when) // 3 < n < len(when) // 3 + 100]
+    found = analysed(CHAINS[name], angles[kept], when=[when[n] for n in kept])
+    clean = [exact(name)[n] for n in kept]
+    errors = [apart(*both) for both in zip(found, clean, strict=True)]
+    assert max(errors[BEGUN:]) < SURE
+
+
+def test_late_and_repeated_frames_are_as_if_they_had_not_come() -> None:
+    angles, when = noisy('flipper'), stamps(len(noisy('flipper')))
+    analyser, other = Analyser(CHAINS['flipper']), Analyser(CHAINS['flipper'])
+    generator = np.random.default_rng(8)
+    for number, stamp in enumerate(when[:400]):
+        assert str(analyser.analyse(stamp, angles[number])) == str(
+            other.analyse(stamp, angles[number])
+        )
+        if number > 5 and generator.random() < 0.3:
+            back = int(generator.integers(0, 5))
+            assert other.analyse(when[number - back], angles[number - back]) is None
+    assert analyser.late == 0
+    assert other.late > 50
+
+
+@pytest.mark.parametrize('jump', [-3600, -2, 5000])
+def test_a_clock_that_is_set_anew_begins_a_new_record(jump: int) -> None:
+    angles, when = noisy('flipper'), stamps(len(noisy('flipper')))
+    analyser = Analyser(CHAINS['flipper'])
+    for number in range(300):
+        analyser.analyse(when[number], angles[number])
+    fresh = Analyser(CHAINS['flipper'])
+    for number in range(300, 600):
+        one = analyser.analyse(when[number] + jump * 10**9, angles[number])
+        other = fresh.analyse(when[number], angles[number])
+        assert one is not None
+        assert other is not None
+        assert one.estimate.status is other.estimate.status
+        assert one.cycle.phase == pytest.approx(other.cycle.phase, abs=1e-6)
+        assert only_difference(one, other) < 1e-6
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_a_source_that_begins_anew_is_found_again(name: str) -> None:
+    angles = np.concatenate([noisy(name)[:450], noisy(name, 2)])
+    found = analysed(CHAINS[name], angles)
+    clean = exact(name)[:450] + exact(name)
+    errors = [apart(*both) for both in zip(found, clean, strict=True)]
+    assert max(errors[460:]) < SURE
+
+
+@pytest.mark.parametrize('name', ['flipper', 'wobbler'])
+def test_constant_offsets_are_found_after_a_passage(name: str) -> None:
+    chain = CHAINS[name]
+    offsets = np.zeros(chain.number_of_rotors)
+    offsets[[3, 7]] = 0.1, -0.15
+    analyser = Analyser(chain)
+    for stamp, angles in zip(stamps(10**6), noisy(name) + offsets, strict=False):
+        analyser.analyse(stamp, angles)
+    errors = (analyser.offsets - offsets) / analyser.offset_deviations
+    assert np.abs(errors[[3, 7]]).max() < SURE
+    assert np.abs(analyser.offsets - offsets).max() < 0.02
+    np.testing.assert_array_equal(np.flatnonzero(analyser.offsets), [3, 7])
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_an_encoder_that_is_stuck_does_no_harm(name: str) -> None:
+    chain, angles = CHAINS[name], noisy(name).copy()
+    angles[:, 6] = angles[0, 6]
+    found = analysed(chain, angles)
+    for one, clean in list(zip(found, exact(name), strict=True))[20:]:
+        assert only_difference(one, clean) < 0.5 if one.solitons and clean.solitons else True
+        assert len(one.solitons) <= 1
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_a_chain_assembled_upside_down_shows_the_same(name: str) -> None:
+    chain = CHAINS[name]
+    upright = analysed(chain, noisy(name))
+    turned = analysed(chain, math.pi - noisy(name))
+    for one, other in zip(upright, turned, strict=True):
+        assert only_difference(one, other) < 1e-6
+        assert one.estimate.upside_down != other.estimate.upside_down
+        assert one.measured_motion.motion is other.measured_motion.motion
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_energies_are_those_of_the_simulation(name: str) -> None:
+    chain, states = CHAINS[name], record(name)
+    whole = float(chain.kinetic_energy(states.rates[0]) + chain.elastic_energy(states.angles[0]))
+    for each in exact(name):
+        assert each.energies is not None
+        assert each.energies.whole == pytest.approx(whole, rel=5e-3)
+        assert each.energies.wall + each.energies.wake == pytest.approx(each.energies.whole)
+    noisy_energies = [each.energies for each in analysed(chain, noisy(name), states.rates)]
+    errors = [
+        (each.elastic - float(chain.elastic_energy(angles))) / each.elastic_deviation
+        for each, angles in zip(noisy_energies, states.angles, strict=True)
+        if each is not None
+    ]
+    assert abs(np.mean(errors[50:])) < 0.5
+    assert 0.6 < np.std(errors[50:]) < 1.3
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_topology_tells_the_wall(name: str) -> None:
+    for each in exact(name):
+        assert each.topology is not None
+        before, beyond = each.topology.winding_numbers
+        if min(map(abs, each.topology.polarisations)) > 0.5:
+            assert beyond - before == each.topology.charge
+        if each.solitons and 3 < only(each).rotor < CHAINS[name].number_of_rotors - 4:
+            assert (before, beyond, each.topology.charge) == (0, 1, 1)
+            assert abs(each.topology.mode_centre - only(each).rotor) < 1
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_the_class_is_that_of_the_angles_and_of_the_parameters(name: str) -> None:
+    last = analysed(CHAINS[name], noisy(name))[-1]
+    assert last.motion is CHAINS[name].motion
+    if name != 'flipper':
+        assert last.measured_motion.motion is CHAINS[name].motion
+    other = 'spinner' if name != 'spinner' else 'flipper'
+    wrong = replace(CHAINS[other], number_of_rotors=CHAINS[name].number_of_rotors)
+    told = analysed(wrong, noisy(name))[-1]
+    assert told.motion is wrong.motion
+    assert told.measured_motion.motion in (None, CHAINS[name].motion)
+
+
+@pytest.mark.parametrize('name', ['flipper', 'spinner'])
+def test_deviations_that_are_not_told_make_it_less_sure(name: str) -> None:
+    """The truth is the place on the cycle of the chain with its deviations."""
+    chain = replace(CHAINS[name], number_of_rotors=24)
+    drawn = drawn_deviations(24, 2, rotor_length=0.05, spacing=0.025, stiffness=0.05)
+    real = replace(chain, deviations=drawn)
+    start = rest_state(real, -1)
+    states = simulate(real, start, KICKS[name] * mode_towards_last(real, start), 2.5, PERIOD)
+    generator = np.random.default_rng(4)
+    angles = states.angles + NOISE * generator.standard_normal(states.angles.shape)
+    orbit = orbit_of(real)
+    upright = math.pi - states.angles if name == 'spinner' else states.angles
+    arc, truth = fit_anywhere(orbit, upright[0]).arc, []
+    for frame in upright:
+        arc = fit_near(orbit, frame, arc).arc
+        truth.append(orbit.place(arc))
+    for told, least, most in ((real, 0.4, 1.5), (chain, 0.3, 3.0)):
+        found = [each.estimate for each in analysed(told, angles)][BEGUN:]
+        errors = np.array([each.place for each in found]) - truth[BEGUN:]
+        stated = np.array([each.place_deviation for each in found])
+        assert least < np.sqrt(np.mean((errors / stated) ** 2)) < most
+        assert np.abs(errors / stated).max() < 3 * most + 1
+
+
+def domains(chain: Chain, walls: Sequence[float]) -> Array:
+    """Angles of a chain that leans to one side and the other between walls, charge +1 first."""
+    orbit = UniformOrbit(chain)
+    parts = [orbit.configuration(orbit.arc_at(place, 0)) for place in walls]
+    between = [(a + b) / 2 for a, b in pairwise(walls)]
+    angles = parts[0].copy()
+    rotors = np.arange(chain.number_of_rotors)
+    for number, begin in enumerate(between, start=1):
+        part = parts[number]
+        if number % 2:
+            part = np.where(rotors % 2, 2 * math.pi - part, -part)
+        angles[rotors > begin] = part[rotors > begin]
+    return angles
+
+
+def test_several_walls_are_all_reported() -> None:
+    chain = Chain(number_of_rotors=40)
+    generator = np.random.default_rng(2)
+    one = domains(chain, [8.0])
+    three = domains(chain, [8.0, 20.0, 30.0])
+    frames = np.array([one] * 50 + [three] * 50 + [one] * 50)
+    frames = frames + NOISE * generator.standard_normal(frames.shape)
+    found = analysed(chain, frames)
+    for each in found[55:100]:
+        assert [soliton.charge for soliton in each.solitons] == [1, -1, 1]
+        places = [soliton.rotor for soliton in each.solitons]
+        np.testing.assert_allclose(places, [8.0, 20.0, 30.0], atol=0.2)
+        assert each.topology is not None
+        assert each.topology.charge == 1
+    for each in (*found[:50], *found[105:]):
+        assert only(each).rotor == pytest.approx(8.0, abs=0.05)
+
+
+def test_a_chain_without_a_cycle_is_analysed_frame_by_frame() -> None:
+    ring = Chain(number_of_rotors=16, periodic=True)
+    analyser = Analyser(ring)
+    assert 'periodic ends has no cycle' in analyser.limitation
+    found = analyser.analyse(EPOCH, ring.uniform_state(1))
+    assert found is not None
+    assert found.solitons == ()
+    assert found.estimate.status is TrackingStatus.LOST
+    pair = Analyser(Chain(number_of_rotors=2))
+    assert pair.limitation
+    assert pair.analyse(EPOCH, Chain(number_of_rotors=2).uniform_state(1)) is not None
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_a_chain_of_which_nothing_is_known_shows_how_it_moves(name: str) -> None:
+    analyser = UnknownChainAnalyser(CHAINS[name].number_of_rotors)
+    found = [
+        analyser.analyse(stamp, angles)
+        for stamp, angles in zip(stamps(10**6), wrapped(noisy(name)), strict=False)
+    ]
+    last = found[-1]
+    assert last is not None
+    expected = {'flipper': (Motion.FLIPPER, None), 'wobbler': (Motion.WOBBLING_FLIPPER,)}
+    assert last.motion in expected.get(name, (Motion.SPINNER,))
+    for one, clean in zip(found, exact(name), strict=True):
+        assert one is not None
+        if one.solitons:
+            assert only(one).charge == 1
+            assert math.isnan(only(one).position_deviation)
+            assert abs(only(one).rotor - only(clean).rotor) < 2
+
+
+@pytest.mark.parametrize('rates', [None, np.zeros(15)])
+def test_frames_of_another_length_are_refused(rates: Array | None) -> None:
+    with pytest.raises(ValueError, match='do not fit a chain of 16 rotors; give one'):
+        Analyser(CHAINS['flipper']).analyse(EPOCH, np.zeros(15 if rates is None else 16), rates)
+
+
+def test_any_numbers_are_analysed() -> None:
+    generator = np.random.default_rng(4)
+    analyser = Analyser(CHAINS['flipper'])
+    for number in range(300):
+        size = 10.0 ** generator.uniform(-150, 150)
+        angles, rates = generator.uniform(-size, size, (2, 16))
+        angles[generator.random(16) < 0.2] = generator.choice([math.nan, math.inf])
+        assert analyser.analyse(EPOCH + number, angles, rates) is not None

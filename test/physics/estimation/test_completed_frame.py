@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A frame is made whole: turns, gaps and single rotors that cannot be where they say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage.estimation.completed_frame import OnOrbit, Unwrapper, complete
+from soliton_linkage.linkage.chain import Array, Chain, wrapped
+from soliton_linkage.orbit.orbit import Stretch
+
+CHAINS = {
+    'flipper': Chain(number_of_rotors=9),
+    'spinner': Chain(number_of_rotors=9, rotor_length=0.2, rest_angle=1.18),
+}
+
+
+def there(chain: Chain, frame: Array) -> OnOrbit:
+    """A chain at rest, leaning right, with what a frame differs from it."""
+    angles = chain.uniform_state(1)
+    rates = np.linspace(1, 2, 9)
+    return OnOrbit(angles, rates, wrapped(frame - angles), Stretch(0, angles, rates))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_wrapped_angles_come_back_but_for_whole_turns(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    angles = np.cumsum(generator.uniform(-3, 3, (50, 4)), axis=0)
+    seen = wrapped(angles)
+    seen[generator.random((50, 4)) < 0.1] = np.nan
+    gaps = np.isnan(seen) | np.isnan(np.roll(seen, 1, axis=0))
+    unwrapper = Unwrapper(4)
+    read = np.array([unwrapper.unwrapped(frame) for frame in seen])
+    steps = np.diff(read, axis=0)[~gaps[1:]]
+    np.testing.assert_allclose(steps, np.diff(angles, axis=0)[~gaps[1:]], atol=1e-12)
+    known = ~np.isnan(seen)
+    np.testing.assert_allclose(wrapped(read - seen)[known], 0, atol=1e-12)
+    assert (np.isnan(read) == np.isnan(seen)).all()
+
+
+def test_angles_without_jumps_stay_as_they_are() -> None:
+    angles = np.cumsum(np.full((100, 2), 0.3), axis=0) + 20
+    unwrapper = Unwrapper(2)
+    for frame in angles:
+        np.testing.assert_array_equal(unwrapper.unwrapped(frame), frame)
+    np.testing.assert_array_equal(unwrapper.last, angles[-1])
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e12, -1e300])
+def test_what_is_no_angle_is_not_seen(value: float) -> None:
+    unwrapper = Unwrapper(2)
+    unwrapper.unwrapped(np.array([1.0, 2.0]))
+    read = unwrapper.unwrapped(np.array([1.1, value]))
+    assert read[0] == 1.1
+    assert math.isnan(read[1])
+    np.testing.assert_array_equal(unwrapper.last, [1.1, 2.0])
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_unseen_rotors_are_where_the_cycle_has_them_on_their_turn(name: str) -> None:
+    chain = CHAINS[name]
+    frame = chain.uniform_state(1) + 0.01
+    frame[[2, 3, 8]] = np.nan
+    last = chain.uniform_state(1)
+    last[3] += 4 * math.pi
+    expected = there(chain, frame)
+    whole = complete(chain, frame, None, expected, last)
+    assert whole.placed
+    assert not whole.others
+    np.testing.assert_array_equal(np.flatnonzero(whole.filled), [2, 3, 8])
+    assert whole.angles[2] == expected.angles[2]
+    assert whole.angles[3] == pytest.approx(expected.angles[3] + 4 * math.pi)
+    seen = [0, 1, 4, 5, 6, 7]
+    np.testing.assert_array_equal(whole.angles[seen], frame[seen])
+    assert whole.rates is None
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_one_rotor_far_away_is_not_seen_and_two_side_by_side_are_a_domain(name: str) -> None:
+    chain = CHAINS[name]
+    far = math.pi / 2 if name == 'spinner' else chain.rest_angle
+    for off, filled, others in (([4], [4], False), ([0], [0], False), ([4, 5], [], True)):
+        frame = chain.uniform_state(1)
+        frame[off] += far + 0.05
+        rates = np.zeros(9)
+        whole = complete(chain, frame, rates, there(chain, frame), frame)
+        assert np.flatnonzero(whole.filled).tolist() == filled
+        assert whole.others == others
+        assert whole.rates is not None
+        np.testing.assert_array_equal(whole.rates[filled], there(chain, frame).rates[filled])
+        near = chain.uniform_state(1)
+        near[off] += far - 0.05
+        assert not complete(chain, near, None, there(chain, near), near).filled.any()
+
+
+def test_rates_that_are_missing_are_those_of_the_cycle_or_all_unknown() -> None:
+    chain = CHAINS['flipper']
+    frame, rates = chain.uniform_state(1), np.zeros(9)
+    rates[[1, 2]] = math.nan, math.inf
+    whole = complete(chain, frame, rates, there(chain, frame), frame)
+    assert whole.rates is not None
+    np.testing.assert_array_equal(whole.rates[[1, 2]], there(chain, frame).rates[[1, 2]])
+    assert complete(chain, frame, rates, None, frame).rates is None
+    known = complete(chain, frame, np.ones(9), None, frame).rates
+    np.testing.assert_array_equal(known, np.ones(9))
+
+
+def test_without_a_cycle_rotors_lean_as_their_neighbours_do() -> None:
+    chain = CHAINS['flipper']
+    frame = chain.uniform_state(-1)
+    frame[[0, 4, 5, 8]] = np.nan
+    whole = complete(chain, frame, None, None, frame)
+    np.testing.assert_allclose(np.sin(whole.angles), np.sin(chain.uniform_state(-1)), atol=1e-12)
+    np.testing.assert_allclose(np.cos(whole.angles), np.cos(chain.uniform_state(-1)), atol=1e-12)
+    assert not whole.placed
+    nothing = complete(chain, np.full(9, np.nan), None, None, frame)
+    assert np.isnan(nothing.angles).all()

@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The class of motion from angles alone: right, honest, symmetric, and surer with every frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from chains import (
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_FLIPPER,
+    WIDE_SPINNER,
+    WOBBLER,
+    chain_of,
+)
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.estimation.motion_class import (
+    NO_EVIDENCE,
+    MotionEvidence,
+    MotionObserver,
+    motion_evidence,
+    next_deviation,
+    slope_of_next,
+)
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
+
+ROTORS = 50
+SLIGHT_WOBBLER = (0.8, 0.77)
+NEARLY_WOBBLING = (0.57, 0.97)
+FLIPPERS = (WIDE_FLIPPER, FLIPPER, NEARLY_WOBBLING, SLIGHT_WOBBLER, WOBBLER, STRONG_WOBBLER)
+LEAN_RATIOS = st.floats(0.02, 0.98) | st.floats(1.02, 1.98)
+REST_ANGLES = st.floats(0.01, 1.5)
+
+
+def walls(example: tuple[float, float], rotors: int = ROTORS) -> list[Array]:
+    """Walls at many places on both sides of the middle of a chain, on all legs."""
+    chain = chain_of(example, rotors)
+    legs = 2 if chain.motion is Motion.SPINNER else 4
+    places = rotors / 2 + np.linspace(-3.3, 3.4, 13)
+    return [
+        static_wall(chain, float(place), leg, turned)
+        for number, place in enumerate(places)
+        for leg, turned in [(number % legs, number % 3 == 0)]
+    ]
+
+
+def ratio_of(example: tuple[float, float]) -> float:
+    d = chain_of(example, 4).lean_ratio
+    return (1 - d) / (1 + d)
+
+
+@given(REST_ANGLES, LEAN_RATIOS, st.floats(-1, 0.3))
+def test_a_bar_has_its_length_between_a_rotor_and_its_next(
+    rest_angle: float, lean_ratio: float, share: float
+) -> None:
+    ratio, deviation = (1 - lean_ratio) / (1 + lean_ratio), share * rest_angle
+    assume(lean_ratio * math.sin(rest_angle) < 1.98)
+    chain = Chain(2, 1.0, lean_ratio / (2 * math.sin(rest_angle)), rest_angle)
+    inner = np.array([deviation])
+    theta = rest_angle + np.array([float(next_deviation(inner, rest_angle, ratio)[0]), deviation])
+    # On the left of a wall the outer neighbour comes first; it leans right.
+    limit = 1e-13 * (chain.spacing + 2 * chain.rotor_length) ** 2 / chain.rest_length
+    assert abs(float(chain.spring_extensions(staggered(theta))[0])) < limit
+
+
+@given(REST_ANGLES, LEAN_RATIOS)
+def test_the_slope_at_rest_is_the_tail_ratio(rest_angle: float, lean_ratio: float) -> None:
+    ratio, zero = (1 - lean_ratio) / (1 + lean_ratio), np.zeros(1)
+    assume(lean_ratio * math.sin(rest_angle) < 1.98)
+    assert abs(float(next_deviation(zero, rest_angle, ratio)[0])) < 1e-7
+    assert slope_of_next(zero, rest_angle, ratio)[0] == pytest.approx(ratio, abs=1e-5)
+
+
+@given(st.floats(0.1, 1.4), st.floats(0.1, 1.5), st.floats(-0.9, -0.1))
+def test_the_slope_is_that_of_a_finite_difference(
+    rest_angle: float, lean_ratio: float, share: float
+) -> None:
+    ratio, step = (1 - lean_ratio) / (1 + lean_ratio), 1e-5
+    there = share * rest_angle + np.array([-step, 0.0, step])
+    before, _, after = next_deviation(there, rest_angle, ratio)
+    slope = slope_of_next(there, rest_angle, ratio)[1]
+    assert slope == pytest.approx((after - before) / (2 * step), abs=1e-4)
+
+
+@given(st.floats(0.05, 1.5), st.floats(0.1, 2.0), st.floats(-1, -0.01))
+def test_leaning_over_beyond_rest_takes_a_ratio_below_0(
+    rest_angle: float, lean_ratio: float, share: float
+) -> None:
+    assume(abs(lean_ratio - 1) > 1e-3)
+    assume(lean_ratio * math.sin(rest_angle) < 1.98)
+    ratio = (1 - lean_ratio) / (1 + lean_ratio)
+    deviations = share * rest_angle * np.linspace(1e-3, 1, 400)
+    over = next_deviation(deviations, rest_angle, ratio).max()
+    assert (over > 0) == (ratio < 0)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_rotors_of_a_wall_at_rest_follow_each_other_as_bars_demand(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    theta = staggered(static_wall(chain, ROTORS / 2 + 0.3))
+    deviations = wrapped(theta[1 : ROTORS // 2 + 1] - chain.rest_angle)[::-1]
+    expected = next_deviation(deviations[:-1], chain.rest_angle, ratio_of(example))
+    assert deviations[1:] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_one_frame_without_noise_tells_the_class(example: tuple[float, float]) -> None:
+    chain = chain_of(example, ROTORS)
+    for angles in walls(example):
+        found = motion_evidence(angles).verdict()
+        assert found.motion is chain.motion
+        assert found.confidence > 0.95
+
+
+@pytest.mark.parametrize('example', FLIPPERS)
+def test_the_tail_ratio_of_a_wall_at_rest_is_that_of_the_bars(
+    example: tuple[float, float],
+) -> None:
+    expected = ratio_of(example)
+    for angles in walls(example):
+        evidence = motion_evidence(angles)
+        # The reference is the mean of the outer rotors, where the tails of wide walls still are.
+        assert evidence.rest_angle == pytest.approx(chain_of(example, 4).rest_angle, rel=0.02)
+        assert evidence.tail_ratio()[0] == pytest.approx(expected, rel=0.1, abs=0.002)
+
+
+@pytest.mark.parametrize('noise', [0.01, 0.05, 0.2])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_flippers_and_spinners_are_never_mistaken(
+    example: tuple[float, float], noise: float
+) -> None:
+    random = np.random.default_rng(5)
+    chain, frames, count = chain_of(example, 4), walls(example), 300
+    spins, seen = chain.motion is Motion.SPINNER, 0
+    for number in range(count):
+        angles = frames[number % len(frames)] + noise * random.standard_normal(ROTORS)
+        evidence = motion_evidence(angles)
+        if evidence is NO_EVIDENCE:
+            continue
+        seen += 1
+        spinning = evidence.verdict().spinning
+        assert (spinning > 0.95) if spins else (spinning < 0.05)
+    # A chain that leans by little more than the noise may not be seen to have a wall.
+    assert seen == count or 4 * noise > chain.rest_angle
+    assert seen >= 0.9 * count
+
+
+@pytest.mark.parametrize('noise', [0.003, 0.01, 0.05])
+@pytest.mark.parametrize('example', FLIPPERS)
+def test_a_verdict_of_one_frame_is_wrong_no_more_often_than_it_says(
+    example: tuple[float, float], noise: float
+) -> None:
+    random = np.random.default_rng(17)
+    motion, frames, count = chain_of(example, 4).motion, walls(example), 400
+    doubt, wrong = 0.0, 0
+    for number in range(count):
+        angles = frames[number % len(frames)] + noise * random.standard_normal(ROTORS)
+        found = motion_evidence(angles, noise).verdict()
+        if found.motion is not None:
+            doubt += 1 - found.confidence
+            wrong += found.motion is not motion
+    # Four standard deviations of a count with that mean.
+    assert wrong <= doubt + 4 * math.sqrt(doubt + 1)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, STRONG_WOBBLER])
+def test_at_a_noise_of_a_hundredth_one_frame_tells_a_flipper_from_one_that_wobbles(
+    example: tuple[float, float],
+) -> None:
+    random = np.random.default_rng(23)
+    frames, motion = walls(example), chain_of(example, 4).motion
+    found = [
+        motion_evidence(frames[n % len(frames)] + 0.01 * random.standard_normal(ROTORS), 0.01)
+        for n in range(200)
+    ]
+    right = sum(each.verdict().motion is motion for each in found)
+    assert right >= 160
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SLIGHT_WOBBLER, WOBBLER])
+def test_the_error_of_the_tail_ratio_is_what_it_is_said_to_be(
+    example: tuple[float, float],
+) -> None:
+    random, noise = np.random.default_rng(29), 0.01
+    errors = []
+    for angles in walls(example):
+        truth, _ = motion_evidence(angles).tail_ratio()
+        for _ in range(40):
+            noisy = angles + noise * random.standard_normal(ROTORS)
+            ratio, deviation = motion_evidence(noisy, noise).tail_ratio()
+            if math.isfinite(ratio):
+                errors.append((ratio - truth) / deviation)
+    # The bend is known beforehand only to what springs in motion may make of it, and bars at rest
+    # bend less: errors are smaller than said, by up to a half.
+    assert 0.4 < float(np.sqrt(np.mean(np.square(errors)))) < 1.15
+    assert abs(float(np.mean(errors))) < 0.35
+
+
+@pytest.mark.parametrize('example', [NEARLY_WOBBLING, SLIGHT_WOBBLER])
+def test_frames_add_up_to_certainty_and_a_restart_takes_it_back(
+    example: tuple[float, float],
+) -> None:
+    random, noise = np.random.default_rng(31), 0.01
+    frames, motion = walls(example), chain_of(example, 4).motion
+    observer = MotionObserver()
+    found = [
+        observer.observe(frames[n % len(frames)] + noise * random.standard_normal(ROTORS), noise)
+        for n in range(600)
+    ]
+    assert found[0].motion in (None, motion)
+    assert all(each.motion is motion for each in found[-50:])
+    assert found[-1].tail_ratio_deviation < 0.3 * found[0].tail_ratio_deviation
+    observer.restart()
+    blank = observer.observe(np.full(ROTORS, math.nan))
+    assert (blank.motion, blank.spinning) == (None, pytest.approx(1 / 3))
+    assert math.isnan(blank.tail_ratio)
+
+
+def test_a_chain_that_contradicts_what_was_seen_is_heard() -> None:
+    observer = MotionObserver()
+    for angles in 20 * walls(FLIPPER):
+        observer.observe(angles)
+    spinners = walls(SPINNER)
+    for angles in spinners[:7]:
+        found = observer.observe(angles)
+    assert found.spinning > 0.95
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_symmetries_leave_the_evidence_as_it_is(example: tuple[float, float]) -> None:
+    random = np.random.default_rng(37)
+    for angles in walls(example):
+        noisy = angles + 0.01 * random.standard_normal(ROTORS)
+        evidence = motion_evidence(noisy)
+        last = ROTORS - 1
+        turns = 2 * np.pi * random.integers(-3, 4, ROTORS)
+        for image, mirrored in (
+            (np.pi - noisy, False),
+            (noisy + turns, False),
+            (-noisy[::-1], True),
+            (np.pi + noisy[::-1], True),
+        ):
+            found = motion_evidence(image)
+            if mirrored:
+                found = found.swapped()
+            place = last - found.place if mirrored else found.place
+            assert place == pytest.approx(evidence.place, abs=1e-9)
+            assert found.flipping == pytest.approx(evidence.flipping)
+            assert found.tails == pytest.approx(evidence.tails, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('noise', [0.0, 0.01, 0.05])
+def test_without_a_wall_nothing_is_said(example: tuple[float, float], noise: float) -> None:
+    random = np.random.default_rng(41)
+    chain = chain_of(example, ROTORS)
+    for lean in (-1, 1):
+        for _ in range(50):
+            angles = chain.uniform_state(lean) + noise * random.standard_normal(ROTORS)
+            assert motion_evidence(angles, noise) is NO_EVIDENCE
+    assert NO_EVIDENCE.verdict().motion is None
+
+
+@given(st.integers(0, 9), st.floats(0.01, 3))
+def test_a_chain_too_short_or_out_of_place_says_nothing(rotors: int, spread: float) -> None:
+    angles = spread * np.sin(np.arange(rotors) ** 2)
+    assert motion_evidence(angles) is NO_EVIDENCE
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_missing_angles_cost_certainty_but_no_truth(example: tuple[float, float]) -> None:
+    random = np.random.default_rng(43)
+    motion, observer = chain_of(example, 4).motion, MotionObserver()
+    for angles in 8 * walls(example):
+        holed = np.where(random.random(ROTORS) < 0.2, math.nan, angles)
+        found = observer.observe(holed + 0.003 * random.standard_normal(ROTORS), 0.003)
+    assert found.motion is motion
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_frame_with_holes_tells_flippers_from_spinners(example: tuple[float, float]) -> None:
+    random, chain = np.random.default_rng(53), chain_of(example, 4)
+    for angles in walls(example):
+        holed = np.where(random.random(ROTORS) < 0.2, math.nan, angles)
+        evidence = motion_evidence(holed + 0.003 * random.standard_normal(ROTORS), 0.003)
+        assert (evidence.verdict().spinning > 0.9) == (chain.motion is Motion.SPINNER)
+        assert evidence.rest_angle == pytest.approx(chain.rest_angle, rel=0.03)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
+def test_a_wall_on_its_way_keeps_its_class(example: tuple[float, float]) -> None:
+    random, noise = np.random.default_rng(47), 0.005
+    chain = chain_of(example, 40)
+    start, kick = static_wall(chain, 10.3), 0.08
+    speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
+    period = 0.15 * site_arc(chain) / speed
+    rates = speed * mode_towards_last(chain, start)
+    recording = simulate(chain, start, rates, 100 * period, period, 1e-7)
+    observer = MotionObserver()
+    for angles in recording.angles[20:]:
+        found = observer.observe(angles + noise * random.standard_normal(40), noise)
+    assert found.motion is chain.motion
+
+
+def test_the_sides_of_a_moving_wall_are_those_ahead_and_behind() -> None:
+    chain = chain_of(WOBBLER, ROTORS)
+    observer, expected = MotionObserver(), np.zeros((2, 3, 3))
+    for number in range(30):
+        angles = static_wall(chain, 16.1 + 0.6 * number)
+        observer.observe(angles)
+        frame = motion_evidence(angles)
+        # It is known to move once it has gone by a spacing.
+        expected += (frame if number < 2 else frame.swapped()).tails
+    assert observer.evidence.tails == pytest.approx(expected)
+    resting = MotionObserver()
+    for _ in range(3):
+        resting.observe(angles)
+    assert resting.evidence.tails == pytest.approx(3 * motion_evidence(angles).tails)
+
+
+def test_sides_that_differ_by_more_than_noise_make_the_deviation_larger() -> None:
+    square = np.array([[100.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    slopes = [np.copy(square), np.copy(square)]
+    for sums, ratio in zip(slopes, (0.3, -0.1), strict=True):
+        sums[0, 2] = sums[2, 0] = 100 * ratio
+    apart = MotionEvidence(20.0, 10.0, 0.77, np.array(slopes))
+    alike = MotionEvidence(20.0, 10.0, 0.77, np.array([slopes[0], slopes[0]]))
+    assert apart.tail_ratio()[0] == pytest.approx(0.1, abs=0.01)
+    assert apart.tail_ratio()[1] == pytest.approx(0.2, rel=0.05)
+    assert alike.tail_ratio()[1] == pytest.approx(1 / math.sqrt(200), rel=0.05)
+
+
+def test_the_width_of_a_spinners_wall_does_not_hide_its_class() -> None:
+    for angles in walls(WIDE_SPINNER, 30):
+        assert motion_evidence(angles).verdict().motion is Motion.SPINNER
+
+
+@pytest.mark.parametrize('noise', [-0.1, math.nan, math.inf])
+def test_a_noise_that_is_none_is_refused(noise: float) -> None:
+    with pytest.raises(ValueError, match=f'noise = {noise} rad must be a finite number'):
+        motion_evidence(np.zeros(20), noise)
+
+
+def test_angles_of_many_frames_are_refused() -> None:
+    with pytest.raises(ValueError, match=r'angles of shape \(2, 20\) must be one row'):
+        motion_evidence(np.zeros((2, 20)))

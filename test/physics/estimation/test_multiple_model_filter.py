@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Filters of arc and rate: against a naive twin, a fitted line, and by Monte Carlo."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from soliton_linkage.estimation import arc_filter as cycle_motion
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.linkage.chain import Array
+
+PERIOD, RATE, SITE_ARC = 1e-3, 9.6, 0.99
+
+
+def measured(frames: int, noise: float, seed: int) -> Array:
+    random = np.random.default_rng(seed)
+    return RATE * PERIOD * np.arange(frames) + noise * random.standard_normal(frames)
+
+
+def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[MultipleModelFilter, int]:
+    motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
+    for arc in arcs[1:].tolist():
+        motion.predict(PERIOD, at_edge)
+        motion.correct(arc, noise**2)
+    return motion, motion.kicks
+
+
+class Twin:
+    """One filter, in matrices."""
+
+    def __init__(self, arc: float, variance: float, share: float, error: float) -> None:
+        self.state = np.array([arc, 0.0, 0.0])
+        self.spread = np.diag([variance, 2500.0, error**2])
+        self.share, self.error = share, error
+
+    def predict(self, elapsed: float, speed: float) -> None:
+        kept = math.exp(-speed * elapsed / (0.5 * SITE_ARC))
+        step = np.array([[1, elapsed, 0], [0, 1, 0], [0, 0, kept]])
+        wander = self.share**2 * speed**3 / SITE_ARC
+        added = np.zeros((3, 3))
+        added[:2, :2] = wander * np.array(
+            [[elapsed**3 / 3, elapsed**2 / 2], [elapsed**2 / 2, elapsed]]
+        )
+        added[2, 2] = self.error**2 * (1 - kept**2)
+        self.state = step @ self.state
+        self.spread = step @ self.spread @ step.T + added
+
+    def correct(self, arc: float, variance: float) -> None:
+        looked = np.array([1.0, 0.0, 1.0])
+        gain = self.spread @ looked / (looked @ self.spread @ looked + variance)
+        self.state = self.state + gain * (arc - looked @ self.state)
+        self.spread = (np.eye(3) - np.outer(gain, looked)) @ self.spread
+
+
+@pytest.mark.parametrize('at_edge', [False, True])
+def test_filters_are_those_of_kalman(monkeypatch: pytest.MonkeyPatch, at_edge: bool) -> None:
+    # Nothing ever contradicts the steady filter so much that the other one counts.
+    monkeypatch.setattr(cycle_motion, '_SHARES', (0.02,))
+    monkeypatch.setattr(cycle_motion, '_ERRORS', (0.01,))
+    monkeypatch.setattr(cycle_motion, '_TRUST', 600.0)
+    monkeypatch.setattr(cycle_motion, '_TRUST_AT_EDGES', 600.0)
+    monkeypatch.setattr(cycle_motion, '_MOST_TRUST', 600.0)
+    arcs = measured(200, 0.02, 1)
+    motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC)
+    motion._against = -600.0
+    twins = [Twin(0.0, 4e-4, 0.0, 0.0), Twin(0.0, 4e-4, 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC)]
+    for arc in arcs[1:].tolist():
+        speed = abs(motion.rate)
+        motion.predict(PERIOD, at_edge)
+        motion.correct(arc, 4e-4)
+        for twin in twins:
+            twin.predict(PERIOD, speed)
+            twin.correct(arc, 4e-4)
+    rows, columns = np.triu_indices(3)
+    for number, twin in enumerate(twins):
+        assert motion._states[:, number] == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
+        expected = twin.spread[rows, columns]
+        assert motion._spreads[:, number] == pytest.approx(expected, rel=1e-8, abs=1e-14)
+
+
+def test_of_a_steady_wall_all_measurements_count() -> None:
+    noise, frames = 0.05, 1500
+    arcs = measured(frames, noise, 2)
+    motion, _ = followed(arcs, noise)
+    slope, end = np.polyfit(PERIOD * (np.arange(frames) - frames + 1), arcs, 1)
+    assert motion.steadiness > 0.99
+    assert motion.arc == pytest.approx(end, abs=0.1 * motion.arc_deviation)
+    assert motion.rate == pytest.approx(slope, abs=0.1 * motion.rate_deviation)
+    assert motion.arc_deviation == pytest.approx(2 * noise / math.sqrt(frames), rel=0.01)
+
+
+def test_white_noise_raises_no_alarm_and_deviations_are_true() -> None:
+    scores = []
+    for run in range(40):
+        noise = [0.002, 0.01, 0.05, 0.2][run % 4]
+        motion, kicks = followed(measured(300, noise, run), noise)
+        assert kicks == 0
+        end = RATE * PERIOD * 299
+        scores.append((motion.arc - end) / motion.arc_deviation)
+        scores.append((motion.rate - RATE) / motion.rate_deviation)
+    # Of 80 numbers of unit variance, five standard deviations of their mean square.
+    assert np.mean(np.square(scores)) == pytest.approx(1, abs=5 * math.sqrt(2 / 80))
+    assert np.abs(scores).max() < 4.5
+
+
+@pytest.mark.parametrize('share', [0.2, -0.2, -2.0])
+def test_a_kick_is_noticed_before_the_wall_has_passed_two_rotors(share: float) -> None:
+    noise = 0.05
+    for seed in range(5):
+        arcs = measured(800, noise, seed)
+        arcs[600:] += share * RATE * PERIOD * np.arange(200)
+        motion, kicks = followed(arcs, noise)
+        assert kicks > 0 or motion.steadiness < 0.5
+        assert motion.rate == pytest.approx((1 + share) * RATE, abs=5 * motion.rate_deviation)
+        assert motion.rate_deviation < 0.1 * RATE
+
+
+def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
+    noise, rotor = 0.01, round(SITE_ARC / RATE / PERIOD)
+    for share in (0.2, -0.2, 0.5, -2.0):
+        arcs = measured(900, noise, 4)
+        arcs[600:] += share * RATE * PERIOD * np.arange(300)
+        true = RATE * PERIOD * (np.arange(900) + share * np.maximum(np.arange(900) - 600, 0))
+        motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
+        scores = []
+        for frame, arc in enumerate(arcs[1:].tolist(), start=1):
+            motion.predict(PERIOD, False)
+            motion.correct(arc, noise**2)
+            scores.append((motion.arc - true[frame]) / motion.arc_deviation)
+        assert np.abs(scores[599 + rotor :]).max() < 6
+        assert motion.kicks == 1
+
+
+def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> None:
+    noise, ratios = 0.05, []
+    for seed in range(10):
+        arcs = measured(600, noise, seed)
+        motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
+        for frame, arc in enumerate(arcs[1:].tolist(), start=1):
+            motion.predict(PERIOD, False)
+            motion.correct(arc, noise**2)
+            if frame > 100:
+                ratios.append(motion.arc_deviation / (2 * noise / math.sqrt(frame + 1)))
+        assert motion.kicks == 0
+    assert np.median(ratios) == pytest.approx(1, abs=0.02)
+    assert np.quantile(ratios, 0.97) < 1.1
+
+
+def test_a_rate_that_wanders_is_followed_with_true_deviations() -> None:
+    share, scores = 0.05, []
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        steps = share * RATE * math.sqrt(RATE * PERIOD / SITE_ARC) * random.standard_normal(1200)
+        rates = RATE + np.cumsum(steps)
+        true = np.cumsum(rates) * PERIOD
+        arcs = true + 0.01 * random.standard_normal(1200)
+        for frames in (600, 1200):
+            motion, _ = followed(arcs[:frames], 0.01)
+            scores.append((motion.arc - true[frames - 1]) / motion.arc_deviation)
+            scores.append((motion.rate - rates[frames - 1]) / motion.rate_deviation)
+    assert np.abs(scores).max() < 4.5
+    assert 0.5 < np.mean(np.square(scores)) < 1.6
+
+
+def test_a_change_of_rate_by_the_orbit_changes_its_deviations_alike() -> None:
+    motion, _ = followed(measured(200, 0.02, 1), 0.02)
+    before = motion.rate, motion.rate_deviation, motion.covariance, motion.arc_deviation
+    motion.change_rate(1.5)
+    after = motion.rate, motion.rate_deviation, motion.covariance, motion.arc_deviation
+    assert after == pytest.approx((1.5 * before[0], 1.5 * before[1], 1.5 * before[2], before[3]))

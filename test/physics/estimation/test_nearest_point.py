@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nearest point of the orbit: at the bound of Cramer and Rao, and found from anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from chains import (
+    FLIPPER,
+    SPINNER,
+    WIDE_FLIPPER,
+    WIDE_SPINNER,
+    WOBBLER,
+    chain_of,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from soliton_linkage.estimation.nearest_point import NearestPoint, fit_anywhere, fit_near
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+
+CLASSES = (FLIPPER, WOBBLER, SPINNER)
+# What an arc is fitted to [rad], the cycle being accurate to 1e-6.
+FITTED = 1e-6
+Example = tuple[float, float]
+
+
+@lru_cache(maxsize=32)
+def cycle_of(example: Example, rotors: int = 40) -> UniformOrbit:
+    return UniformOrbit(chain_of(example, rotors))
+
+
+def noise(orbit: UniformOrbit, sigma: float, seed: int, frames: int) -> Array:
+    """Independent normal noise of every angle [rad], shape (frames, N)."""
+    shape = (frames, orbit.chain.number_of_rotors)
+    return np.random.default_rng(seed).normal(0, sigma, shape)
+
+
+def tangent_at(orbit: UniformOrbit, arc: float) -> Array:
+    """Zero mode of the whole chain in the direction of the cycle [1], shape (N,)."""
+    about = orbit.stretch(arc)
+    mode = zero_mode(orbit.chain, orbit.configuration(arc))
+    along = mode[about.first : about.first + len(about.angles)] @ about.tangent
+    return np.asarray(np.sign(along) * mode)
+
+
+def apart(orbit: UniformOrbit, arc: float, other: float) -> float:
+    return abs(math.remainder(arc - other, orbit.length))
+
+
+def inner_arc(orbit: UniformOrbit, share: float, leg: int) -> float:
+    """Arc of a wall more than two widths from both edges."""
+    chain = orbit.chain
+    margin = 2 * chain.wall_width / chain.spacing
+    place = margin + share * (chain.number_of_rotors - 1 - 2 * margin)
+    return orbit.arc_at(place, leg % orbit.number_of_legs)
+
+
+@pytest.mark.parametrize('sigma', [0.01, 0.05])
+@pytest.mark.parametrize('example', CLASSES)
+@pytest.mark.parametrize(('share', 'leg'), [(0.0, 0), (0.513, 1)])
+def test_it_has_no_bias_and_the_deviation_of_the_bound(
+    example: Example, sigma: float, share: float, leg: int
+) -> None:
+    orbit = cycle_of(example)
+    arc = inner_arc(orbit, share, leg)
+    frames = 3000
+    noises = noise(orbit, sigma, 11, frames)
+    there = orbit.configuration(arc)
+    errors = np.array([fit_near(orbit, there + each, arc).arc - arc for each in noises])
+    # Deviations of samples of 3000 scatter by 1.3 %.
+    assert errors.std() == pytest.approx(sigma, rel=0.05)
+    # To first order the error is the projection of the noise on the tangent, of mean 0.
+    beyond = errors - noises @ tangent_at(orbit, arc)
+    assert abs(beyond.mean()) < 0.002 * orbit.site_arc
+    assert beyond.std() < 0.2 * sigma
+
+
+@pytest.mark.parametrize('example', CLASSES)
+@settings(deadline=None, max_examples=8)
+@given(share=st.floats(0, 1), leg=st.integers(0, 3), seed=st.integers(0, 2**32))
+def test_its_error_is_the_projection_of_the_noise_on_the_tangent_to_second_order(
+    example: Example, share: float, leg: int, seed: int
+) -> None:
+    orbit = cycle_of(example)
+    arc = inner_arc(orbit, share, leg)
+    there, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
+    beyond = []
+    for sigma in (0.04, 0.01):
+        noises = noise(orbit, sigma, seed, 60)
+        errors = [fit_near(orbit, there + each, arc).arc - arc for each in noises]
+        beyond.append(np.linalg.norm(errors - noises @ tangent))
+    # A quarter of the noise leaves a sixteenth of the second order, and less of the third.
+    assert beyond[1] < beyond[0] / 10
+    assert beyond[1] / math.sqrt(60) < 0.1 * 0.01
+
+
+@pytest.mark.parametrize('sigma', [0.01, 0.05, 0.2])
+@pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER, WIDE_SPINNER])
+def test_it_ends_where_the_rest_is_orthogonal_to_the_tangent(
+    example: Example, sigma: float
+) -> None:
+    orbit = cycle_of(example)
+    arcs = np.linspace(0, orbit.length, 40).tolist()
+    for arc, each in zip(arcs, noise(orbit, sigma, 3, 40), strict=True):
+        frame = orbit.configuration(arc) + each
+        fitted = fit_near(orbit, frame, arc).arc
+        rest = np.angle(np.exp(1j * (frame - orbit.configuration(fitted))))
+        about = orbit.stretch(fitted)
+        rest = rest[about.first : about.first + len(about.angles)]
+        assert abs(rest @ about.tangent) < FITTED
+
+
+@pytest.mark.parametrize('rotors', [3, 40])
+@pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER, WIDE_SPINNER])
+@settings(deadline=None, max_examples=8)
+@given(share=st.floats(0, 1), off=st.floats(-0.2, 0.2))
+def test_without_noise_it_is_exact_wherever_the_wall_is(
+    example: Example, rotors: int, share: float, off: float
+) -> None:
+    orbit = cycle_of(example, rotors)
+    arc = share * orbit.length
+    fit = fit_near(orbit, orbit.configuration(arc), arc + off)
+    assert fit.arc == pytest.approx(arc, rel=0, abs=FITTED)
+    assert fit.information == pytest.approx(1, abs=10 * FITTED)
+    assert fit.misfit < FITTED
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_its_misfit_estimates_sigma(example: Example) -> None:
+    orbit = cycle_of(example)
+    sigma, frames = 0.02, 400
+    arc = inner_arc(orbit, 0.3, 0)
+    there = orbit.configuration(arc)
+    fits = [fit_near(orbit, there + each, arc) for each in noise(orbit, sigma, 5, frames)]
+    freedoms = frames * (len(orbit.stretch(arc).angles) - 1)
+    # Four deviations of the mean square, and sigma^2 of what the orbit curves away.
+    limit = 4 * math.sqrt(2 / freedoms) + sigma**2
+    squares = np.array([fit.misfit for fit in fits]) ** 2
+    assert squares.mean() == pytest.approx(sigma**2, rel=limit)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+@settings(deadline=None, max_examples=12)
+@given(share=st.floats(0, 1), leg=st.integers(0, 3), seed=st.integers(0, 2**32))
+def test_its_information_is_the_share_of_the_tangent_that_is_seen(
+    example: Example, share: float, leg: int, seed: int
+) -> None:
+    orbit = cycle_of(example)
+    arc = inner_arc(orbit, share, leg)
+    frame, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
+    missing = np.random.default_rng(seed).random(len(frame)) < 0.4
+    frame[missing] = np.nan
+    seen = float(tangent[~missing] @ tangent[~missing])
+    fit = fit_near(orbit, frame, arc)
+    assert fit.information == pytest.approx(seen, abs=10 * FITTED)
+    assert fit.arc == pytest.approx(arc, abs=FITTED / max(seen, 1e-6))
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_missing_rotors_cost_what_their_information_says(example: Example) -> None:
+    orbit = cycle_of(example)
+    sigma, frames = 0.01, 2000
+    arc = inner_arc(orbit, 0.4, 1)
+    there, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
+    there[np.argmax(np.abs(tangent))] = np.nan
+    fits = [fit_near(orbit, there + each, arc) for each in noise(orbit, sigma, 7, frames)]
+    errors = np.array([(fit.arc - arc) * math.sqrt(fit.information) for fit in fits])
+    assert fits[0].information < 0.9
+    # Three deviations of a sample of 2000.
+    assert errors.std() == pytest.approx(sigma, rel=0.05)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+@settings(deadline=None, max_examples=8)
+@given(share=st.floats(0, 1), seed=st.integers(0, 2**32), orbits=st.integers(-3, 3))
+def test_whole_turns_and_cycles_do_not_matter(
+    example: Example, share: float, seed: int, orbits: int
+) -> None:
+    orbit = cycle_of(example)
+    arc = share * orbit.length
+    random = np.random.default_rng(seed)
+    frame = orbit.configuration(arc) + random.normal(0, 0.02, 40)
+    fit = fit_near(orbit, frame, arc)
+    turned = frame + 2 * math.pi * random.integers(-9, 10, 40)
+    wrapped = np.angle(np.exp(1j * frame))
+    for other in (turned, wrapped):
+        again = fit_near(orbit, other, arc + orbits * orbit.length)
+        assert again.arc - orbits * orbit.length == pytest.approx(fit.arc, abs=FITTED)
+        assert again.misfit == pytest.approx(fit.misfit, rel=FITTED)
+        assert apart(orbit, fit_anywhere(orbit, other).arc, fit.arc) < FITTED
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_frame_shifted_by_two_rotors_is_two_sites_further(example: Example) -> None:
+    orbit = cycle_of(example, 201)
+    for leg in range(orbit.number_of_legs):
+        arc = orbit.arc_at(100.3, leg)
+        frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
+        further = np.roll(frame, 2 if leg % 2 == 0 else -2)
+        beyond = arc + 2 * orbit.site_arc
+        way = fit_near(orbit, further, beyond).arc - fit_near(orbit, frame, arc).arc
+        assert way == pytest.approx(2 * orbit.site_arc, rel=0, abs=FITTED)
+
+
+@pytest.mark.parametrize('rotors', [40, 41])
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_mirrored_frame_is_at_the_mirrored_place(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    spinner = orbit.chain.motion is Motion.SPINNER
+    for leg in range(orbit.number_of_legs):
+        arc = orbit.arc_at(17.3, leg)
+        frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
+        turned = (rotors % 2 == 1) == spinner
+        image = frame[::-1] + math.pi if turned else -frame[::-1]
+        fits = fit_anywhere(orbit, frame), fit_anywhere(orbit, image)
+        places = [orbit.place(fit.arc) for fit in fits]
+        assert sum(places) == pytest.approx(rotors - 1, abs=FITTED)
+
+
+def some_frames(
+    orbit: UniformOrbit, sigma: float, seed: int, frames: int
+) -> list[tuple[float, Array]]:
+    """Arcs all over the cycle, and noisy frames there with whole turns."""
+    random = np.random.default_rng(seed)
+    arcs = random.uniform(0, orbit.length, frames)
+    # A third of them where the wall is being reflected.
+    begins = [orbit.leg_arcs(leg)[0] for leg in range(orbit.number_of_legs)]
+    arcs[::3] = random.choice(begins, len(arcs[::3])) + random.normal(0, 1, len(arcs[::3]))
+    made = []
+    for arc in arcs.tolist():
+        frame = orbit.configuration(arc)
+        turns = random.integers(-3, 4, len(frame))
+        made.append((arc, frame + random.normal(0, sigma, len(frame)) + 2 * math.pi * turns))
+    return made
+
+
+@pytest.mark.parametrize('rotors', [20, 201])
+@pytest.mark.parametrize('sigma', [0.01, 0.2])
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
+def test_it_is_found_from_anywhere(example: Example, sigma: float, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    for arc, frame in some_frames(orbit, sigma, rotors, 15):
+        fit = fit_anywhere(orbit, frame)
+        assert 0 <= fit.arc <= orbit.length
+        near = fit_near(orbit, frame, arc)
+        # Nothing on the cycle is nearer than what is found next to the truth.
+        assert apart(orbit, fit.arc, near.arc) < FITTED
+        assert apart(orbit, fit.arc, arc) < 6 * sigma
+        assert fit.misfit == pytest.approx(near.misfit, rel=FITTED)
+
+
+@pytest.mark.parametrize('rotors', [20, 150])
+def test_wide_walls_are_found_where_noise_allows_it(rotors: int) -> None:
+    orbit = cycle_of((0.5, 0.1), rotors)
+    for arc, frame in some_frames(orbit, 0.01, rotors, 40):
+        assert apart(orbit, fit_anywhere(orbit, frame).arc, arc) < 6 * 0.01
+
+
+@pytest.mark.parametrize('rotors', [20, 201])
+@pytest.mark.parametrize('sigma', [0.01, 0.2])
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
+def test_it_is_found_with_missing_rotors_or_says_that_it_may_be_elsewhere(
+    example: Example, sigma: float, rotors: int
+) -> None:
+    orbit = cycle_of(example, rotors)
+    random = np.random.default_rng(rotors)
+    found, frames = 0, 15
+    for arc, frame in some_frames(orbit, sigma, rotors, frames):
+        frame[random.random(rotors) < 0.1] = np.nan
+        fit = fit_anywhere(orbit, frame)
+        there = apart(orbit, fit.arc, arc) < 6 * sigma / math.sqrt(fit.information)
+        found += there
+        # Odds of e^20 against where the wall is not would be false.
+        assert there or fit.lead < 20 * sigma**2
+        if np.isfinite(frame[[0, -1]]).all() or orbit.chain.motion is Motion.SPINNER:
+            assert there
+    assert found > frames / 2
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
+def test_an_edge_rotor_that_is_not_seen_may_have_toggled_or_not(example: Example) -> None:
+    orbit = cycle_of(example)
+    for leg in range(4):
+        arc = orbit.arc_at(19.8, leg)
+        frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
+        seen = fit_anywhere(orbit, frame)
+        other_legs = [
+            fit_near(orbit, frame, orbit.arc_at(19.8, other)).arc
+            for other in range(4)
+            if other != leg
+        ]
+        likeness = [np.cos(frame - orbit.configuration(each)).sum() for each in other_legs]
+        lead = np.cos(frame - orbit.configuration(seen.arc)).sum() - max(likeness)
+        assert seen.lead == pytest.approx(lead, rel=0, abs=FITTED)
+        assert seen.lead > 0.5
+        for edge in (0, -1):
+            hidden = frame.copy()
+            hidden[edge] = np.nan
+            fit = fit_anywhere(orbit, hidden)
+            assert fit.lead < FITTED
+            assert orbit.place(fit.arc) == pytest.approx(orbit.place(seen.arc), abs=0.05)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_where_nothing_is_known_it_says_so(example: Example) -> None:
+    orbit = cycle_of(example)
+    nothing = np.full(40, np.nan)
+    anywhere = fit_anywhere(orbit, nothing)
+    assert anywhere.information == 0
+    assert math.isnan(anywhere.arc)
+    assert math.isnan(anywhere.misfit)
+    near = fit_near(orbit, nothing, 3.25)
+    assert (near.arc, near.information) == (3.25, 0)
+    assert math.isnan(near.misfit)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_an_unseen_wall_is_not_moved_by_the_noise_of_rotors_that_know_nothing_of_it(
+    example: Example,
+) -> None:
+    orbit = cycle_of(example, 201)
+    arc = orbit.arc_at(50.0, 0)
+    frame = orbit.configuration(arc) + noise(orbit, 0.05, 1, 1)[0]
+    frame[30:70] = np.nan
+    fit = fit_near(orbit, frame, arc)
+    assert fit.arc == arc
+    assert fit.information < 1e-6
+    anywhere = fit_anywhere(orbit, frame)
+    assert anywhere.information < 0.01 or anywhere.lead < 20 * 0.05**2
+
+
+def test_a_single_rotor_gives_an_arc_but_no_misfit() -> None:
+    orbit = cycle_of(FLIPPER)
+    arc = orbit.arc_at(20.0, 0)
+    frame = np.full(40, np.nan)
+    frame[20] = orbit.configuration(arc)[20]
+    fit = fit_near(orbit, frame, arc + 0.05)
+    assert fit.arc == pytest.approx(arc, abs=FITTED)
+    assert math.isnan(fit.misfit)
+
+
+def from_the_start(orbit: UniformOrbit, angles: Array) -> NearestPoint:
+    return fit_near(orbit, angles, 0.0)
+
+
+FITS = pytest.mark.parametrize('fit', [from_the_start, fit_anywhere])
+
+
+@FITS
+@pytest.mark.parametrize('shape', [(39,), (41,), (1, 40), ()])
+def test_angles_that_are_not_one_a_rotor_are_refused(
+    fit: Callable[[UniformOrbit, Array], NearestPoint], shape: tuple[int, ...]
+) -> None:
+    with pytest.raises(ValueError, match='do not fit a chain of 40 rotors; give one a rotor'):
+        fit(cycle_of(FLIPPER), np.zeros(shape))
+
+
+@FITS
+@pytest.mark.parametrize('infinity', [math.inf, -math.inf])
+def test_infinite_angles_are_refused(
+    fit: Callable[[UniformOrbit, Array], NearestPoint], infinity: float
+) -> None:
+    angles = np.zeros(40)
+    angles[7], angles[3] = infinity, math.nan
+    with pytest.raises(ValueError, match=r'angle of rotor 7 = -?inf must be a finite number'):
+        fit(cycle_of(FLIPPER), angles)
+
+
+@pytest.mark.parametrize('arc', [math.nan, math.inf])
+def test_an_arc_that_is_no_number_is_refused(arc: float) -> None:
+    with pytest.raises(ValueError, match=r'arc = .* rad must be a finite number'):
+        fit_near(cycle_of(FLIPPER), np.zeros(40), arc)

@@ -1,0 +1,387 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filter along the cycle: its bound, its honesty, and streams as real encoders give them."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from scipy import stats
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.estimation.nearest_point import fit_near
+from soliton_linkage.estimation.orbit_filter import OrbitEstimate, OrbitFilter, TrackingStatus
+from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+
+PERIOD = 1e-3
+RATE = 9.6
+EXAMPLES = [(FLIPPER, 14), (WOBBLER, 14), (SPINNER, 14)]
+
+
+@lru_cache(maxsize=8)
+def cycle_of(example: tuple[float, float], rotors: int) -> UniformOrbit:
+    return UniformOrbit(chain_of(example, rotors))
+
+
+class Stream:
+    """Frames of a chain that goes round its cycle at a constant rate."""
+
+    def __init__(
+        self, orbit: UniformOrbit, noise: float, start: float = 6.0, seed: int = 1
+    ) -> None:
+        self.orbit = orbit
+        self.noise = noise
+        self.start = start
+        self.random = np.random.default_rng(seed)
+
+    def arc(self, time: float) -> float:
+        return self.start + RATE * time
+
+    def frame(self, time: float) -> Array:
+        angles = self.orbit.configuration(self.arc(time))
+        return angles + self.noise * self.random.standard_normal(len(angles))
+
+    def feed(self, tracker: OrbitFilter, times: Array) -> OrbitEstimate:
+        for time in times.tolist():
+            tracker.update(time, self.frame(time))
+        return tracker.estimate
+
+    def error(self, estimate: OrbitEstimate) -> float:
+        """Error of the arc but for whole cycles [rad]."""
+        return math.remainder(estimate.arc - self.arc(estimate.time), self.orbit.length)
+
+
+def tracked(seed: int = 1, frames: int = 400, rotors: int = 14) -> tuple[Stream, OrbitFilter]:
+    stream = Stream(cycle_of(FLIPPER, rotors), 0.05, seed=seed)
+    tracker = OrbitFilter(stream.orbit, 0.05)
+    stream.feed(tracker, PERIOD * np.arange(frames))
+    return stream, tracker
+
+
+def normalised(estimate: OrbitEstimate, stream: Stream) -> Array:
+    """Errors of arc and rate as two independent numbers of unit variance, if they are true."""
+    mixed = estimate.covariance
+    spread = [[estimate.arc_deviation**2, mixed], [mixed, estimate.rate_deviation**2]]
+    errors = [stream.error(estimate), estimate.rate - RATE]
+    return np.linalg.solve(np.linalg.cholesky(np.array(spread)), errors)
+
+
+@pytest.mark.parametrize(('example', 'rotors'), [(FLIPPER, 40), (SPINNER, 24), (WOBBLER, 24)])
+def test_the_whole_record_of_a_steady_wall_counts(
+    example: tuple[float, float], rotors: int
+) -> None:
+    frames = 1000
+    stream = Stream(cycle_of(example, rotors), 0.05)
+    tracker = OrbitFilter(stream.orbit, 0.05)
+    estimate = stream.feed(tracker, PERIOD * np.arange(frames))
+    # The end of a straight line through n points, and its slope; the prior is forgotten.
+    assert estimate.arc_deviation == pytest.approx(2 * 0.05 / math.sqrt(frames), rel=0.01)
+    slope = 0.05 * math.sqrt(12) / (frames**1.5 * PERIOD)
+    assert slope < estimate.rate_deviation < 1.05 * slope
+    assert np.abs(normalised(estimate, stream)).max() < 4.5
+    assert estimate.place_deviation < 0.005
+    assert estimate.velocity_deviation < 1e-3 * abs(estimate.velocity)
+    assert estimate.place == pytest.approx(
+        stream.orbit.place(stream.arc(estimate.time)), abs=4.5 * estimate.place_deviation
+    )
+
+
+def test_stated_deviations_are_true_and_errors_normal() -> None:
+    orbit = cycle_of(FLIPPER, 40)
+    times = 0.01 * np.arange(25)
+    scores = []
+    for run in range(60):
+        noise, given = [(0.01, True), (0.05, True), (0.2, True), (0.05, False)][run % 4]
+        stream = Stream(orbit, noise, start=5 + 0.37 * run, seed=run)
+        tracker = OrbitFilter(orbit, noise if given else None)
+        scores.append(normalised(stream.feed(tracker, times), stream))
+    scored = np.concatenate(scores)
+    # Sums of squares of normal numbers; the limits are left by chance once in a thousand.
+    low, high = stats.chi2.ppf([5e-4, 1 - 5e-4], len(scored))
+    assert low < scored @ scored < high
+    assert stats.kstest(scored, 'norm').pvalue > 1e-3
+    assert np.abs(scored).max() < 4.5
+
+
+@pytest.mark.parametrize('noise', [0.01, 0.2])
+def test_an_unknown_noise_is_estimated_on_the_way(noise: float) -> None:
+    stream = Stream(cycle_of(FLIPPER, 14), noise)
+    tracker = OrbitFilter(stream.orbit)
+    estimate = stream.feed(tracker, PERIOD * np.arange(500))
+    assert estimate.noise == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
+    assert estimate.misfit == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
+
+
+@pytest.mark.parametrize('share', [0.3, 0.6])
+def test_missing_rotors_cost_their_information_and_no_more(share: float) -> None:
+    orbit = cycle_of(FLIPPER, 40)
+    scores, ratios = [], []
+    for run in range(12):
+        stream = Stream(orbit, 0.05, start=5 + 2 * run, seed=run)
+        tracker = OrbitFilter(orbit, 0.05)
+        times = PERIOD * np.arange(150)
+        for time in times.tolist():
+            frame = stream.frame(time)
+            frame[stream.random.random(40) < share] = np.nan
+            tracker.update(time, frame)
+        estimate = tracker.estimate
+        scores.append(normalised(estimate, stream))
+        since = len(times) if tracker.starts == 1 else math.nan
+        ratios.append(estimate.arc_deviation / (0.1 / math.sqrt((1 - share) * since)))
+    scored = np.concatenate(scores)
+    assert scored @ scored < stats.chi2.ppf(1 - 5e-4, len(scored))
+    assert np.nanmedian(ratios) == pytest.approx(1, rel=0.05)
+
+
+def test_angles_may_be_wrapped() -> None:
+    stream = Stream(cycle_of(SPINNER, 14), 0.05)
+    again = Stream(cycle_of(SPINNER, 14), 0.05)
+    tracker, wrapping = OrbitFilter(stream.orbit, 0.05), OrbitFilter(stream.orbit, 0.05)
+    for time in (0.02 * np.arange(100)).tolist():
+        tracker.update(time, stream.frame(time))
+        frame = again.frame(time)
+        wrapping.update(time, np.arctan2(np.sin(frame), np.cos(frame)))
+    assert wrapping.estimate.arc == pytest.approx(tracker.estimate.arc, abs=1e-9)
+
+
+@pytest.mark.parametrize(('example', 'rotors'), EXAMPLES)
+def test_a_chain_assembled_upside_down_goes_round_the_image_of_the_cycle(
+    example: tuple[float, float], rotors: int
+) -> None:
+    stream = Stream(cycle_of(example, rotors), 0.05)
+    tracker = OrbitFilter(stream.orbit, 0.05)
+    for time in (PERIOD * np.arange(50)).tolist():
+        tracker.update(time, math.pi - stream.frame(time))
+    assert tracker.estimate.upside_down
+    assert abs(stream.error(tracker.estimate)) < 4.5 * tracker.estimate.arc_deviation
+
+
+@pytest.mark.parametrize(('example', 'rotors'), EXAMPLES)
+def test_phase_and_cycles_go_on_evenly_through_reflections(
+    example: tuple[float, float], rotors: int
+) -> None:
+    stream = Stream(cycle_of(example, rotors), 0.01)
+    tracker = OrbitFilter(stream.orbit, 0.01)
+    times = 0.01 * np.arange(round(1.3 * stream.orbit.length / RATE / 0.01))
+    phases, legs = [], []
+    for time in times.tolist():
+        estimate = tracker.update(time, stream.frame(time))
+        phases.append(2 * math.pi * estimate.orbits + estimate.phase)
+        legs.append(estimate.leg)
+        assert 0 <= estimate.phase < 2 * math.pi
+    turns = 2 * math.pi / stream.orbit.length
+    assert phases == pytest.approx(turns * stream.arc(times), abs=turns * 0.06)
+    assert set(legs) == set(range(stream.orbit.number_of_legs))
+    assert tracker.estimate.orbits == 1
+
+
+def test_a_gap_is_coasted_over_with_the_uncertainty_of_the_rate() -> None:
+    stream, tracker = tracked(rotors=40)
+    before = tracker.estimate
+    empty = np.full(40, np.nan)
+    for time in (before.time + 0.05 * np.arange(1, 21)).tolist():
+        estimate = tracker.update(time, empty)
+        assert estimate.status is TrackingStatus.COASTING
+    assert estimate.arc - before.arc == pytest.approx(before.rate * 1.0)
+    expected = before.arc_deviation**2 + 2 * before.covariance + before.rate_deviation**2
+    # A wall that need not be steady may have changed its rate meanwhile.
+    assert math.sqrt(expected) < estimate.arc_deviation < 3 * math.sqrt(expected)
+    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+    after = tracker.update(estimate.time + PERIOD, stream.frame(estimate.time + PERIOD))
+    assert after.status is TrackingStatus.TRACKING
+    assert abs(stream.error(after)) < 4.5 * after.arc_deviation
+    assert tracker.starts == 1
+
+
+def test_after_too_long_a_gap_the_chain_is_searched_for_anew() -> None:
+    stream, tracker = tracked()
+    estimate = tracker.update(1e6, stream.frame(1e6))
+    assert estimate.status is TrackingStatus.ACQUIRED
+    assert 0 <= estimate.arc < stream.orbit.length
+    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+    # The clock comes back.
+    estimate = stream.feed(tracker, 0.4 + PERIOD * np.arange(100))
+    assert estimate.status is TrackingStatus.TRACKING
+    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+
+
+@pytest.mark.parametrize('late', [0.0, 1e-4, 0.2])
+def test_repeated_and_late_stamps_are_ignored(late: float) -> None:
+    stream, tracker = tracked()
+    before = tracker.estimate
+    assert tracker.update(before.time - late, stream.frame(0.0)) is before
+    assert tracker.ignored == 1
+
+
+@pytest.mark.parametrize('time', [math.nan, math.inf, -math.inf])
+def test_stamps_that_are_no_time_are_ignored(time: float) -> None:
+    stream, tracker = tracked()
+    before = tracker.estimate
+    assert tracker.update(time, stream.frame(0.0)) is before
+
+
+def test_a_source_that_starts_again_is_found_again() -> None:
+    stream, tracker = tracked(frames=1500)
+    again = Stream(stream.orbit, 0.05, start=30.0)
+    assert again.feed(tracker, PERIOD * np.arange(1)).status is TrackingStatus.ACQUIRED
+    estimate = again.feed(tracker, PERIOD * np.arange(1, 100))
+    assert abs(again.error(estimate)) < 4.5 * estimate.arc_deviation
+
+
+def test_a_source_that_starts_elsewhere_without_a_sign_is_found_again() -> None:
+    stream, tracker = tracked()
+    elsewhere = Stream(stream.orbit, 0.05, start=30.0)
+    estimate = elsewhere.feed(tracker, PERIOD * np.arange(400, 500))
+    assert abs(elsewhere.error(estimate)) < 4.5 * estimate.arc_deviation
+    assert tracker.starts == 2
+
+
+def test_frames_that_are_no_chain_are_coasted_over() -> None:
+    stream, tracker = tracked()
+    times = PERIOD * np.arange(400, 440)
+    for time in times.tolist():
+        estimate = tracker.update(time, stream.random.uniform(-3, 3, 14))
+        assert estimate.status is TrackingStatus.COASTING
+    assert tracker.rejected == 40
+    estimate = stream.feed(tracker, PERIOD * np.arange(440, 450))
+    assert estimate.status is TrackingStatus.TRACKING
+    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+
+
+def test_without_a_frame_of_the_chain_it_is_lost() -> None:
+    tracker = OrbitFilter(cycle_of(FLIPPER, 14))
+    assert tracker.estimate.status is TrackingStatus.LOST
+    estimate = tracker.update(0.0, np.full(14, np.nan))
+    assert estimate.status is TrackingStatus.LOST
+    assert estimate.time == 0.0
+    assert math.isnan(estimate.arc)
+    stream = Stream(tracker.orbit, 0.05)
+    assert tracker.update(1.0, stream.frame(1.0)).status is TrackingStatus.ACQUIRED
+
+
+def test_offsets_of_encoders_are_learnt_and_do_not_spoil_the_arc() -> None:
+    stream = Stream(cycle_of(FLIPPER, 40), 0.05)
+    offsets = np.zeros(40)
+    offsets[[4, 9, 15]] = 0.4, -1.0, 0.15
+    tracker = OrbitFilter(stream.orbit, 0.05)
+    errors, deviations = [], []
+    for time in (0.002 * np.arange(1200)).tolist():
+        estimate = tracker.update(time, stream.frame(time) + offsets)
+        errors.append(stream.error(estimate))
+        deviations.append(estimate.arc_deviation)
+    assert tracker.starts == 1
+    # The two that stand out are known at once; the third may shift the arc by |t . o| < 0.15.
+    assert (np.abs(errors[20:]) < 0.15 + 4.5 * np.array(deviations[20:])).all()
+    assert abs(errors[-1]) < 4.5 * deviations[-1]
+    found = np.flatnonzero(tracker.offsets.corrections)
+    assert found.tolist() == [4, 9, 15]
+    wrong = (tracker.offsets.values - offsets) / tracker.offsets.deviations
+    assert np.abs(wrong).max() < 4.5
+    # The wall has passed two of them; it began beside the other, whose rest angle is in doubt.
+    assert tracker.offsets.deviations[[9, 15]].max() < 0.01
+    assert tracker.offsets.deviations[4] == pytest.approx(0.05, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ('example', 'rotors', 'speed'), [(FLIPPER, 20, 10.0), (WOBBLER, 12, 4.0), (SPINNER, 20, 12.5)]
+)
+def test_springs_are_followed_through_reflections_and_a_kick(
+    example: tuple[float, float], rotors: int, speed: float
+) -> None:
+    orbit = cycle_of(example, rotors)
+    chain, period = orbit.chain, 0.008
+    start = chain.uniform_state(-1)
+    simulation = ElasticSimulation(
+        chain, start, speed * mode_towards_last(chain, start), period, 1e-7
+    )
+    angles = simulation.record(0.6 * orbit.length / speed).angles
+    kicked = len(angles)
+    mode = zero_mode(chain, simulation.angles)
+    # The wall is turned back on its way.
+    simulation.kick(-1.5 * chain.moment_of_inertia * (simulation.rates @ mode) * mode)
+    angles = np.concatenate([angles, simulation.record(0.25 * orbit.length / speed).angles])
+    random = np.random.default_rng(7)
+    tracker = OrbitFilter(orbit, 0.05)
+    errors, deviations = [], []
+    rates = []
+    for frame, exact in enumerate(angles):
+        noisy = exact + 0.05 * random.standard_normal(rotors)
+        estimate = tracker.update(frame * period, noisy)
+        image = math.pi - exact if estimate.upside_down else exact
+        errors.append(estimate.arc - fit_near(orbit, image, estimate.arc).arc)
+        deviations.append(estimate.arc_deviation)
+        rates.append(estimate.rate)
+    assert tracker.starts == 1
+    assert tracker.rejected == 0
+    assert np.abs(errors[20:]).max() < 0.3
+    # Springs do not move as the model has it, but its deviations are of the right size.
+    assert math.sqrt(np.mean(np.square(np.divide(errors, deviations)))) < 3
+    assert rates[-1] / rates[kicked - 1] == pytest.approx(-0.5, abs=0.1)
+
+
+def test_the_view_is_the_frame_beside_the_orbit() -> None:
+    stream, tracker = tracked()
+    time = tracker.estimate.time + PERIOD
+    frame = stream.frame(time)
+    frame[3] = np.nan
+    tracker.update(time, frame + 2 * math.pi)
+    view = tracker.view
+    assert view is not None
+    residuals = frame - stream.orbit.configuration(view.arc)
+    # To first order in the way from where the frame was looked for.
+    assert view.residuals == pytest.approx(residuals, abs=1e-3, nan_ok=True)
+    assert np.isnan(view.residuals).nonzero()[0].tolist() == [3]
+    tracker.update(time + PERIOD, np.full(14, np.nan))
+    assert tracker.view is None
+    tracker.update(0.0, np.full(14, np.nan))
+    assert OrbitFilter(stream.orbit).view is None
+
+
+def test_the_misfit_tells_at_once_that_a_frame_is_off_the_orbit() -> None:
+    stream, tracker = tracked(frames=1500, rotors=40)
+    aside = 0.15 * np.where(np.arange(40) % 4 < 2, 1, -1)
+    start = tracker.estimate.time
+    for time in (start + PERIOD * np.arange(1, 251)).tolist():
+        estimate = tracker.update(time, stream.frame(time) + aside)
+        assert estimate.frame_misfit == pytest.approx(math.hypot(0.15, 0.05), rel=0.5)
+    assert estimate.misfit > 0.1
+    assert tracker.update(start + 1.0, np.full(40, np.nan)).frame_misfit is not None
+    assert math.isnan(tracker.estimate.frame_misfit)
+
+
+@pytest.mark.parametrize('unseen', [0, 13])
+def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen(unseen: int) -> None:
+    stream = Stream(cycle_of(FLIPPER, 14), 0.02)
+    tracker = OrbitFilter(stream.orbit, 0.02)
+    for time in (PERIOD * np.arange(50)).tolist():
+        frame = stream.frame(time)
+        frame[unseen] = np.nan
+        assert not tracker.update(time, frame).leg_known
+    estimate = stream.feed(tracker, PERIOD * np.arange(50, 60))
+    assert estimate.leg_known
+    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+    tracker.update(0.1, np.full(14, np.nan))
+    assert tracker.estimate.leg_known
+
+
+def test_the_leg_of_a_spinner_is_told_by_its_wall() -> None:
+    stream = Stream(cycle_of(SPINNER, 24), 0.02)
+    frame = stream.frame(0.0)
+    frame[[0, -1]] = np.nan
+    assert OrbitFilter(stream.orbit).update(0.0, frame).leg_known
+
+
+@pytest.mark.parametrize('noise', [0.0, -1.0, math.nan, math.inf])
+def test_a_noise_that_is_none_is_refused(noise: float) -> None:
+    with pytest.raises(ValueError, match=r'noise = .* rad must be a finite number above 0'):
+        OrbitFilter(cycle_of(FLIPPER, 14), noise)
+
+
+def test_angles_that_are_not_one_a_rotor_are_refused() -> None:
+    with pytest.raises(ValueError, match=r'angles of shape \(13,\) do not fit a chain of 14'):
+        OrbitFilter(cycle_of(FLIPPER, 14)).update(0.0, np.zeros(13))

@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filter along the cycle on chains of springs, equal and not, and with faulty encoders.
+
+A moving chain of springs is not quite on the orbit of rigid bars. Where it is, is the nearest
+point of the orbit to its exact angles, as it is on the average of a rotor's passage, and its rate
+the slope over the passage of three.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.orbit_filter import OrbitEstimate, OrbitFilter
+from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.linear.statics import unstretched
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS, drawn_deviations
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+
+SPEEDS = {FLIPPER: 10.0, WOBBLER: 4.0, SPINNER: 12.5, WIDE_FLIPPER: 4.0}
+PERIOD = 0.004
+
+
+@dataclass(frozen=True)
+class Record:
+    """Exact angles of a chain, and where it is on its cycle."""
+
+    orbit: UniformOrbit
+    angles: Array
+    arcs: Array
+    rates: Array
+    frames: int
+    """How many the wall takes from one rotor to the next."""
+
+
+def smoothed(values: Array, weights: Array) -> Array:
+    """Weighted means about each value, of odd reflections at the ends."""
+    beside = len(weights) // 2
+    before = 2 * values[0] - values[beside:0:-1]
+    after = 2 * values[-1] - values[-2 : -beside - 2 : -1]
+    return np.convolve(np.concatenate([before, values, after]), weights[::-1], 'valid')
+
+
+def recorded(chain: Chain, angles: Array) -> Record:
+    orbit = UniformOrbit(dataclasses.replace(chain, deviations=NO_DEVIATIONS))
+    places = [fit_anywhere(orbit, image[30]) for image in (angles, math.pi - angles)]
+    turned = places[1].misfit < places[0].misfit
+    image = math.pi - angles if turned else angles
+    nearest = np.zeros(len(angles))
+    for frames in (range(30, -1, -1), range(30, len(angles))):
+        arc = places[turned].arc
+        for frame in frames:
+            arc = nearest[frame] = fit_near(orbit, image[frame], arc).arc
+    frames = max(round(orbit.site_arc / abs(np.median(np.diff(nearest)))), 2)
+    count = 2 * (frames // 2) + 1
+    times = PERIOD * (np.arange(6 * (frames // 2) + 1) - 3 * (frames // 2))
+    return Record(
+        orbit,
+        angles,
+        smoothed(nearest, np.full(count, 1 / count)),
+        smoothed(nearest, times / (times @ times)),
+        frames,
+    )
+
+
+def moving(example: tuple[float, float], chain: Chain) -> ElasticSimulation:
+    start = unstretched(chain, chain.uniform_state(-1))
+    rates = SPEEDS[example] * mode_towards_last(chain, start)
+    return ElasticSimulation(chain, start, rates, PERIOD, 1e-7)
+
+
+@lru_cache(maxsize=16)
+def passage(
+    example: tuple[float, float], rotors: int, duration: float, disorder: int | None = None
+) -> Record:
+    chain = chain_of(example, rotors)
+    if disorder is not None:
+        drawn = drawn_deviations(rotors, disorder, spacing=0.05, rotor_length=0.05, stiffness=0.05)
+        chain = dataclasses.replace(chain, deviations=drawn)
+    return recorded(chain, moving(example, chain).record(duration).angles)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a filter made of a record."""
+
+    tracker: OrbitFilter
+    estimates: list[OrbitEstimate]
+    scores: Array
+    """Normalised errors of arc and rate, shape (2, frames), without the ends of the record."""
+
+    @property
+    def largest_step(self) -> float:
+        """Largest change of the place in a frame, after the first fifty."""
+        places = np.array([each.place for each in self.estimates[50:]])
+        return float(np.abs(np.diff(places)).max())
+
+
+def followed(
+    record: Record,
+    noise: float,
+    spoil: Callable[[int, Array], None] | None = None,
+    seed: int = 3,
+) -> Followed:
+    random = np.random.default_rng(seed)
+    tracker = OrbitFilter(record.orbit, noise)
+    scores, estimates = [], []
+    for frame, exact in enumerate(record.angles):
+        noisy = exact + noise * random.standard_normal(len(exact))
+        if spoil:
+            spoil(frame, noisy)
+        estimate = tracker.update(frame * PERIOD, noisy)
+        off = math.remainder(estimate.arc - record.arcs[frame], record.orbit.length)
+        changed = estimate.rate - record.rates[frame]
+        scores.append((off / estimate.arc_deviation, changed / estimate.rate_deviation))
+        estimates.append(estimate)
+    inside = slice(3 * record.frames, -3 * record.frames)
+    return Followed(tracker, estimates, np.array(scores)[inside].T)
+
+
+def test_stated_deviations_are_true_on_chains_of_springs() -> None:
+    variances = []
+    for example, rotors in [(FLIPPER, 20), (WOBBLER, 20), (SPINNER, 20), (WIDE_FLIPPER, 40)]:
+        record = passage(example, rotors, 5.0)
+        for noise in (0.002, 0.05):
+            made = followed(record, noise)
+            assert np.abs(made.scores).max() < 6
+            assert made.tracker.starts == 1
+            assert not made.tracker.offsets.corrections.any()
+            variances.append(np.mean(made.scores**2, axis=1))
+    of_arc, of_rate = np.mean(variances, axis=0)
+    assert 0.5 < of_arc < 1.5
+    assert 0.5 < of_rate < 1.5
+
+
+def test_a_chain_that_deviates_unknown_to_the_filter_is_followed_with_less_certainty() -> None:
+    even = followed(passage(FLIPPER, 20, 5.0), 0.01)
+    variances = []
+    for example, rotors, seed in [(FLIPPER, 40, 1), (FLIPPER, 40, 2)]:
+        made = followed(passage(example, rotors, 4.0, seed), 0.01)
+        assert made.tracker.starts == 1
+        assert made.tracker.rejected == 0
+        assert not made.tracker.offsets.corrections.any()
+        assert made.largest_step < 0.3
+        variances.append(np.mean(made.scores**2, axis=1))
+        stated = np.median([each.place_deviation for each in made.estimates])
+        assert stated > 1.2 * np.median([each.place_deviation for each in even.estimates])
+    assert np.mean(variances) < 1.5
+
+
+@pytest.mark.parametrize('share', [0.2, -0.2, 0.5])
+def test_a_kick_is_noticed_within_a_few_rotors(share: float) -> None:
+    chain = chain_of(FLIPPER, 40)
+    simulation = moving(FLIPPER, chain)
+    before = simulation.record(1.4).angles
+    mode = zero_mode(chain, simulation.angles)
+    simulation.kick(share * chain.moment_of_inertia * (simulation.rates @ mode) * mode)
+    record = recorded(chain, np.concatenate([before, simulation.record(1.0).angles[1:]]))
+    made = followed(record, 0.05)
+    kicked, rotor = len(before), record.frames
+    true = record.rates[kicked + 3 * rotor] / record.rates[kicked - 4 * rotor]
+    found = made.estimates[kicked + 3 * rotor].rate / made.estimates[kicked - 1].rate
+    assert found - 1 == pytest.approx(true - 1, rel=0.3)
+    assert made.tracker.starts == 1
+    assert made.largest_step < 0.3
+    after = made.scores[:, kicked - 3 * rotor + 3 * rotor :]
+    assert np.abs(after).max() < 6
+
+
+@pytest.mark.parametrize(
+    ('example', 'rotors', 'factor'),
+    [(FLIPPER, 16, 1.0), (WOBBLER, 12, 1.0), (SPINNER, 16, 1.0), (SPINNER, 20, 4.0)],
+)
+def test_a_wall_that_leaves_the_edge_is_placed_where_it_is(
+    example: tuple[float, float], rotors: int, factor: float
+) -> None:
+    chain = chain_of(example, rotors)
+    start = chain.uniform_state(-1)
+    rates = factor * SPEEDS[example] * mode_towards_last(chain, start)
+    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(1.2 / factor).angles
+    orbit, random = UniformOrbit(chain), np.random.default_rng(5)
+    for noise in (0.0, 0.002, 0.01):
+        tracker = OrbitFilter(orbit)
+        for frame, exact in enumerate(angles):
+            noisy = exact + noise * random.standard_normal(rotors)
+            estimate = tracker.update(frame * PERIOD, noisy)
+            image = math.pi - exact if estimate.upside_down else exact
+            off = estimate.arc - fit_near(orbit, image, estimate.arc).arc
+            assert abs(off) < 6 * estimate.arc_deviation
+        assert tracker.starts == 1
+        assert not tracker.offsets.corrections.any()
+        if noise == 0:
+            assert estimate.noise < 1e-4 < estimate.misfit
+
+
+def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() -> None:
+    chain = chain_of(FLIPPER, 20)
+    start = chain.uniform_state(-1)
+    rates = 4 * SPEEDS[FLIPPER] * mode_towards_last(chain, start)
+    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(1.6).angles
+    orbit, random = UniformOrbit(chain), np.random.default_rng(1)
+    tracker, legs, places, true = OrbitFilter(orbit), [], [], []
+    arc = 0.0
+    for frame, exact in enumerate(angles):
+        estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
+        arc = fit_near(orbit, exact, arc).arc
+        legs.append(estimate.leg)
+        places.append(estimate.place)
+        true.append(orbit.place(arc))
+    assert np.abs(np.diff(places)).max() < 2 * np.abs(np.diff(true)).max()
+    assert np.abs(np.subtract(places, true)).max() < 0.2
+    # The last rotor, which the wall had toggled, is on its first side again.
+    toggled = [orbit.background(orbit.arc_at(orbit.middle, leg))[1][-1] for leg in (0, 1)]
+    apart = np.abs(np.angle(np.exp(1j * (np.array(toggled) - angles[-60:, -1].mean()))))
+    assert apart[0] < apart[1]
+    assert legs[-60] == 0
+
+
+def test_a_strong_wake_is_not_taken_for_offsets() -> None:
+    chain = chain_of(SPINNER, 20)
+    start = chain.uniform_state(-1)
+    rates = 4 * SPEEDS[SPINNER] * mode_towards_last(chain, start)
+    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(2.0).angles
+    orbit, random = UniformOrbit(chain), np.random.default_rng(1)
+    tracker = OrbitFilter(orbit)
+    for frame, exact in enumerate(angles):
+        estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
+        image = math.pi - exact if estimate.upside_down else exact
+        off = estimate.arc - fit_near(orbit, image, estimate.arc).arc
+        assert abs(off) < 6 * estimate.arc_deviation
+    assert tracker.starts == 1
+    assert not tracker.offsets.corrections.any()
+
+
+def test_another_pair_of_walls_does_not_disturb() -> None:
+    record = passage(FLIPPER, 40, 4.0)
+    turned = record.orbit.chain.uniform_state(-1) - record.orbit.chain.uniform_state(1)
+
+    def appear(frame: int, angles: Array) -> None:
+        # The wall comes to rotor 26 in frame 680.
+        share = min(max((frame - 300) / 25, 0), 1) * (frame < 500)
+        angles[29:34] -= share * turned[29:34]
+
+    made = followed(record, 0.01, appear)
+    assert np.abs(made.scores).max() < 6
+    assert made.tracker.starts == 1
+    assert made.tracker.rejected == 0
+    assert not made.tracker.offsets.corrections.any()
+
+
+def test_a_stuck_encoder_is_left_out() -> None:
+    record = passage(FLIPPER, 40, 4.0)
+    frozen = {}
+
+    def stick(frame: int, angles: Array) -> None:
+        if frame >= 100:
+            angles[20] = frozen.setdefault(20, angles[20])
+
+    made = followed(record, 0.01, stick)
+    assert made.estimates[-1].place > 30
+    assert np.abs(made.scores).max() < 6
+    assert made.tracker.starts == 1
+    assert not made.tracker.offsets.corrections.any()
+
+
+def test_missing_rotors_and_frames_are_got_over() -> None:
+    record = passage(FLIPPER, 40, 4.0)
+    missing = np.random.default_rng(3).permutation(40)[:20]
+
+    def lose(frame: int, angles: Array) -> None:
+        if 200 < frame < 500:
+            angles[missing] = np.nan
+        if 700 < frame < 800:
+            angles[:] = np.nan
+
+    made = followed(record, 0.01, lose)
+    assert np.abs(made.scores).max() < 6
+    assert made.tracker.starts == 1
+    assert made.largest_step < 0.2
+
+
+def test_offsets_of_a_few_encoders_are_found_in_one_passage() -> None:
+    record = passage(FLIPPER, 40, 4.5)
+    offsets = np.zeros(40)
+    offsets[[7, 18, 29]] = 0.1, -0.1, 0.1
+
+    def shift(_frame: int, angles: Array) -> None:
+        angles += offsets
+
+    made = followed(record, 0.01, shift)
+    found = made.tracker.offsets
+    assert found.corrections.nonzero()[0].tolist() == [7, 18, 29]
+    wrong = (found.values - offsets)[[7, 18, 29]] / found.deviations[[7, 18, 29]]
+    assert np.abs(wrong).max() < 3
+    assert found.deviations[[7, 18, 29]].max() < 0.002
+    # Until it is known, an encoder that may have an offset is not believed.
+    assert np.abs(made.scores).max() < 6
+
+
+def test_no_offsets_are_claimed_in_a_long_record() -> None:
+    made = followed(passage(FLIPPER, 40, 10.0), 0.01)
+    assert made.tracker.starts == 1
+    assert not made.tracker.offsets.corrections.any()
+    assert np.abs(made.scores).max() < 6
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_a_chain_at_rest_stays_where_it_is(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 40)
+    tracker, random = OrbitFilter(UniformOrbit(chain)), np.random.default_rng(1)
+    for frame in range(3000):
+        noise = 0.01 * random.standard_normal(40)
+        estimate = tracker.update(0.02 * frame, chain.uniform_state(-1) + noise)
+    assert not tracker.offsets.corrections.any()
+    assert tracker.starts == 1
+    assert estimate.place == 0
+    assert abs(estimate.rate) < 4.5 * estimate.rate_deviation
+    # An error of measurement that lasts would never pass.
+    assert estimate.arc_deviation < 0.003

@@ -1,0 +1,438 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Energies, topology and edge rotors of a state against closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import EXAMPLES, FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
+from continuum_theories import WIDEST_FLIPPER, theory_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linkage_motion import closed_orbit
+from numpy.typing import ArrayLike
+
+from soliton_linkage.estimation.state_report import (
+    EXACT,
+    ArcRate,
+    EdgeRotors,
+    Energies,
+    FrameErrors,
+    FrameState,
+    StateReporter,
+    Topology,
+    energy_reach,
+)
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import mode_centre, mode_towards_last, zero_mode
+from soliton_linkage.linear.statics import length_rounding
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.solitons.continuum import FlipperTheory, topological_charge
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage.solitons.tanh_fit import polarisation
+
+ROTORS = 60
+TOGGLED = ((False, False), (False, True), (True, True), (True, False))
+PLACES = st.floats(5, ROTORS - 6)
+ANY_EXAMPLE = st.sampled_from(EXAMPLES)
+BOTH = (False, True)
+
+
+def energies(
+    chain: Chain,
+    angles: Array,
+    rates: Array | ArcRate | None,
+    places: ArrayLike,
+    errors: FrameErrors = EXACT,
+) -> Energies:
+    return StateReporter(chain).energies(FrameState(chain, angles), places, rates, errors)
+
+
+def topology(chain: Chain, angles: Array, places: ArrayLike) -> Topology:
+    return StateReporter(chain).topology(FrameState(chain, angles), places)
+
+
+def edge_rotors(chain: Chain, angles: Array) -> EdgeRotors:
+    return StateReporter(chain).edge_rotors(FrameState(chain, angles))
+
+
+def rounding_of_energies(chain: Chain) -> float:
+    return chain.number_of_rotors * float(chain.stiffnesses.max()) * length_rounding(chain) ** 2
+
+
+@settings(deadline=None)
+@given(ANY_EXAMPLE, st.integers(0, 10**6), st.lists(PLACES, max_size=3))
+def test_energies_sum_to_the_whole_wherever_walls_are_said_to_be(
+    example: tuple[float, float], seed: int, places: list[float]
+) -> None:
+    random = np.random.default_rng(seed)
+    chain = chain_of(example, ROTORS)
+    angles, rates = random.uniform(-3, 3, ROTORS), random.standard_normal(ROTORS)
+    found = energies(chain, angles, rates, places)
+    whole = float(chain.elastic_energy(angles) + chain.kinetic_energy(rates))
+    assert found.kinetic == pytest.approx(float(chain.kinetic_energy(rates)))
+    assert found.elastic == pytest.approx(float(chain.elastic_energy(angles)))
+    assert found.whole == pytest.approx(whole)
+    assert found.wall + found.wake == pytest.approx(whole)
+    assert found.wall > -1e-9 * whole
+    if not places:
+        assert found.wake == pytest.approx(whole)
+
+
+@settings(deadline=None, max_examples=30)
+@given(ANY_EXAMPLE, PLACES, st.sampled_from([0, 1]))
+def test_a_free_wall_at_rest_has_no_energy(
+    example: tuple[float, float], place: float, leg: int
+) -> None:
+    chain = chain_of(example, ROTORS)
+    found = energies(chain, static_wall(chain, place, leg), np.zeros(ROTORS), place)
+    assert found.kinetic == found.kinetic_wake == 0
+    assert 0 <= found.elastic_wake <= found.elastic <= rounding_of_energies(chain)
+
+
+@pytest.mark.parametrize('share', [0.2, 0.5, 0.8])
+def test_a_moving_wall_of_the_continuum_has_its_energy_in_the_wall(share: float) -> None:
+    chain = chain_of(WIDEST_FLIPPER, 200)
+    theory = FlipperTheory(chain, exact_sound=False)
+    velocity = share * theory.speed_of_sound
+    angles, rates = theory.state(99.3 * chain.spacing, velocity)
+    found = energies(chain, angles, rates, 99.3)
+    # The theory is the limit of small d; its terms of higher order are of order d.
+    assert found.wall == pytest.approx(theory.energy(velocity), rel=chain.lean_ratio / 2)
+    assert found.kinetic == pytest.approx(theory.kinetic_energy(velocity), rel=0.02)
+    assert abs(found.wake) < 1e-4 * found.wall
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_moving_wall_that_radiates_nothing_leaves_nothing_behind(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    angles = static_wall(chain, 29.6)
+    rates = 0.3 * mode_towards_last(chain, angles)
+    found = energies(chain, angles, rates, 29.6)
+    assert found.kinetic == pytest.approx(0.5 * chain.moment_of_inertia * 0.09)
+    # Within reach are all but e^-16 of the squares of the zero mode.
+    assert 0 <= found.kinetic_wake < math.exp(-16) * found.kinetic
+    assert math.isnan(energies(chain, angles, None, 29.6).whole)
+    assert math.isnan(energies(chain, angles, None, 29.6).wake)
+    assert energies(chain, angles, None, 29.6).elastic_wake == found.elastic_wake
+
+
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER])
+def test_a_planted_wake_is_found_with_its_energy(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 80)
+    place = 60.4
+    angles, rates = static_wall(chain, place), np.zeros(80)
+    rates[5:15] = 0.4
+    angles[20] += 0.01
+    stretched = 0.5 * chain.stiffness * chain.spring_extensions(angles)[19:21] ** 2
+    planted = 10 * 0.5 * chain.moment_of_inertia * 0.16 + float(stretched.sum())
+    assert place - energy_reach(chain) > 21
+    found = energies(chain, angles, rates, place)
+    assert found.wake == pytest.approx(planted, rel=1e-9)
+    assert abs(found.wall) < 1e-9 * planted
+    assert energies(chain, angles, rates, [place, 10.0, 20.0]).wake < planted
+
+
+@pytest.mark.parametrize('noise', [0.01, 0.05])
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
+def test_noise_leaves_energies_unbiased_with_the_deviation_that_they_state(
+    example: tuple[float, float], noise: float
+) -> None:
+    random, count, rate_noise = np.random.default_rng(3), 400, 0.2
+    chain = chain_of(example, ROTORS)
+    angles = static_wall(chain, 29.7)
+    rates = 3 * mode_towards_last(chain, angles)
+    truth = energies(chain, angles, rates, 29.7)
+    errors = []
+    for _ in range(count):
+        found = energies(
+            chain,
+            angles + noise * random.standard_normal(ROTORS),
+            rates + rate_noise * random.standard_normal(ROTORS),
+            29.7,
+            FrameErrors(noise, rate_noise),
+        )
+        errors.append(
+            (
+                (found.kinetic - truth.kinetic) / found.kinetic_deviation,
+                (found.elastic - truth.elastic) / found.elastic_deviation,
+            )
+        )
+    # Deviations are estimated from noise themselves, by a tenth off, and with them the mean; the
+    # curvature of lengths adds terms of order noise^2.
+    assert np.mean(errors, axis=0) == pytest.approx(0, abs=4 / math.sqrt(count) + 0.1)
+    assert np.std(errors, axis=0) == pytest.approx(1, abs=0.25)
+
+
+@settings(deadline=None, max_examples=40)
+@given(ANY_EXAMPLE, PLACES, st.sampled_from([0, 1]), st.booleans())
+def test_winding_numbers_of_the_two_sides_differ_by_the_charge(
+    example: tuple[float, float], place: float, leg: int, turned: bool
+) -> None:
+    chain = chain_of(example, ROTORS)
+    state = static_wall(chain, place, leg, turned)
+    found = topology(chain, state, place)
+    assert found.charge == topological_charge(chain, state) == 1
+    assert found.winding_numbers[1] - found.winding_numbers[0] == found.charge
+    assert found.polarisations[0] > 0 > found.polarisations[1]
+
+
+def test_periodic_ends_have_no_topology_of_two_sides() -> None:
+    ring = dataclasses.replace(chain_of(FLIPPER, 20), periodic=True)
+    with pytest.raises(ValueError, match='a chain with periodic ends'):
+        topology(ring, ring.uniform_state(1), math.nan)
+
+
+@given(ANY_EXAMPLE, st.integers(0, 10**6), st.floats(0, 59), st.integers(1, 29))
+def test_the_wake_of_a_ring_does_not_know_where_it_is_cut(
+    example: tuple[float, float], seed: int, place: float, cells: int
+) -> None:
+    random = np.random.default_rng(seed)
+    ring = dataclasses.replace(chain_of(example, ROTORS), periodic=True)
+    angles, rates = random.uniform(-3, 3, ROTORS), random.standard_normal(ROTORS)
+    here = energies(ring, angles, rates, place)
+    there = energies(
+        ring, np.roll(angles, 2 * cells), np.roll(rates, 2 * cells), (place + 2 * cells) % ROTORS
+    )
+    assert dataclasses.astuple(there) == pytest.approx(dataclasses.astuple(here))
+
+
+@pytest.mark.parametrize('example', [WIDEST_FLIPPER, WIDE_FLIPPER, FLIPPER, SPINNER])
+def test_an_anti_kink_has_the_opposite_topology(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 2 * ROTORS)
+    angles, _ = theory_of(chain).state(ROTORS * chain.spacing, charge=-1)
+    found = topology(chain, angles, ROTORS)
+    assert (found.charge, found.winding_numbers) == (-1, (1, 0))
+
+
+@pytest.mark.parametrize('lean', [-1, 1])
+@pytest.mark.parametrize('places', [math.nan, [], 0.0, ROTORS - 1.0])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge(
+    example: tuple[float, float], places: float | list[float], lean: int
+) -> None:
+    chain = chain_of(example, ROTORS)
+    found = topology(chain, chain.uniform_state(lean), places)
+    assert found.charge == 0
+    assert found.winding_numbers == ((1, 1) if lean < 0 else (0, 0))
+    assert found.polarisations == pytest.approx((lean, lean), abs=1e-6)
+    # sum_n n x^n / sum_n x^n = x / (1 - x) of the squares x = e^(-2 a / ell).
+    square = math.exp(-2 * chain.spacing / penetration_depth(chain))
+    from_edge = square / (1 - square)
+    assert found.mode_centre == pytest.approx(
+        from_edge if lean < 0 else ROTORS - 1 - from_edge, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_zero_mode_sits_at_the_wall(example: tuple[float, float]) -> None:
+    chain = chain_of(example, ROTORS)
+    middle = (ROTORS - 1) / 2
+    assert topology(chain, static_wall(chain, middle), middle).mode_centre == pytest.approx(
+        middle, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize('turned', BOTH)
+@pytest.mark.parametrize('rotors', [ROTORS, ROTORS + 1])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_edge_rotors_are_those_of_the_leg(
+    example: tuple[float, float], rotors: int, turned: bool
+) -> None:
+    chain = chain_of(example, rotors)
+    if chain.motion is Motion.SPINNER:
+        found = edge_rotors(chain, static_wall(chain, 30.2, 0, turned))
+        assert found.toggled is None
+        ahead = (found.turns[1] - found.turns[0]) % 1
+        assert ahead == pytest.approx(0.5, abs=1e-3)
+        return
+    for leg, toggled in enumerate(TOGGLED):
+        found = edge_rotors(chain, static_wall(chain, 30.2, leg, turned))
+        assert found.toggled == toggled
+        assert np.isnan(found.turns).all()
+
+
+def test_edge_rotors_of_a_spinner_count_the_turns_that_a_cycle_makes() -> None:
+    chain = chain_of(SPINNER, 8)
+    orbit = closed_orbit(chain)
+    before, after = (edge_rotors(chain, angles).turns for angles in (orbit[0], orbit[-1]))
+    # The orbit closes to within the spacing of its samples, 0.05 rad.
+    assert np.abs(np.subtract(after, before)) == pytest.approx(1, abs=0.05)
+    assert before == pytest.approx((0, 0), abs=1e-12)
+
+
+@settings(deadline=None, max_examples=30)
+@given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
+def test_mirror_image_and_reversed_time_change_what_they_should(
+    example: tuple[float, float], place: float, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    chain = chain_of(example, ROTORS)
+    angles = static_wall(chain, place) + 0.01 * random.standard_normal(ROTORS)
+    rates = random.standard_normal(ROTORS)
+    mirrored, there = -angles[::-1], ROTORS - 1 - place
+    here = energies(chain, angles, rates, place)
+    for image in (
+        energies(chain, mirrored, -rates[::-1], there),
+        energies(chain, angles, -rates, place),
+        energies(chain, np.pi - angles, -rates, place),
+    ):
+        assert dataclasses.astuple(image) == pytest.approx(dataclasses.astuple(here), rel=1e-6)
+    found, image = topology(chain, angles, place), topology(chain, mirrored, there)
+    assert image.charge == found.charge
+    assert image.polarisations == pytest.approx([-each for each in found.polarisations[::-1]])
+    assert image.mode_centre == pytest.approx(ROTORS - 1 - found.mode_centre, abs=1e-6)
+    assert image.winding_numbers == tuple(1 - each for each in found.winding_numbers[::-1])
+
+
+def bad_states() -> list[tuple[Array, str]]:
+    chain = chain_of(FLIPPER, ROTORS)
+    holed = staggered(np.zeros(ROTORS))
+    holed[7] = math.nan
+    return [
+        (np.zeros(3), r'angles of shape \(3,\) do not fit a chain of 60 rotors'),
+        (holed, 'angle of rotor 7 = nan must be a finite number'),
+        (chain.uniform_state(1)[None], r'angles of shape \(1, 60\) do not fit'),
+    ]
+
+
+@pytest.mark.parametrize(('angles', 'message'), bad_states())
+def test_angles_that_do_not_fit_are_refused(angles: Array, message: str) -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    with pytest.raises(ValueError, match=message):
+        FrameState(chain, angles)
+
+
+def test_rates_that_do_not_fit_are_refused() -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    with pytest.raises(ValueError, match='rate of rotor 3 = nan must be a finite number'):
+        energies(chain, chain.uniform_state(1), np.where(np.arange(60) == 3, np.nan, 0.0), 30.0)
+
+
+@settings(deadline=None)
+@given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
+def test_a_state_has_the_mode_and_the_polarisation_of_its_angles(
+    example: tuple[float, float], seed: int, anywhere: bool
+) -> None:
+    random, chain = np.random.default_rng(seed), chain_of(example, ROTORS)
+    angles = static_wall(chain, random.uniform(5, 54)) + 0.01 * random.standard_normal(ROTORS)
+    if anywhere:
+        angles = random.uniform(-3, 3, ROTORS)
+    state, mode = FrameState(chain, angles), zero_mode(chain, angles)
+    assert state.mode_squares == pytest.approx(mode**2, rel=1e-9, abs=1e-200)
+    polarised = polarisation(chain, angles)
+    ends = polarised[: 20 + 1].mean(), polarised[20:].mean()
+    found = topology(chain, angles, 20.5)
+    assert found.polarisations == pytest.approx(ends, abs=1e-12)
+    assert found.mode_centre == pytest.approx(mode_centre(mode), abs=1e-9)
+    assert found.charge == topological_charge(chain, angles)
+
+
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_a_mode_that_dies_out_beyond_the_range_of_numbers_keeps_its_ratios(lean: int) -> None:
+    chain = chain_of(FLIPPER, 5000)
+    squares = FrameState(chain, chain.uniform_state(lean)).mode_squares
+    mode = zero_mode(chain, chain.uniform_state(lean))
+    near = slice(0, 30) if lean < 0 else slice(-30, None)
+    assert np.isfinite(squares).all()
+    assert squares.sum() == pytest.approx(1)
+    assert squares[near] == pytest.approx(mode[near] ** 2, rel=1e-9)
+
+
+@settings(deadline=None)
+@given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
+def test_a_little_noise_changes_the_elastic_energy_by_the_torques(
+    example: tuple[float, float], seed: int, periodic: bool
+) -> None:
+    random, noise = np.random.default_rng(seed), 1e-9
+    chain = dataclasses.replace(chain_of(example, ROTORS), periodic=periodic)
+    angles, unseen = random.uniform(-3, 3, ROTORS), random.random(ROTORS) < 0.2
+    torques = chain.spring_torques(angles)
+    found = energies(chain, angles, None, 20.5, FrameErrors(noise))
+    assert found.elastic_deviation == pytest.approx(noise * float(np.linalg.norm(torques)))
+    holed = energies(chain, angles, None, 20.5, FrameErrors(noise, unseen=unseen))
+    seen = noise * float(np.linalg.norm(torques[~unseen]))
+    assert holed.elastic_deviation == pytest.approx(seen, rel=1e-5)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_the_rate_of_the_arc_tells_the_kinetic_energy_of_rotors_on_the_orbit(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    angles = static_wall(chain, 29.6)
+    by_rotors = energies(chain, angles, 3.0 * mode_towards_last(chain, angles), 29.6)
+    by_arc = energies(chain, angles, ArcRate(-3.0), 29.6)
+    assert by_arc.kinetic == pytest.approx(by_rotors.kinetic)
+    assert by_arc.kinetic_deviation == 0
+    assert math.isnan(by_arc.kinetic_wake)
+    assert math.isnan(by_arc.wake)
+    assert by_arc.elastic_wake == by_rotors.elastic_wake
+
+
+@pytest.mark.parametrize('rate', [0.0, 0.5, 5.0])
+def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate: float) -> None:
+    random, chain = np.random.default_rng(7), chain_of(FLIPPER, ROTORS)
+    angles, reporter = static_wall(chain, 29.6), StateReporter(chain)
+    state, truth = FrameState(chain, angles), 0.5 * chain.moment_of_inertia * rate**2
+    found = [
+        reporter.energies(state, 29.6, ArcRate(rate + each, 1.0))
+        for each in random.standard_normal(4000)
+    ]
+    errors = np.array([each.kinetic for each in found]) - truth
+    stated = np.array([each.kinetic_deviation for each in found])
+    assert abs(float(errors.mean())) < 4 * float(errors.std()) / math.sqrt(4000)
+    # Where the rate is lost in its noise what is taken for it is never below 0.
+    assert 0.95 < float(np.sqrt(np.mean(stated**2))) / float(errors.std()) < 1.6
+
+
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
+def test_rotors_that_were_not_seen_make_energies_less_certain(
+    example: tuple[float, float],
+) -> None:
+    random, noise, rate_noise = np.random.default_rng(11), 0.01, 0.2
+    chain = chain_of(example, ROTORS)
+    orbit = static_wall(chain, 29.7)
+    moving = 3 * mode_towards_last(chain, orbit)
+    angles = orbit + noise * random.standard_normal(ROTORS)
+    rates = moving + rate_noise * random.standard_normal(ROTORS)
+    errors = FrameErrors(noise, rate_noise)
+    seen = energies(chain, angles, rates, 29.7, errors)
+    none = energies(
+        chain, angles, rates, 29.7, dataclasses.replace(errors, unseen=np.zeros(ROTORS, bool))
+    )
+    assert dataclasses.astuple(none) == pytest.approx(dataclasses.astuple(seen))
+    unseen = np.zeros(ROTORS, bool)
+    unseen[[25, 26, 40]] = True
+    filled = np.where(unseen, orbit, angles), np.where(unseen, moving, rates)
+    doubts = [
+        energies(chain, *filled, 29.7, FrameErrors(noise, rate_noise, lasting, unseen))
+        for lasting in (0.0, 0.02)
+    ]
+    first, second = FrameState(chain, filled[0]).first, FrameState(chain, filled[0]).second
+    squares = first[[25, 26, 40]] ** 2 + second[[24, 25, 39]] ** 2
+    for found, lasting in zip(doubts, (0.0, 0.02), strict=True):
+        hidden = 0.5 * chain.stiffness * float(squares.sum()) * (noise**2 + lasting**2)
+        assert found.elastic_deviation > hidden
+        assert found.kinetic_deviation > 1.5 * chain.moment_of_inertia * rate_noise**2
+    assert doubts[1].elastic_deviation > doubts[0].elastic_deviation
+
+
+def test_rotors_that_were_not_seen_leave_the_energy_of_the_others_unbiased() -> None:
+    random, noise, count = np.random.default_rng(13), 0.02, 400
+    chain = chain_of(WOBBLER, ROTORS)
+    orbit, unseen = static_wall(chain, 29.7), np.arange(ROTORS) % 3 == 0
+    errors, reporter = FrameErrors(noise, unseen=unseen), StateReporter(chain)
+    found = []
+    for _ in range(count):
+        angles = orbit + np.where(unseen, 0.0, noise) * random.standard_normal(ROTORS)
+        found.append(reporter.energies(FrameState(chain, angles), 29.7, None, errors).elastic)
+    mean = float(np.mean(found)), 4 * float(np.std(found)) / math.sqrt(count)
+    one_rotor = 0.5 * chain.stiffness * float((FrameState(chain, orbit).first ** 2).max())
+    # The curvature of lengths adds terms of order noise^2 to what is of first order there.
+    assert abs(mean[0]) < mean[1] + 0.05 * one_rotor * noise**2

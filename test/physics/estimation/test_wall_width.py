@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contraction of walls: exact at rest, Lorentz's in the continuum, with true deviations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from chains import (
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_FLIPPER,
+    WIDE_SPINNER,
+    WOBBLER,
+    chain_of,
+)
+from continuum_theories import WIDEST_FLIPPER, theory_of
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.wall_width import (
+    UNTOLD,
+    ContractionMean,
+    PassageScatter,
+    RotorPassage,
+    WallFamily,
+    WidthReporter,
+)
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
+from soliton_linkage.studies.experiments import kick_rates
+
+ROTORS = 50
+LEGS = (0, 1, 2, 3)
+
+
+def contracted(chain: Chain, place: float, leg: int, gamma: float) -> Array:
+    """A wall phi_n = f(gamma (X - n)), each rotor from a wall at rest of its own."""
+    angles = np.empty(chain.number_of_rotors)
+    for rotor in range(chain.number_of_rotors):
+        distance = gamma * (place - rotor)
+        like = 2 * (chain.number_of_rotors // 4) + rotor % 2
+        inside = min(max(like + distance, 0.5), chain.number_of_rotors - 1.5)
+        angles[rotor] = static_wall(chain, inside, leg)[like]
+    return angles
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_wall_at_rest_is_not_contracted(example: tuple[float, float]) -> None:
+    chain = chain_of(example, ROTORS)
+    family = WallFamily(chain)
+    for leg in LEGS[: 2 if chain.motion is Motion.SPINNER else 4]:
+        for place in (23.0, 23.4, 24.9, 25.5):
+            found = family.fit(static_wall(chain, place, leg), place + 0.05, leg, 1e-6, 0.03)
+            assert found.logarithm == pytest.approx(0, abs=1e-4)
+            assert found.place == pytest.approx(place, abs=1e-4)
+
+
+@pytest.mark.parametrize('gamma', [0.8, 1.3, 1.8])
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER])
+def test_a_contracted_wall_is_found_with_its_contraction(
+    example: tuple[float, float], gamma: float
+) -> None:
+    chain = chain_of(example, ROTORS)
+    family = WallFamily(chain)
+    angles = contracted(chain, 24.3, 0, gamma)
+    found = family.fit(angles, 24.25, 0, 1e-6, math.log(gamma) / 2)
+    assert found.factor == pytest.approx(gamma, rel=1e-4)
+    assert found.place == pytest.approx(24.3, abs=1e-4)
+    turns = 2 * np.pi * np.random.default_rng(3).integers(-3, 4, ROTORS)
+    turned = family.fit(angles + turns, 24.25, 0, 1e-6, math.log(gamma) / 2)
+    assert turned.logarithm == pytest.approx(found.logarithm, abs=1e-9)
+
+
+@pytest.mark.parametrize('share', [0.3, 0.6, 0.8])
+@pytest.mark.parametrize('example', [WIDEST_FLIPPER, (20.0, 1.2)])
+def test_contraction_in_the_continuum_is_that_of_lorentz(
+    example: tuple[float, float], share: float
+) -> None:
+    chain = chain_of(example, 200)
+    theory = theory_of(chain)
+    velocity = share * theory.speed_of_sound
+    place = 99.4
+    angles, _ = theory.state(place * chain.spacing, velocity)
+    # In the theory rotors turn forwards, as they do on the cycle's way back.
+    found = WallFamily(chain).fit(angles, place, 1, 1e-3)
+    order = min(chain.lean_ratio, 1 / chain.lean_ratio)
+    assert found.factor == pytest.approx(theory.lorentz_factor(velocity), rel=order**2)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_one_frame_is_unbiased_with_the_deviation_that_it_states(
+    example: tuple[float, float],
+) -> None:
+    random, noise, count = np.random.default_rng(5), 0.003, 600
+    chain = chain_of(example, ROTORS)
+    family = WallFamily(chain)
+    walls = [(place, static_wall(chain, place)) for place in random.uniform(23, 26, 30)]
+    errors = []
+    for number in range(count):
+        place, angles = walls[number % 30]
+        found = family.fit(angles + noise * random.standard_normal(ROTORS), place, 0, noise)
+        errors.append(found.logarithm / found.deviation)
+    assert np.isfinite(errors).all()
+    assert abs(float(np.mean(errors))) < 4 / math.sqrt(count)
+    assert float(np.var(errors)) == pytest.approx(1, abs=4 * math.sqrt(2 / count))
+
+
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
+def test_rotors_that_are_not_seen_cost_certainty_but_no_truth(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    family, angles = WallFamily(chain), static_wall(chain, 24.3)
+    whole = family.fit(angles, 24.3, 0, 1e-3)
+    angles[::3] = math.nan
+    holed = family.fit(angles, 24.3, 0, 1e-3)
+    assert holed.logarithm == pytest.approx(0, abs=1e-4)
+    assert holed.deviation > whole.deviation
+    assert family.fit(np.full(ROTORS, math.nan), 24.3, 0, 1e-3) is UNTOLD
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_nothing_is_told_at_an_edge_or_in_too_much_noise(example: tuple[float, float]) -> None:
+    chain = chain_of(example, ROTORS)
+    family, angles = WallFamily(chain), static_wall(chain, 24.3)
+    near = 1.9 * chain.wall_width / chain.spacing
+    for place in (0.0, near, ROTORS - 1 - near, ROTORS - 1.0, math.nan):
+        assert family.fit(angles, place, 0, 1e-3) is UNTOLD
+    known = family.fit(angles, 24.3, 0, 1e-3)
+    assert family.fit(angles, 24.3, 0, 0.5 * 1e-3 / known.deviation) is UNTOLD
+
+
+def test_the_mean_of_white_noise_states_its_true_deviation() -> None:
+    random, noise, runs = np.random.default_rng(7), 0.01, 1000
+    chain = chain_of(FLIPPER, 30)
+    family, places = WallFamily(chain), np.linspace(8.2, 15.4, 24)
+    walls = np.array([static_wall(chain, float(place)) for place in places])
+    errors = []
+    for _ in range(runs):
+        mean = ContractionMean(family)
+        for place, angles in zip(places, walls, strict=True):
+            frame = angles + noise * random.standard_normal(30)
+            found = mean.update(frame, float(place), 0, noise)
+        errors.append(found.logarithm / found.deviation)
+    assert float(np.var(errors)) == pytest.approx(1, abs=0.05 + 2 * math.sqrt(2 / runs))
+    assert abs(float(np.mean(errors))) < 0.15
+    assert float(np.abs(errors).max()) < 4.5
+
+
+def passage_of(
+    chain: Chain, start: Array, rates: Array, duration: float, frames: int
+) -> tuple[Array, Array, int, float]:
+    """Angles, places, leg and speed [rotor spacings / s] of a wall in the middle of a chain."""
+    recording = simulate(chain, start, rates, duration, duration / frames, 1e-7)
+    orbit = UniformOrbit(chain)
+    arcs = [fit_anywhere(orbit, recording.angles[0]).arc]
+    for angles in recording.angles[1:]:
+        arcs.append(fit_near(orbit, angles, arcs[-1]).arc)
+    places = np.array([orbit.place(arc) for arc in arcs])
+    inside = np.abs(places - orbit.middle) < 0.4 * orbit.middle
+    first = int(np.argmax(inside))
+    part = slice(first, first + int(np.argmin(np.append(inside[first:], False))))
+    speed = np.polyfit(recording.times[part], places[part], 1)[0]
+    return recording.angles[part], places[part], orbit.leg(arcs[first]), abs(float(speed))
+
+
+def mean_logarithm(family: WallFamily, frames: Array, places: Array, leg: int) -> float:
+    """Mean over noiseless frames of what each tells alone."""
+    found = [
+        family.fit(frame, float(place), leg, 1e-5).logarithm
+        for frame, place in zip(frames, places, strict=True)
+    ]
+    return float(np.mean(found))
+
+
+@pytest.mark.parametrize(
+    ('example', 'rotors', 'kick', 'speed', 'width'),
+    [
+        ((0.5, 0.1), 90, 0.006, 0.3041, 0.902),
+        ((0.5, 0.1), 90, 0.010, 0.4509, 0.769),
+        (WIDE_SPINNER, 40, 0.6, 0.1811, 0.945 / 0.975),
+        (WIDE_SPINNER, 40, 1.0, 0.2896, 0.894 / 0.975),
+    ],
+)
+def test_simulated_walls_contract_as_an_independent_integrator_says(
+    example: tuple[float, float], rotors: int, kick: float, speed: float, width: float
+) -> None:
+    chain = chain_of(example, rotors)
+    start = chain.uniform_state(1)
+    duration = 0.8 * rotors * chain.time_unit / speed
+    rates = kick_rates(chain, start, kick)
+    frames, places, leg, found_speed = passage_of(chain, start, rates, duration, 150)
+    assert len(frames) > 40
+    assert found_speed * chain.time_unit == pytest.approx(speed, rel=0.005)
+    # Against the tanh of one place between two rotors; walls breathe by a hundredth.
+    measured = mean_logarithm(WallFamily(chain), frames, places, leg)
+    assert math.exp(-measured) == pytest.approx(width, rel=0.008)
+
+
+@pytest.mark.parametrize(
+    ('example', 'kick'), [(FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3)]
+)
+def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
+    example: tuple[float, float], kick: float
+) -> None:
+    random, chain = np.random.default_rng(11), chain_of(example, 36)
+    speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
+    start = static_wall(chain, 9.3)
+    rates = speed * mode_towards_last(chain, start)
+    duration = 18 * site_arc(chain) / speed
+    frames, places, leg, _ = passage_of(chain, start, rates, duration, 360)
+    family = WallFamily(chain)
+    whole = mean_logarithm(family, frames, places, leg)
+    for noise in (0.0, 0.003, 0.01):
+        mean, errors = ContractionMean(family), []
+        for frame, place in zip(frames, places, strict=True):
+            noisy = frame + noise * random.standard_normal(36)
+            found = mean.update(noisy, float(place), leg, max(noise, 1e-5))
+            errors.append((found.logarithm - whole) / found.deviation)
+        assert float(np.mean(np.square(errors[len(errors) // 2 :]))) < 3
+        assert float(np.abs(errors).max()) < 4.5
+        assert found.deviation < 0.02
+
+
+def test_a_new_leg_begins_anew_and_a_changed_wall_is_noticed() -> None:
+    random, noise, chain = np.random.default_rng(13), 0.003, chain_of(FLIPPER, 40)
+    mean, places = ContractionMean(WallFamily(chain)), np.arange(10, 20, 0.1)
+    for place in places:
+        frame = static_wall(chain, float(place)) + noise * random.standard_normal(40)
+        before = mean.update(frame, float(place), 0, noise)
+    narrow = [contracted(chain, float(place), 0, 1.4) for place in np.arange(20, 24, 0.1)]
+    for place, angles in zip(np.arange(20, 24, 0.1), narrow, strict=True):
+        after = mean.update(angles + noise * random.standard_normal(40), float(place), 0, noise)
+    assert before.factor == pytest.approx(1, abs=5 * before.deviation)
+    assert after.factor == pytest.approx(1.4, abs=5 * 1.4 * after.deviation)
+    again = mean.update(narrow[-1], 23.9, 1, noise)
+    assert again.deviation > 2 * after.deviation
+
+
+def test_passages_that_differ_by_more_than_noise_say_by_how_much() -> None:
+    random, spread, noise = np.random.default_rng(17), 0.03, 0.01
+    found = []
+    for _ in range(200):
+        scatter = PassageScatter()
+        for value in spread * random.standard_normal(60) + noise * random.standard_normal(60):
+            passage = RotorPassage()
+            passage.add(value, noise)
+            scatter.update(passage)
+        found.append((scatter.variance, scatter.variance_of_mean(0.1)))
+    variance, of_mean = np.mean(found, axis=0)
+    assert variance == pytest.approx(spread**2, rel=0.1)
+    # Passages that chance makes alike are taken to go together.
+    assert 0.1 * variance <= of_mean < 0.16 * variance
+
+
+def test_passages_that_go_together_do_not_count_for_many() -> None:
+    scatter = PassageScatter()
+    for number in range(60):
+        passage = RotorPassage()
+        passage.add(0.03 * math.sin(2 * math.pi * number / 24), 1e-4)
+        scatter.update(passage)
+    assert scatter.variance_of_mean(0.1) > 0.5 * scatter.variance
+
+
+def test_what_repeats_in_every_passage_is_told_by_means_that_disagree() -> None:
+    scatter = PassageScatter()
+    for _ in range(10):
+        passage = RotorPassage()
+        for value, deviation in ((0.01, 1e-3), (-0.01, 2e-3)):
+            passage.add(value, deviation)
+        scatter.update(passage)
+    assert passage.mean == pytest.approx(0.006)
+    assert scatter.variance_of_mean(0.1) == pytest.approx(0.006**2)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_width_is_that_of_the_theory_for_a_wall_at_rest(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    reporter, theory = WidthReporter(chain), theory_of(chain)
+    angles = static_wall(chain, 24.3)
+    found = reporter.update(angles, 24.3, 0, 0.0, 1e-4)
+    assert found.contraction == pytest.approx(1, abs=1e-4)
+    assert 0 < found.contraction_deviation < 0.02
+    has_a_width = chain.motion is Motion.SPINNER or chain.lean_ratio < 2
+    assert math.isnan(found.measured) == math.isnan(found.theory) == (not has_a_width)
+    if has_a_width:
+        assert found.measured == pytest.approx(theory.width(), rel=1e-4)
+        assert found.deviation / found.measured == pytest.approx(found.contraction_deviation)
+        for share in (0.6, -0.6):
+            moving = reporter.update(angles, 24.3, 0, share * theory.speed_of_sound, 1e-4)
+            assert moving.theory == pytest.approx(0.8 * theory.width())
+    for velocity in (math.nan, theory.speed_of_sound, -2 * theory.speed_of_sound):
+        assert math.isnan(reporter.update(angles, 24.3, 0, velocity, 1e-4).theory)
+
+
+def test_a_wall_at_an_edge_has_no_width() -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    reporter = WidthReporter(chain)
+    found = reporter.update(chain.uniform_state(1), ROTORS - 1.0, 0, 0.0, 1e-3)
+    assert np.isnan([found.measured, found.deviation, found.contraction]).all()
+    assert math.isnan(found.contraction_deviation)

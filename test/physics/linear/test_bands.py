@@ -1,0 +1,500 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Linear theory in closed form against the rigidity matrix, its spectrum and its zero modes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import EPS, EXAMPLES, FLIPPER, any_chain, chain_of
+from exact_bands import ANY_LEAN_RATIO, exact
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from mpmath import mp, mpf
+
+from soliton_linkage.linear.bands import (
+    band_edges,
+    bloch_dynamical_matrix,
+    bloch_matrix,
+    couplings,
+    density_of_states,
+    dispersion,
+    gap,
+    largest_group_velocity,
+    penetration_depth,
+    speed_of_sound,
+    winding_number,
+    zero_mode_wave_number,
+)
+from soliton_linkage.linear.rigidity import (
+    dynamical_matrix,
+    mode_centre,
+    rigidity_bands,
+    rigidity_matrix,
+    zero_mode,
+)
+from soliton_linkage.linkage.chain import Array, Chain
+
+LEANS = st.sampled_from([-1, 1])
+PHASES = st.floats(-4, 4)
+NEAR_AN_EDGE = st.builds(
+    lambda edge, away: edge + away, st.sampled_from([0, math.pi]), st.floats(-1e-3, 1e-3)
+)
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(200)
+
+
+def scale(chain: Chain) -> float:
+    """Largest angular frequency of a phonon [rad/s]."""
+    plus, minus = map(abs, couplings(chain))
+    return (plus + minus) / (chain.rotor_length * chain.time_unit)
+
+
+def rounding_of_levers(chain: Chain) -> float:
+    """What rounding may do to a lever [m/rad]: EPS of r, as often as r makes up for lengths."""
+    return 16 * EPS * chain.rotor_length * (1 + chain.rotor_length / chain.rest_length)
+
+
+def rounding_of_frequencies(chain: Chain) -> float:
+    """The same for singular values of R, which has two levers a row, as frequencies [rad/s].
+
+    The values themselves are found to EPS of the largest, times a few.
+    """
+    of_levers = 2 * rounding_of_levers(chain) / (chain.rotor_length * chain.time_unit)
+    return of_levers + 32 * EPS * scale(chain)
+
+
+def frequencies(chain: Chain, matrix: Array) -> Array:
+    """Angular frequencies of k_e / (M r^2) R^T R [rad/s], from the singular values of R."""
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    return np.sort(singular) / (chain.rotor_length * chain.time_unit)
+
+
+@given(any_chain(), LEANS)
+def test_couplings_are_the_levers_of_the_uniform_state_in_staggered_angles(
+    chain: Chain, lean: int
+) -> None:
+    plus, minus = couplings(chain, lean)
+    first, second = rigidity_bands(chain, chain.uniform_state(lean))
+    signs = (-1.0) ** np.arange(chain.number_of_rotors)
+    limit = rounding_of_levers(chain)
+    assert first * signs[:-1] == pytest.approx(-plus, rel=0, abs=limit)
+    assert second * signs[1:] == pytest.approx(-minus, rel=0, abs=limit)
+
+
+@given(any_chain())
+def test_leaning_the_other_way_exchanges_the_couplings(chain: Chain) -> None:
+    plus, minus = couplings(chain, 1)
+    assert couplings(chain, -1) == (-minus, -plus)
+
+
+@given(any_chain(fewest=3, most=20), LEANS)
+def test_a_periodic_chain_has_the_spectrum_of_the_dispersion(chain: Chain, lean: int) -> None:
+    # Rotor N of a chain of N + 1, N even, is rotor 0 of the ring.
+    rotors = chain.number_of_rotors // 2 * 2
+    unrolled = dataclasses.replace(chain, number_of_rotors=rotors + 1)
+    matrix = rigidity_matrix(unrolled, unrolled.uniform_state(lean)).toarray()
+    matrix[:, 0] += matrix[:, -1]
+    wave_numbers = 2 * np.pi * np.arange(rotors) / (rotors * chain.spacing)
+    expected = np.sort(dispersion(chain, wave_numbers))
+    assert frequencies(chain, matrix[:, :-1]) == pytest.approx(
+        expected, rel=0, abs=rounding_of_frequencies(chain)
+    )
+
+
+@given(any_chain(fewest=4), LEANS, st.floats(-4, 4), st.sampled_from([-1, 1]))
+def test_waves_of_staggered_angles_are_on_one_branch_and_of_angles_on_the_other(
+    chain: Chain, lean: int, phase: float, branch: int
+) -> None:
+    rotors = np.arange(chain.number_of_rotors)
+    wave = np.exp(1j * phase * rotors)
+    if branch == 1:
+        wave *= (-1.0) ** rotors
+    # Springs within an endless wave all stretch alike but for their phase, as does a force on
+    # the rotors: |R wave| is r omega in the units of the springs.
+    stretch = np.abs(rigidity_matrix(chain, chain.uniform_state(lean)) @ wave)
+    omega = dispersion(chain, phase / chain.spacing, branch)
+    limit = rounding_of_frequencies(chain)
+    assert stretch / (chain.rotor_length * chain.time_unit) == pytest.approx(
+        float(omega), rel=0, abs=limit
+    )
+
+
+@given(any_chain(), st.floats(-100, 100))
+def test_the_branches_are_half_a_zone_apart(chain: Chain, cells: float) -> None:
+    wave_number = cells / chain.spacing
+    shifted = (cells + math.pi) / chain.spacing
+    assert dispersion(chain, wave_number, -1) == pytest.approx(
+        float(dispersion(chain, shifted)), rel=0, abs=1000 * EPS * scale(chain)
+    )
+
+
+@given(any_chain(most=30), LEANS)
+def test_a_free_chain_has_the_closed_form_spectrum(chain: Chain, lean: int) -> None:
+    plus, minus = couplings(chain)
+    rotors = chain.number_of_rotors
+    phases = np.pi * np.arange(1, rotors) / rotors
+    squares = plus**2 + minus**2 + 2 * plus * minus * np.cos(phases)
+    unit = chain.rotor_length * chain.time_unit
+    matrix = rigidity_matrix(chain, chain.uniform_state(lean)).toarray()
+    limit = 4 * scale(chain) * rounding_of_frequencies(chain)
+    assert frequencies(chain, matrix) ** 2 == pytest.approx(
+        np.sort(np.abs(squares)) / unit**2, rel=0, abs=limit
+    )
+
+
+@given(any_chain(), LEANS)
+def test_the_gap_is_the_bottom_of_both_branches(chain: Chain, lean: int) -> None:
+    zone = np.linspace(-np.pi, np.pi, 101) / chain.spacing
+    lowest = min(dispersion(chain, zone, branch).min() for branch in (-1, 1))
+    assert gap(chain) == pytest.approx(lowest, rel=0, abs=32 * EPS * scale(chain))
+
+
+@given(any_chain())
+def test_the_gap_has_its_closed_form_on_both_sides_of_d_1(chain: Chain) -> None:
+    lean = chain.rotor_length * math.sin(2 * chain.rest_angle)
+    reach = chain.spacing * math.cos(chain.rest_angle)
+    closed_form = 2 * min(lean, reach) / (chain.rest_length * chain.time_unit)
+    assert gap(chain) == pytest.approx(closed_form, rel=0, abs=16 * EPS * scale(chain))
+    assert (lean < reach) == (chain.lean_ratio < 1) or chain.lean_ratio == pytest.approx(1)
+
+
+@given(any_chain(fewest=3), LEANS)
+def test_the_zero_mode_decays_by_e_over_a_penetration_depth(chain: Chain, lean: int) -> None:
+    depth = penetration_depth(chain)
+    assume(depth > chain.spacing / 100)
+    mode = np.abs(zero_mode(chain, chain.uniform_state(lean)))
+    ratio = mode[-2] / mode[-1] if lean > 0 else mode[1] / mode[0]
+    assert ratio == pytest.approx(math.exp(-chain.spacing / depth), rel=1e3 * EPS, abs=1e3 * EPS)
+
+
+def test_the_zero_mode_of_d_1_does_not_reach_beyond_its_edge() -> None:
+    chain = Chain(5, spacing=0.1, rotor_length=0.1, rest_angle=math.asin(0.5))
+    mode = np.abs(zero_mode(chain, chain.uniform_state(-1)))
+    assert mode == pytest.approx([1, 0, 0, 0, 0], abs=4 * EPS)
+    assert 0 <= penetration_depth(chain) < chain.spacing / 30
+
+
+@given(any_chain(), LEANS)
+def test_the_winding_number_counts_the_turns_of_the_determinant(chain: Chain, lean: int) -> None:
+    plus, minus = couplings(chain, lean)
+    assume(abs(plus**2 - minus**2) > 0.01 * plus**2)
+    zone = np.linspace(-np.pi, np.pi, 2001) / (2 * chain.spacing)
+    determinants = np.linalg.det(bloch_matrix(chain, zone, lean))
+    turns = np.unwrap(np.angle(determinants))
+    assert round((turns[-1] - turns[0]) / (2 * np.pi)) == winding_number(chain, lean)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_winding_number_is_1_leaning_left_and_0_leaning_right(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 2)
+    assert (winding_number(chain, -1), winding_number(chain, 1)) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ('example', 'expected'),
+    [(FLIPPER, 0.81187), ((0.5, 0.1), 0.14083), ((2.0, 1.18), 0.41801), ((4.0, 0.9), 0.24509)],
+)
+def test_the_gaps_of_the_papers_chains_are_those_of_an_independent_program(
+    example: tuple[float, float], expected: float
+) -> None:
+    chain = chain_of(example, 2)
+    assert gap(chain) * chain.time_unit == pytest.approx(expected, abs=5e-6)
+
+
+@pytest.mark.parametrize('branch', [0, 2])
+def test_a_branch_that_is_neither_upper_nor_lower_is_refused(branch: int) -> None:
+    with pytest.raises(ValueError, match=f'branch = {branch} must be'):
+        dispersion(chain_of(FLIPPER, 2), 0.0, branch)
+
+
+@given(any_chain(fewest=4, most=20), LEANS)
+def test_the_bloch_matrix_leads_from_waves_in_a_ring_to_its_extensions(
+    chain: Chain, lean: int
+) -> None:
+    cells = chain.number_of_rotors // 2
+    ring = dataclasses.replace(chain, number_of_rotors=2 * cells, periodic=True)
+    matrix = rigidity_matrix(ring, ring.uniform_state(lean))
+    for cell in range(cells):
+        wave_number = np.pi * cell / (cells * chain.spacing)
+        waves = np.exp(2j * np.pi * cell * np.arange(cells) / cells)
+        for sort, amplitudes in enumerate(np.eye(2)):
+            turned = np.kron(waves, amplitudes * [1, -1])
+            expected = np.kron(waves, bloch_matrix(chain, wave_number, lean)[:, sort])
+            limit = 2 * rounding_of_levers(chain) + 32 * EPS * cells * couplings(chain)[0]
+            assert np.abs(matrix @ turned - expected).max() <= limit
+
+
+@given(any_chain(fewest=4, most=20), LEANS)
+def test_the_bloch_dynamical_matrices_have_the_spectrum_of_the_ring(
+    chain: Chain, lean: int
+) -> None:
+    cells = chain.number_of_rotors // 2
+    ring = dataclasses.replace(chain, number_of_rotors=2 * cells, periodic=True)
+    matrix = dynamical_matrix(ring, ring.uniform_state(lean)).toarray()
+    wave_numbers = np.pi * np.arange(cells) / (cells * chain.spacing)
+    squares = np.linalg.eigvalsh(bloch_dynamical_matrix(chain, wave_numbers, lean))
+    assert np.linalg.eigvalsh(matrix) == pytest.approx(
+        np.sort(squares.ravel()), rel=0, abs=4 * scale(chain) * rounding_of_frequencies(chain)
+    )
+
+
+@given(any_chain(), LEANS, st.lists(PHASES, min_size=1, max_size=5))
+def test_the_bloch_dynamical_matrix_has_both_branches(
+    chain: Chain, lean: int, phases: list[float]
+) -> None:
+    wave_numbers = np.array(phases) / chain.spacing
+    squares = np.linalg.eigvalsh(bloch_dynamical_matrix(chain, wave_numbers, lean))
+    both = np.stack([dispersion(chain, wave_numbers, branch) for branch in (-1, 1)], axis=-1)
+    assert squares == pytest.approx(
+        np.sort(both**2, axis=-1), rel=0, abs=32 * EPS * scale(chain) ** 2
+    )
+
+
+@given(any_chain(), LEANS, PHASES)
+def test_the_determinant_of_the_bloch_matrix_runs_along_a_circle(
+    chain: Chain, lean: int, phase: float
+) -> None:
+    plus, minus = couplings(chain, lean)
+    expected = plus**2 - minus**2 * np.exp(2j * phase)
+    determinant = np.linalg.det(bloch_matrix(chain, phase / chain.spacing, lean))
+    assert abs(determinant - expected) <= 64 * EPS * (plus**2 + minus**2)
+
+
+@given(ANY_LEAN_RATIO)
+def test_couplings_and_band_edges_have_the_digits_of_an_exact_evaluation(chain: Chain) -> None:
+    with mp.workdps(40):
+        truth = exact(chain)
+        sizes = sorted(map(abs, (truth.plus + truth.minus, truth.plus - truth.minus)))
+        edges = [float(size / truth.unit) for size in sizes]
+        plus, minus = couplings(chain)
+        # Where the difference in q- cancels its input alone is uncertain by as much.
+        assert abs(plus - truth.plus) <= 8 * EPS * truth.plus
+        assert abs(minus - truth.minus) <= 8 * EPS * truth.plus
+    assert band_edges(chain) == pytest.approx(edges, rel=8 * EPS, abs=0)
+    assert gap(chain) == band_edges(chain)[0]
+
+
+@given(ANY_LEAN_RATIO, st.one_of(st.floats(-30, 30), NEAR_AN_EDGE), st.sampled_from([-1, 1]))
+def test_the_dispersion_has_the_digits_of_an_exact_evaluation(
+    chain: Chain, phase: float, branch: int
+) -> None:
+    wave_number = phase / chain.spacing
+    with mp.workdps(40):
+        square = exact(chain).squared_frequency(mpf(wave_number * chain.spacing), branch)
+        expected = float(mp.sqrt(square))
+    assert dispersion(chain, wave_number, branch) == pytest.approx(expected, rel=16 * EPS, abs=0)
+
+
+@given(ANY_LEAN_RATIO)
+def test_the_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(chain: Chain) -> None:
+    with mp.workdps(60):
+        truth = exact(chain)
+        bottom = 0 if truth.minus < 0 else mp.pi
+        away = mpf('1e-12')
+        rise = truth.squared_frequency(bottom + away, 1) - truth.squared_frequency(bottom, 1)
+        square = float(rise * mpf(chain.spacing) ** 2 / away**2)
+        largest = float((truth.plus / truth.unit) ** 2) * chain.spacing**2
+    assert speed_of_sound(chain) ** 2 == pytest.approx(square, rel=0, abs=32 * EPS * largest)
+
+
+@given(any_chain())
+def test_the_speed_of_sound_has_its_closed_form(chain: Chain) -> None:
+    a, lean = chain.spacing, 2 * chain.rotor_length * math.sin(chain.rest_angle)
+    square = (a * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)) ** 2
+    assert speed_of_sound(chain) ** 2 == pytest.approx(
+        square * abs(lean**2 - a**2), rel=0, abs=32 * EPS * square * (lean + a) ** 2
+    )
+
+
+@given(ANY_LEAN_RATIO)
+def test_the_largest_group_velocity_is_the_slope_where_it_is_said_to_be(chain: Chain) -> None:
+    with mp.workdps(60):
+        truth = exact(chain)
+        where = mp.acos(-truth.minus / truth.plus)
+        around = [where - mpf('1e-20'), where + mpf('1e-20')]
+        ends = [mp.sqrt(truth.squared_frequency(phase, 1)) for phase in around]
+        slope = abs(ends[1] - ends[0]) / (around[1] - around[0]) * mpf(chain.spacing)
+        largest = truth.plus / truth.unit * mpf(chain.spacing)
+        assert abs(largest_group_velocity(chain) - slope) <= 16 * EPS * largest
+
+
+@given(any_chain(), st.lists(PHASES, min_size=2, max_size=9))
+def test_no_two_phonons_are_joined_by_more_than_the_largest_group_velocity(
+    chain: Chain, phases: list[float]
+) -> None:
+    wave_numbers = np.unique(phases) / chain.spacing
+    rises = np.abs(np.diff(dispersion(chain, wave_numbers)))
+    allowed = largest_group_velocity(chain) * np.diff(wave_numbers)
+    assert (rises <= allowed + 64 * EPS * scale(chain)).all()
+    # Sound is slower nowhere, as the geometric mean of |q+| and |q-| is no less than the smaller.
+    assert largest_group_velocity(chain) <= speed_of_sound(chain) * (1 + 4 * EPS)
+
+
+@given(ANY_LEAN_RATIO)
+def test_the_penetration_depth_has_the_digits_of_an_exact_evaluation(chain: Chain) -> None:
+    assume(chain.lean_ratio != 1)
+    smaller = min(chain.lean_ratio, 1 / chain.lean_ratio)
+    sensitivity = 1 + smaller / ((1 - smaller**2) * math.atanh(smaller))
+    with mp.workdps(60):
+        truth = exact(chain)
+        assume(truth.minus != 0)
+        expected = mpf(chain.spacing) / mp.log(abs(truth.plus / truth.minus))
+        error = abs(penetration_depth(chain) / expected - 1)
+    assert error <= 8 * EPS * sensitivity
+
+
+@given(any_chain(fewest=3), LEANS)
+def test_the_zero_mode_is_a_wave_of_its_complex_wave_number(chain: Chain, lean: int) -> None:
+    depth = penetration_depth(chain)
+    assume(depth > chain.spacing / 30)
+    wave_number = zero_mode_wave_number(chain, lean)
+    angles = chain.uniform_state(lean)
+    mode = zero_mode(chain, angles) * (-1.0) ** np.arange(chain.number_of_rotors)
+    plus, minus = couplings(chain)
+    # Levers of the state are off by their rounding, next to the smaller coupling.
+    limit = 64 * EPS + 2 * rounding_of_levers(chain) * (1 / plus + 1 / abs(minus))
+    near_the_edge = mode[1] / mode[0] if lean < 0 else mode[-1] / mode[-2]
+    assert abs(np.exp(1j * wave_number * chain.spacing) / near_the_edge - 1) <= limit
+    assert abs(wave_number.imag) == pytest.approx(1 / depth, rel=4 * EPS)
+    assert wave_number.real == (math.pi / chain.spacing if chain.lean_ratio > 1 else 0)
+
+
+@given(any_chain(), LEANS)
+def test_the_bloch_matrix_is_singular_at_the_wave_number_of_the_zero_mode(
+    chain: Chain, lean: int
+) -> None:
+    assume(chain.lean_ratio != 1)
+    plus, minus = couplings(chain, lean)
+    wave_number = zero_mode_wave_number(chain, lean)
+    # e^(2 i k a) is rounded by EPS times its exponent, and by that of q-.
+    exponent = abs(2 * wave_number * chain.spacing) + max(abs(plus / minus), abs(minus / plus))
+    determinant = np.linalg.det(bloch_matrix(chain, wave_number, lean))
+    assert abs(determinant) <= 32 * EPS * (1 + exponent) * plus**2
+
+
+@given(any_chain(fewest=4), LEANS)
+def test_the_zero_mode_sits_where_its_wave_number_and_the_winding_number_say(
+    chain: Chain, lean: int
+) -> None:
+    assume(abs(chain.lean_ratio - 1) > 1e-6)
+    at_the_first_edge = winding_number(chain, lean) == 1
+    assert (zero_mode_wave_number(chain, lean).imag > 0) == at_the_first_edge
+    centre = mode_centre(zero_mode(chain, chain.uniform_state(lean)))
+    assert (centre < (chain.number_of_rotors - 1) / 2) == at_the_first_edge
+
+
+def test_at_d_1_the_band_is_flat_and_the_zero_mode_decays_at_once() -> None:
+    angle = next(
+        float(angle)
+        for angle in 0.5235987755982988 + 1e-16 * np.arange(-5, 6)
+        if 2 * math.sin(angle) == 1
+    )
+    chain = Chain(6, spacing=0.1, rotor_length=0.1, rest_angle=angle)
+    assert chain.lean_ratio == 1
+    lowest, highest = band_edges(chain)
+    assert lowest == highest
+    assert dispersion(chain, np.linspace(-40, 40, 9)) == pytest.approx(lowest, rel=4 * EPS)
+    assert speed_of_sound(chain) == largest_group_velocity(chain) == penetration_depth(chain) == 0
+    assert zero_mode_wave_number(chain) == complex(0, -math.inf)
+    assert zero_mode_wave_number(chain, -1) == complex(0, math.inf)
+    assert density_of_states(chain, [0.9 * lowest, lowest, 1.1 * lowest]).tolist() == [
+        0,
+        math.inf,
+        0,
+    ]
+
+
+@given(any_chain(), st.floats(0.3, 2.8))
+def test_the_density_of_states_is_that_of_evenly_spaced_wave_numbers(
+    chain: Chain, phase: float
+) -> None:
+    lowest, highest = band_edges(chain)
+    assume(highest - lowest > 1e-3 * highest)
+    omega = dispersion(chain, phase / chain.spacing)
+    with mp.workdps(40):
+        truth = exact(chain)
+        slope = truth.plus * truth.minus * mp.sin(mpf(phase)) / truth.unit**2 / mpf(float(omega))
+        expected = float(1 / (mp.pi * abs(slope)))
+    sensitivity = highest / min(omega - lowest, highest - omega)
+    assert density_of_states(chain, omega) == pytest.approx(
+        expected, rel=32 * EPS * sensitivity, abs=0
+    )
+
+
+@given(any_chain())
+def test_the_density_of_states_counts_one_mode_a_rotor(chain: Chain) -> None:
+    lowest, highest = band_edges(chain)
+    assume(0.02 < lowest / highest < 0.999)
+    # With omega at half a turn from edge to edge the integrand is analytic: its nearest pole
+    # lies at omega = -lowest, where Gauss's rule of 200 points is exact to rounding.
+    turns = np.pi * (POINTS + 1) / 2
+    half = (highest - lowest) / 2
+    omega = lowest + half * 2 * np.sin(turns / 2) ** 2
+    integrand = density_of_states(chain, omega) * half * np.sin(turns)
+    # The rounding of omega next to an edge, EPS highest, is 8e-8 highest of its distance from
+    # there at the first point, of weight 9e-5, and falls with the square of the number of the
+    # point.
+    limit = 2e-11 / (1 - lowest / highest)
+    assert np.pi / 2 * (WEIGHTS @ integrand) == pytest.approx(1, abs=limit)
+
+
+@given(any_chain(), st.floats(0, 100))
+def test_there_are_no_phonons_outside_the_band(chain: Chain, beyond: float) -> None:
+    lowest, highest = band_edges(chain)
+    outside = [lowest * (1 - 4 * EPS) / (1 + beyond), highest * (1 + 4 * EPS) * (1 + beyond)]
+    assert density_of_states(chain, outside).tolist() == [0, 0]
+    assert np.isinf(density_of_states(chain, [lowest, highest])).all()
+
+
+@pytest.mark.parametrize('ratio', [0.02, 0.5, 2, 20])
+def test_the_gap_closes_in_proportion_to_a_small_rest_angle(ratio: float) -> None:
+    slope = 4 * ratio / math.hypot(1, 2 * ratio)
+    angles = np.array([4e-3, 2e-3, 1e-3])
+    errors = [gap_in_units(ratio, angle) / (slope * angle) - 1 for angle in angles]
+    assert np.log2(np.abs(errors[:-1]) / np.abs(errors[1:])) == pytest.approx(2, abs=0.01)
+    assert abs(errors[-1]) < 2 * angles[-1] ** 2
+
+
+@pytest.mark.parametrize('ratio', [0.02, 0.3, 0.7, 5])
+def test_the_spectrum_collapses_where_all_rotors_lie_along_the_chain(ratio: float) -> None:
+    remainders = np.array([8e-3, 4e-3, 2e-3])
+    for edge, length in ((0, min(2 * ratio, 1)), (1, max(2 * ratio, 1))):
+        slopes = [
+            gap_in_units(ratio, np.pi / 2 - remainder, edge) / remainder
+            for remainder in remainders
+        ]
+        errors = np.array(slopes) / (2 * length) - 1
+        assert np.log2(np.abs(errors[:-1]) / np.abs(errors[1:])) == pytest.approx(2, abs=0.03)
+        assert abs(errors[-1]) < 3 * (1 + ratio**2) * remainders[-1] ** 2
+
+
+def gap_in_units(ratio: float, rest_angle: float, edge: int = 0) -> float:
+    """Lower or upper edge of the band times sqrt(M / k_e) of a chain of spacing 1 m [rad]."""
+    chain = Chain(2, spacing=1, rotor_length=ratio, rest_angle=float(rest_angle))
+    return band_edges(chain)[edge] * chain.time_unit
+
+
+@pytest.mark.parametrize('wave_number', [math.nan, math.inf, -math.inf])
+def test_wave_numbers_that_are_not_finite_are_refused(wave_number: float) -> None:
+    chain = chain_of(FLIPPER, 2)
+    for function in (dispersion, bloch_matrix, bloch_dynamical_matrix):
+        with pytest.raises(ValueError, match=r'wave number = .* rad/m must be a finite number'):
+            function(chain, [0.0, wave_number])
+
+
+@pytest.mark.parametrize('frequency', [math.nan, math.inf, -1.0])
+def test_a_density_at_no_frequency_is_refused(frequency: float) -> None:
+    with pytest.raises(ValueError, match=rf'frequency = {frequency} rad/s must be a finite'):
+        density_of_states(chain_of(FLIPPER, 2), [1.0, frequency])
+
+
+@pytest.mark.parametrize('lean', [0, 2])
+def test_a_lean_that_is_neither_right_nor_left_is_refused(lean: int) -> None:
+    chain = chain_of(FLIPPER, 2)
+    for function in (couplings, winding_number, zero_mode_wave_number):
+        with pytest.raises(ValueError, match=f'lean = {lean} must be'):
+            function(chain, lean)

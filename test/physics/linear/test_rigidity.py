@@ -1,0 +1,487 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the rigidity matrix and its zero mode: one, annihilated, oriented, at the right edge."""
+
+from __future__ import annotations
+
+import dataclasses
+import decimal
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from chains import (
+    EPS,
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_SPINNER,
+    WOBBLER,
+    any_chain,
+    any_configuration,
+    chain_of,
+)
+from deviating_chains import (
+    any_deviating_configuration,
+    deviating,
+    reach,
+    rounding,
+    shortest_length,
+)
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from linkage_motion import closed_orbit, site
+
+from soliton_linkage.linear import rigidity
+from soliton_linkage.linear.bands import couplings, winding_number
+from soliton_linkage.linear.rigidity import (
+    dynamical_matrix,
+    mode_centre,
+    mode_towards_last,
+    rigidity_bands,
+    rigidity_matrix,
+    states_of_self_stress,
+    zero_mode,
+    zero_modes,
+)
+from soliton_linkage.linear.statics import rest_state
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.solitons.tanh_fit import find_solitons
+
+SMALLEST = float(np.finfo(np.float64).tiny)
+
+
+def leftovers(chain: Chain, angles: Array, mode: Array) -> Array:
+    """|A_n t_n + B_n t_{n+1}| over |A_n t_n| + |B_n t_{n+1}| on each bond; 0 where both vanish."""
+    first, second = rigidity_bands(chain, angles)
+    terms = np.stack([first * mode[:-1], second * mode[1:]])
+    sizes = np.abs(terms).sum(axis=0)
+    seen = sizes > SMALLEST / EPS
+    return np.abs(terms.sum(axis=0))[seen] / sizes[seen]
+
+
+def exact_zero_mode(chain: Chain, angles: Array) -> Array:
+    """Zero mode of the rounded levers from thirty digits, over its largest component."""
+    exact = [Decimal(1)]
+    with decimal.localcontext() as context:
+        context.prec, context.Emin, context.Emax = 30, -(10**8), 10**8
+        for first, second in np.stack(rigidity_bands(chain, angles), axis=1).tolist():
+            exact.append(-exact[-1] * Decimal(first) / Decimal(second))
+        largest = max(exact, key=abs)
+        return np.array([float(component / largest) for component in exact])
+
+
+def walls_at(chain: Chain, *places: float) -> Array:
+    """Angles of walls at the given places [rotor spacings], leaning right before the first."""
+    rotors = np.arange(chain.number_of_rotors)
+    fields = [-np.tanh((rotors - place) / 3) for place in places]
+    return staggered(chain.rest_angle * np.prod(fields, axis=0))
+
+
+def pointing(chain: Chain, angles: Array, rotor: int, neighbour: int) -> float:
+    """Angle at which a rotor points at its neighbour's mass, so that it stretches no spring."""
+    across = chain.spacing * (neighbour - rotor) + chain.rotor_length * np.sin(angles[neighbour])
+    return float(np.arctan2(across, chain.rotor_length * np.cos(angles[neighbour])))
+
+
+def trapping(chain: Chain, m: int, n: int, seed: int) -> Array:
+    """Return a configuration with A_m = 0 and B_n = 0, random for the rest."""
+    angles = np.random.default_rng(seed).uniform(0.3, 1.2, chain.number_of_rotors)
+    if m == n:
+        angles[[m, m + 1]] = np.pi / 2, -np.pi / 2
+        return angles
+    angles[m] = pointing(chain, angles, m, m + 1)
+    angles[n + 1] = pointing(chain, angles, n + 1, n)
+    return angles
+
+
+def maximal_minors(chain: Chain, angles: Array) -> Array:
+    """(-1)^n times the determinant of R without its column n, divided by their norm."""
+    matrix = rigidity_matrix(chain, angles).toarray()
+    size = np.abs(matrix).max()
+    minors = [
+        (-1) ** n * np.linalg.det(np.delete(matrix / size, n, axis=1))
+        for n in range(chain.number_of_rotors)
+    ]
+    return np.array(minors) / np.linalg.norm(minors)
+
+
+@given(st.one_of(any_configuration(), any_deviating_configuration()))
+def test_the_rigidity_matrix_is_the_gradient_of_the_springs_lengths(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    size = reach(chain)
+    curvature = size / max(shortest_length(chain, angles), SMALLEST)
+    assume(curvature < 30)
+    step = EPS ** (1 / 3) / curvature
+    shifts = step * np.eye(chain.number_of_rotors)
+    change = chain.spring_extensions(angles + shifts) - chain.spring_extensions(angles - shifts)
+    # As for the torques: third derivatives under 10 size * curvature^2, rounding of e_n.
+    truncation = 10 * size * curvature**2 * step**2
+    matrix = rigidity_matrix(chain, angles).toarray()
+    assert matrix == pytest.approx(
+        change.T / (2 * step), rel=0, abs=truncation + rounding(chain) / step
+    )
+
+
+@given(any_configuration())
+def test_torques_are_the_transposed_rigidity_matrix_times_the_tensions(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    tensions = chain.stiffness * chain.spring_extensions(angles)
+    expected = -(rigidity_matrix(chain, angles).T @ tensions)
+    limit = 4 * EPS * chain.rotor_length * np.abs(tensions).max()
+    assert chain.spring_torques(angles) == pytest.approx(expected, rel=0, abs=limit)
+
+
+@given(any_configuration(most=40))
+def test_the_zero_mode_is_a_unit_vector_that_changes_no_length(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    mode = zero_mode(chain, angles)
+    assert np.linalg.norm(mode) == pytest.approx(1, rel=4 * EPS)
+    # Each component is a product and a quotient away from the last.
+    assert leftovers(chain, angles, mode).max(initial=0) <= 4 * EPS
+
+
+@given(any_configuration())
+def test_the_zero_mode_is_the_vector_of_maximal_minors(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    matrix = rigidity_matrix(chain, angles).toarray()
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    assume(singular[-1] > 1e-6 * singular[0])
+    # Determinants of up to nine columns are rounded by EPS over the reciprocal condition.
+    limit = 100 * EPS * singular[0] / singular[-1]
+    assert zero_mode(chain, angles) == pytest.approx(maximal_minors(chain, angles), abs=limit)
+
+
+@given(any_configuration())
+def test_the_null_space_of_the_rigidity_matrix_is_the_zero_mode(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    _, singular, right = np.linalg.svd(rigidity_matrix(chain, angles).toarray())
+    assume(singular[-1] > 1e-6 * singular[0])
+    overlap = right[-1] @ zero_mode(chain, angles)
+    limit = 100 * EPS * singular[0] / singular[-1]
+    assert np.linalg.norm(np.sign(overlap) * right[-1] - zero_mode(chain, angles)) <= limit
+
+
+@given(any_chain(most=40), st.sampled_from([-1, 1]))
+def test_a_uniform_state_has_exactly_one_zero_mode_at_the_edge_of_the_winding_number(
+    chain: Chain, lean: int
+) -> None:
+    angles = chain.uniform_state(lean)
+    plus, minus = map(abs, couplings(chain))
+    singular = np.linalg.svd(rigidity_matrix(chain, angles).toarray(), compute_uv=False)
+    # The free chain's spectrum: no length can be kept but by the one mode of N angles that
+    # N - 1 springs leave.
+    assert singular.min() >= abs(plus - minus) - 100 * EPS * (plus + minus)
+    assume(abs(plus - minus) > 1e4 * EPS * (plus + minus))
+    middle = (chain.number_of_rotors - 1) / 2
+    centre = mode_centre(zero_mode(chain, angles))
+    assert (centre < middle) == (winding_number(chain, lean) == 1)
+    assert (centre > middle) == (winding_number(chain, lean) == 0)
+
+
+@pytest.mark.parametrize('rotors', [2, 3, 4, 10_000])
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_the_zero_mode_of_a_uniform_state_decays_by_the_ratio_of_the_couplings(
+    example: tuple[float, float], rotors: int, lean: int
+) -> None:
+    chain = chain_of(example, rotors)
+    plus, minus = map(abs, couplings(chain))
+    mode = zero_mode(chain, chain.uniform_state(lean))
+    from_edge = np.abs(mode if lean < 0 else mode[::-1])
+    places = np.arange(rotors)
+    expected = np.exp(places * np.log(minus / plus))
+    expected /= np.linalg.norm(expected)
+    seen = expected > SMALLEST / EPS
+    # Couplings of the state are rounded by 32 EPS at most, and n of them multiplied.
+    allowed = 64 * EPS * (places + 1) * max(1, plus / (plus - minus))
+    assert (np.abs(from_edge[seen] / expected[seen] - 1) <= allowed[seen]).all()
+    assert leftovers(chain, chain.uniform_state(lean), mode).max() <= 4 * EPS
+
+
+@pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, WIDE_SPINNER])
+def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 10_000)
+    angles = chain.uniform_state(-1) + np.random.default_rng(3).normal(scale=0.2, size=10_000)
+    mode = zero_mode(chain, angles)
+    ratios = exact_zero_mode(chain, angles)
+    peak = int(np.argmax(np.abs(ratios)))
+    seen = np.abs(ratios) > SMALLEST / EPS
+    errors = np.abs(mode / mode[peak] / np.where(seen, ratios, 1) - 1)
+    steps = np.abs(np.arange(10_000) - peak) + 1
+    assert seen.sum() > 100
+    assert (errors <= 4 * EPS * steps)[seen].all()
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_zero_mode_in_doubles_is_the_one_in_numbers_with_an_exponent_of_their_own(
+    example: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chain = chain_of(example, 40)
+    angles = chain.uniform_state(-1) + np.random.default_rng(4).normal(scale=0.5, size=(50, 40))
+    in_doubles = np.array([zero_mode(chain, row) for row in angles])
+    monkeypatch.setattr(rigidity, '_FAR_FROM_OVERFLOW', 0.5)
+    scaled = np.array([zero_mode(chain, row) for row in angles])
+    assert np.array_equal(np.sign(in_doubles), np.sign(scaled))
+    assert np.abs(in_doubles / scaled - 1).max() <= 40 * EPS
+
+
+def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode() -> None:
+    chain = Chain(6, spacing=0.1, rotor_length=0.1, rest_angle=0.4)
+    angles = np.array([0.3, -0.4, 0.0, -np.pi / 2, 0.5, 0.7])
+    assert rigidity_bands(chain, angles)[0][2] == 0
+    mode = zero_mode(chain, angles)
+    assert np.abs(mode[3:]).max() < 1e-250
+    assert np.abs(mode[:3]).min() > 0.01
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 4 * EPS * chain.rotor_length
+
+    mirrored = zero_mode(chain, -angles[::-1])
+    assert rigidity_bands(chain, -angles[::-1])[1][2] == 0
+    assert np.abs(mirrored) == pytest.approx(np.abs(mode[::-1]), rel=8 * EPS, abs=1e-250)
+
+
+def test_a_zero_mode_that_ends_on_both_sides_lives_between() -> None:
+    chain = Chain(7, spacing=0.1, rotor_length=0.1, rest_angle=0.4)
+    angles = np.array([0.3, np.pi / 2, 0.0, 0.4, 0.0, -np.pi / 2, 0.5])
+    first, second = rigidity_bands(chain, angles)
+    assert second[1] == first[4] == 0
+    mode = zero_mode(chain, angles)
+    assert np.abs(mode[[0, 1, 5, 6]]).max() < 1e-250
+    assert np.abs(mode[2:5]).min() > 0.01
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 4 * EPS * chain.rotor_length
+
+
+@given(any_configuration())
+def test_the_centre_of_a_mode_is_reflected_with_the_chain(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    last = chain.number_of_rotors - 1
+    centre = mode_centre(zero_mode(chain, angles))
+    mirrored = mode_centre(zero_mode(chain, -angles[::-1]))
+    assume(leftovers(chain, -angles[::-1], zero_mode(chain, angles)[::-1]).max(initial=0) < 1e-12)
+    assert 0 <= centre <= last * (1 + 4 * EPS)
+    assert mirrored == pytest.approx(last - centre, rel=0, abs=1e-9)
+
+
+def test_the_centre_of_a_single_rotor_is_its_number() -> None:
+    assert [mode_centre(row) for row in np.eye(5)] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize('rotors', [2, 3, 10, 11])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage(
+    example: tuple[float, float], rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    orbit = closed_orbit(chain)
+    modes = np.array([zero_mode(chain, angles) for angles in orbit])
+    assert np.sum(modes[1:] * modes[:-1], axis=1).min() > 0.9
+    # Along a curve of unit tangent t the next point lies a sample ahead, so none was flipped.
+    assert np.sum((orbit[1:] - orbit[:-1]) * modes[:-1], axis=1).min() > 0
+    assert np.abs(chain.spring_extensions(orbit)).max() < 1e-7 * chain.rotor_length
+
+
+@pytest.mark.parametrize('rotors', [2, 3, 10, 11])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_wall_turns_back_at_each_edge_once_a_round_trip(
+    example: tuple[float, float], rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    orbit = closed_orbit(chain)
+    senses = [
+        np.sign(mode_towards_last(chain, angles) @ zero_mode(chain, angles)) for angles in orbit
+    ]
+    round_trips = 1 if chain.motion is Motion.SPINNER else 2
+    assert np.count_nonzero(np.diff(senses)) == 2 * round_trips
+
+
+@pytest.mark.parametrize('rotors', [10, 11])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_push_towards_the_last_rotor_moves_the_wall_there(
+    example: tuple[float, float], rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    seen = 0
+    for angles in closed_orbit(chain)[::5]:
+        push = 1e-4 * mode_towards_last(chain, angles)
+        walls = [find_solitons(chain, angles + sign * push) for sign in (-1, 1)]
+        if all(len(found) == 1 for found in walls):
+            assert walls[1][0].rotor > walls[0][0].rotor
+            seen += 1
+    assert seen > 10
+
+
+@pytest.mark.parametrize('rotors', [20, 21])
+@pytest.mark.parametrize('turned', [False, True])
+@pytest.mark.parametrize('crossed', [False, True])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_walls_move_on_by_a_spacing_towards_the_last_rotor_and_keep_every_length(
+    example: tuple[float, float], crossed: bool, turned: bool, rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    walls, arc = site(chain, rotors // 2, turned, crossed, samples=5)
+    assert np.abs(chain.spring_extensions(walls)).max() < 1e-8 * chain.rotor_length
+    modes = np.array([mode_towards_last(chain, angles) for angles in walls[:-1]])
+    chords = np.diff(walls, axis=0)
+    assert np.sum(modes * chords, axis=1).min() > 0
+    assert np.linalg.norm(chords, axis=1).sum() == pytest.approx(arc, rel=0.05)
+
+
+@given(any_configuration(most=40), st.integers(0, 2**32), st.floats(0, 0.3))
+def test_the_zero_mode_of_deviating_rotors_changes_no_length(
+    configuration: tuple[Chain, Array], seed: int, largest: float
+) -> None:
+    even, angles = configuration
+    chain = deviating(even, seed, largest)
+    mode = zero_mode(chain, angles)
+    assert np.linalg.norm(mode) == pytest.approx(1, rel=4 * EPS)
+    assert leftovers(chain, angles, mode).max(initial=0) <= 4 * EPS
+
+
+@pytest.mark.parametrize('place', [0, 1, 2.5, 37_000.3, 99_997.5, 99_998, 99_999])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_zero_mode_of_a_hundred_thousand_rotors_sits_at_their_wall(
+    example: tuple[float, float], place: float
+) -> None:
+    chain = chain_of(example, 100_000)
+    angles = walls_at(chain, place)
+    mode = zero_mode(chain, angles)
+    assert abs(mode_centre(mode) - place) < 3 + chain.wall_width / chain.spacing
+    assert np.linalg.norm(mode) == pytest.approx(1, rel=8 * EPS)
+    seen = np.flatnonzero(np.abs(mode) > SMALLEST / EPS)
+    assert len(seen) > 100
+    assert (np.diff(seen) == 1).all()
+    # The ratio of each component to the next is that of the levers to rounding, and the rest
+    # would be too small to be told from 0 in any sum.
+    assert leftovers(chain, angles, mode).max() <= 4 * EPS
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 4 * EPS * chain.rotor_length
+
+
+@pytest.mark.parametrize('last', [79_999.0, 79_999.6, 80_000.6])
+@pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, WIDE_SPINNER])
+def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(
+    example: tuple[float, float], last: float
+) -> None:
+    chain = chain_of(example, 100_000)
+    angles = walls_at(chain, 19_999.2, 50_000, last)
+    mode, ratios = zero_mode(chain, angles), exact_zero_mode(chain, angles)
+    peak = int(np.argmax(np.abs(ratios)))
+    seen = np.abs(ratios) > SMALLEST / EPS
+    assert not seen[45_000:55_000].any()
+    assert seen[19_950:20_050].all()
+    assert seen[79_950:80_050].all()
+    errors = np.abs(mode / mode[peak] / np.where(seen, ratios, 1) - 1)
+    steps = np.abs(np.arange(100_000) - peak) + 1
+    assert (errors <= 4 * EPS * steps)[seen].all()
+    assert leftovers(chain, angles, mode).max() <= 4 * EPS
+
+
+def test_periodic_ends_are_refused_a_zero_mode_of_their_own() -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 6), periodic=True)
+    with pytest.raises(ValueError, match='periodic ends has as many springs as rotors'):
+        zero_mode(chain, chain.uniform_state(1))
+
+
+@given(any_deviating_configuration())
+def test_zero_modes_outnumber_states_of_self_stress_as_rotors_outnumber_springs(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    modes, stresses = zero_modes(chain, angles), states_of_self_stress(chain, angles)
+    missing = chain.number_of_rotors - chain.number_of_springs
+    assert modes.shape[1] - stresses.shape[1] == missing == (0 if chain.periodic else 1)
+    matrix = rigidity_matrix(chain, angles).toarray()
+    size = np.abs(matrix).max()
+    assert np.abs(matrix @ modes).max(initial=0) <= 4e-10 * size
+    assert np.abs(matrix.T @ stresses).max(initial=0) <= 4e-10 * size
+    for basis in (modes, stresses):
+        assert basis.T @ basis == pytest.approx(np.eye(basis.shape[1]), abs=32 * EPS)
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(('m', 'n'), [(0, 0), (3, 3), (0, 7), (2, 3), (1, 6)])
+def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion(
+    m: int, n: int, seed: int
+) -> None:
+    chain = chain_of((0.4, 0.8), 9)
+    angles = trapping(chain, m, n, seed)
+    first, second = rigidity_bands(chain, angles)
+    assert max(abs(first[m]), abs(second[n])) <= 8 * EPS * chain.rotor_length
+    assert zero_modes(chain, angles).shape[1] == 2
+    stresses = states_of_self_stress(chain, angles)
+    assert stresses.shape[1] == 1
+    outside = np.delete(stresses[:, 0], np.arange(m, n + 1))
+    assert np.abs(outside).max(initial=0) <= 1e-10
+    mode = zero_mode(chain, angles)
+    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 8 * EPS * chain.rotor_length
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize(('m', 'n'), [(7, 0), (4, 2), (6, 1)])
+def test_rotors_that_point_inwards_trap_the_one_zero_mode(m: int, n: int, seed: int) -> None:
+    chain = chain_of((0.4, 0.8), 9)
+    angles = trapping(chain, m, n, seed)
+    modes = zero_modes(chain, angles)
+    assert modes.shape[1] == 1
+    assert states_of_self_stress(chain, angles).shape[1] == 0
+    outside = np.delete(modes[:, 0], np.arange(n + 1, m + 1))
+    assert np.abs(outside).max() <= 1e-10
+
+
+@given(any_chain(fewest=4, most=30), st.sampled_from([-1, 1]))
+def test_a_uniform_ring_has_neither_zero_modes_nor_states_of_self_stress(
+    chain: Chain, lean: int
+) -> None:
+    rotors = chain.number_of_rotors // 2 * 2
+    ring = dataclasses.replace(chain, number_of_rotors=rotors, periodic=True)
+    plus, minus = couplings(ring)
+    assume(plus - abs(minus) > 1e-9 * (plus + abs(minus)))
+    for basis in (zero_modes, states_of_self_stress):
+        assert basis(ring, ring.uniform_state(lean)).shape[1] == 0
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('seed', range(3))
+def test_a_ring_that_is_its_own_mirror_image_has_one_of_each(
+    example: tuple[float, float], seed: int
+) -> None:
+    # There B_n = -A_{N-2-n}, so that det R = A_0 A_1 ... - B_0 B_1 ... vanishes.
+    ring = dataclasses.replace(chain_of(example, 8), periodic=True)
+    half = np.random.default_rng(seed).uniform(-3, 3, 4)
+    angles = np.concatenate([half, -half[::-1]])
+    assert zero_modes(ring, angles).shape[1] == 1
+    assert states_of_self_stress(ring, angles).shape[1] == 1
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_the_dynamical_matrix_is_the_stiffness_of_relaxed_springs_over_the_inertia(
+    example: tuple[float, float], periodic: bool
+) -> None:
+    even = dataclasses.replace(chain_of(example, 8), periodic=periodic)
+    chain = deviating(even, seed=2, largest=0.01)
+    angles = rest_state(chain, 1)
+    roots = np.sqrt(chain.moments_of_inertia)
+    matrix = dynamical_matrix(chain, angles).toarray()
+    estimates = []
+    for step in (4e-3, 2e-3):
+        shifts = step * np.eye(8)
+        change = chain.spring_torques(angles - shifts) - chain.spring_torques(angles + shifts)
+        estimates.append(change / (2 * step) / np.outer(roots, roots))
+    errors = [np.abs(estimate - matrix).max() for estimate in estimates]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
+    extrapolated = (4 * estimates[1] - estimates[0]) / 3
+    assert np.abs(extrapolated - matrix).max() <= 0.01 * errors[1]

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Configurations at rest: second derivatives, relaxed springs, balance, and where none exist."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from chains import EPS, EXAMPLES, FLIPPER, SPINNER, any_chain, chain_of
+from deviating_chains import (
+    any_deviating_configuration,
+    deviating,
+    reach,
+    rounding,
+    shortest_length,
+)
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from soliton_linkage.linear.rigidity import rigidity_matrix, zero_mode
+from soliton_linkage.linear.statics import (
+    balanced,
+    length_rounding,
+    rest_state,
+    smallest_change,
+    stiffness_matrix,
+    unstretched,
+)
+from soliton_linkage.linkage.chain import Array, Chain, staggered
+from soliton_linkage.linkage.deviations import Deviations
+
+LEANS = (-1, 1)
+
+
+def relaxed(chain: Chain, angles: Array) -> bool:
+    return bool(np.abs(chain.spring_extensions(angles)).max() <= length_rounding(chain))
+
+
+@given(any_deviating_configuration())
+def test_the_stiffness_matrix_is_minus_the_gradient_of_the_torques(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    size = reach(chain)
+    curvature = size / shortest_length(chain, angles)
+    assume(curvature < 10)
+    step = EPS ** (1 / 3) / curvature
+    shifts = step * np.eye(chain.number_of_rotors)
+    difference = chain.spring_torques(angles + shifts) - chain.spring_torques(angles - shifts)
+    # Fourth derivatives of the energy k l^2 / 2, by products of up to four curvatures.
+    scale = float(chain.stiffnesses.max()) * size**2
+    truncation = 20 * scale * curvature**3 * step**2
+    of_torques = 4 * scale * (rounding(chain) / size + 16 * EPS * curvature)
+    assert stiffness_matrix(chain, angles).toarray() == pytest.approx(
+        -difference / (2 * step), rel=0, abs=truncation + of_torques / step
+    )
+
+
+@given(any_deviating_configuration())
+def test_the_stiffness_matrix_is_symmetric(configuration: tuple[Chain, Array]) -> None:
+    matrix = stiffness_matrix(*configuration).toarray()
+    assert np.array_equal(matrix, matrix.T)
+
+
+@given(any_chain(), st.booleans(), st.sampled_from(LEANS))
+def test_relaxed_springs_resist_by_their_levers_alone(
+    chain: Chain, periodic: bool, lean: int
+) -> None:
+    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
+    chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic)
+    angles = chain.uniform_state(lean)
+    levers = rigidity_matrix(chain, angles).toarray()
+    resisting = levers.T @ (chain.stiffnesses[:, None] * levers)
+    tension = chain.stiffness * (rounding(chain) + 8 * EPS * chain.rotor_length)
+    limit = 4 * tension * reach(chain) ** 2 / chain.rest_length
+    limit += 16 * EPS * float(np.abs(resisting).max())
+    assert stiffness_matrix(chain, angles).toarray() == pytest.approx(resisting, rel=0, abs=limit)
+
+
+@given(any_deviating_configuration(), st.integers(0, 2**32))
+def test_the_smallest_change_is_that_of_the_pseudo_inverse(
+    configuration: tuple[Chain, Array], seed: int
+) -> None:
+    chain, angles = configuration
+    matrix = rigidity_matrix(chain, angles).toarray()
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    condition = singular[0] / singular[-1]
+    assume(condition < 1e3)
+    lengthening = np.random.default_rng(seed).normal(size=chain.number_of_springs)
+    change = smallest_change(chain, angles, lengthening)
+    # The matrix R R^T has the square of the condition of R.
+    limit = 100 * EPS * condition**2 * float(np.linalg.norm(lengthening))
+    assert matrix @ change == pytest.approx(lengthening, rel=0, abs=limit)
+    assert change == pytest.approx(
+        np.linalg.pinv(matrix) @ lengthening, rel=0, abs=limit / singular[-1]
+    )
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('rotors', [2, 3, 30])
+def test_the_smallest_change_is_orthogonal_to_the_zero_mode(
+    rotors: int, example: tuple[float, float]
+) -> None:
+    chain = deviating(chain_of(example, rotors), 1, 0.02)
+    angles = rest_state(chain, 1)
+    change = smallest_change(chain, angles, np.full(rotors - 1, 1e-3))
+    limit = 1e-12 * float(np.linalg.norm(change))
+    assert abs(change @ zero_mode(chain, angles)) <= limit
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is(
+    example: tuple[float, float], periodic: bool
+) -> None:
+    for rotors in (2, 4, 30):
+        bare = dataclasses.replace(chain_of(example, rotors), periodic=periodic)
+        chain = deviating(bare, rotors, 0.01)
+        near = chain.uniform_state(-1) + 0.02 * np.sin(np.arange(rotors))
+        found = unstretched(chain, near)
+        assert relaxed(chain, found)
+        again = unstretched(chain, found)
+        assert np.array_equal(again, found)
+        assert again is not found
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_unstretched_goes_the_shortest_way_to_first_order(example: tuple[float, float]) -> None:
+    chain = deviating(chain_of(example, 8), 5, 0.01)
+    rest = rest_state(chain, -1)
+    away = np.cos(3 * np.arange(8))
+    away /= np.linalg.norm(away)
+    mode = zero_mode(chain, rest)
+    strays = []
+    for distance in (1e-3, 1e-4, 1e-5):
+        found = unstretched(chain, rest + distance * away)
+        strays.append(abs(mode @ (found - rest) - distance * (mode @ away)))
+        normal = found - rest - mode * (mode @ (found - rest))
+        assert np.linalg.norm(normal) <= 1e4 * distance**2
+    # Ten times nearer, it strays a hundred times less along the zero mode.
+    assert strays[1] == pytest.approx(strays[0] / 100, rel=0.2)
+    assert strays[2] == pytest.approx(strays[1] / 100, rel=0.2)
+
+
+@given(any_chain(), st.booleans(), st.sampled_from(LEANS))
+def test_without_deviations_the_rest_state_is_the_uniform_state(
+    chain: Chain, periodic: bool, lean: int
+) -> None:
+    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
+    chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic)
+    assert np.array_equal(rest_state(chain, lean), chain.uniform_state(lean))
+
+
+@pytest.mark.parametrize('lean', LEANS)
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_rest_states_move_in_proportion_to_small_deviations(
+    example: tuple[float, float], lean: int
+) -> None:
+    chain = chain_of(example, 20)
+    moves = []
+    for largest in (1e-4, 1e-5):
+        drawn = deviating(chain, 9, largest)
+        rest = rest_state(drawn, lean)
+        assert relaxed(drawn, rest)
+        moves.append((rest - chain.uniform_state(lean)) / largest)
+    size = float(np.abs(moves[1]).max())
+    # The second order: (1 + size)^2 times the fraction, and curvatures of the smaller gaps.
+    assert moves[0] == pytest.approx(moves[1], rel=0, abs=100 * 1e-4 * (1 + size) ** 2)
+    assert size > 0.1
+
+
+def antikink(spacings: float, chain: Chain) -> Array:
+    """Angles of u = +ub tanh(x / w) about a place, and half a ring further its mirror image."""
+    lean = chain.rotor_length * math.sin(chain.rest_angle)
+    width = chain.wall_width / chain.spacing
+    rotors = np.arange(chain.number_of_rotors)
+    half = chain.number_of_rotors // 2
+    rising = np.tanh((rotors - spacings) / width)
+    falling = -np.tanh((rotors - spacings - half) / width)
+    profile = np.where(rotors < spacings + half / 2, rising, falling)
+    return staggered(np.arcsin(lean * profile / chain.rotor_length))
+
+
+def energy_of_antikink(rest_angle: float, rotors: int) -> tuple[float, float]:
+    """Energy over (16/3) k_e a ub^3 / lbar^2 of an anti-kink in a ring, and its lean ratio."""
+    chain = dataclasses.replace(chain_of((0.5, rest_angle), rotors), periodic=True)
+    found = balanced(chain, antikink(rotors // 4 - 0.5, chain))
+    scale = float(chain.stiffness * chain.rest_length * chain.rotor_length)
+    assert np.abs(chain.spring_torques(found)).max() <= 1e-12 * scale
+    lean = chain.rotor_length * math.sin(rest_angle)
+    continuum = 16 / 3 * chain.stiffness * chain.spacing * lean**3 / chain.rest_length**2
+    return float(chain.elastic_energy(found)) / continuum, chain.lean_ratio
+
+
+def test_an_antikink_in_a_ring_costs_the_energy_of_the_continuum_up_to_d_squared() -> None:
+    ratios, leans = np.transpose(
+        [
+            energy_of_antikink(angle, rotors)
+            for angle, rotors in ((0.05, 400), (0.1, 200), (0.2, 120))
+        ]
+    )
+    order = np.polyfit(np.log(leans), np.log(1 - ratios), 1)[0]
+    assert order == pytest.approx(2, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ('rest_angle', 'rotors', 'expected'),
+    [
+        (0.05, 400, 0.9992),
+        (0.1, 200, 0.9967),
+        (0.2, 120, 0.987),
+        (0.4, 60, 0.948),
+        (0.97, 40, 0.744),
+    ],
+)
+def test_antikinks_cost_what_an_independent_program_found(
+    rest_angle: float, rotors: int, expected: float
+) -> None:
+    ratio, _ = energy_of_antikink(rest_angle, rotors)
+    assert ratio == pytest.approx(expected, abs=5e-4 if expected < 0.99 else 5e-5)
+
+
+@pytest.mark.parametrize('lean', LEANS)
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed(
+    example: tuple[float, float], lean: int
+) -> None:
+    chain = deviating(chain_of(example, 8), 2, 0.01)
+    start = rest_state(chain, lean) + 0.01 * np.sin(5 * np.arange(8))
+    found = balanced(chain, start)
+    # Torques below 1e-12 leave extensions of that over the levers, none under a tenth of r here.
+    scale = 1e-12 * chain.rest_lengths.max() / chain.stiffnesses.min() * chain.stiffnesses.max()
+    assert np.abs(chain.spring_extensions(found)).max() <= 100 * scale
+    assert np.abs(found - start).max() <= 0.1
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_balance_is_found_at_second_order(example: tuple[float, float]) -> None:
+    chain = dataclasses.replace(chain_of(example, 6), periodic=True)
+    chain = deviating(chain, 3, 0.02)
+    rest = rest_state(chain, 1)
+    for distance in (1e-2, 1e-3):
+        found = balanced(chain, rest + distance * np.sin(np.arange(6)))
+        assert found == pytest.approx(rest, rel=0, abs=1e-9)
+
+
+@pytest.mark.parametrize('fraction', [-0.6, 1.0])
+@pytest.mark.parametrize('rotors', [2, 5])
+def test_a_spring_that_cannot_be_relaxed_is_named(rotors: int, fraction: float) -> None:
+    spring = rotors - 2
+    fractions = (0.0,) * spring + (fraction,)
+    chain = Chain(rotors, rotor_length=0.01, deviations=Deviations(rest_length=fractions))
+    longest = chain.spacing + 2 * chain.rotor_length
+    assert not longest - 4 * chain.rotor_length < chain.rest_lengths[spring] < longest
+    complaint = rf'spring {spring} .* between rotors {spring} and {spring + 1}: no configuration'
+    with pytest.raises(ValueError, match=complaint):
+        rest_state(chain, 1)
+
+
+def test_the_spring_round_the_end_is_named_by_its_rotors() -> None:
+    deviations = Deviations(rest_length=(0.0, 0.0, 0.0, 1.0))
+    chain = Chain(4, rotor_length=0.01, periodic=True, deviations=deviations)
+    with pytest.raises(ValueError, match=r'spring 3 stays .* between rotors 3 and 0: no'):
+        rest_state(chain, 1)
+
+
+@pytest.mark.parametrize('angle', [0.0, np.pi / 2])
+def test_a_ring_with_a_state_of_self_stress_is_not_relaxed(angle: float) -> None:
+    # Whether a singular matrix is found to be one is up to rounding.
+    complaint = (
+        r'stuck at \[.*\] rad, .* state of self-stress|spring \d stays .*: no configuration'
+    )
+    with pytest.raises(ValueError, match=complaint):
+        unstretched(Chain(4, periodic=True), np.full(4, angle))
+
+
+def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
+    # Parallel rotors turn together to first order, and neither springs nor their tension mind.
+    with pytest.raises(ValueError, match=r'yields without end at \[0\. 0\. 0\. 0\.\] rad'):
+        balanced(Chain(4), np.zeros(4))
+
+
+def test_torques_without_balance_near_are_refused_by_rotor() -> None:
+    chain = chain_of(FLIPPER, 20)
+    start = antikink(9.5, dataclasses.replace(chain, number_of_rotors=40))[:20]
+    with pytest.raises(ValueError, match=r'rotor \d+ keeps a torque of .* N m: the springs have'):
+        balanced(chain, start)
+
+
+@pytest.mark.parametrize('law', [unstretched, balanced])
+def test_angles_that_do_not_fit_are_refused(law: Callable[[Chain, Array], Array]) -> None:
+    with pytest.raises(ValueError, match=r'angles of shape \(3,\) do not fit a chain of 4 rotors'):
+        law(Chain(4), np.zeros(3))
+    with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):
+        law(Chain(4), np.array([0, math.nan, 0, 0]))

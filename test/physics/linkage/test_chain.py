@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the chain: geometry, energy and torques against naive twins, symmetries, bad input.
+
+Here all rotors and springs are alike; those that differ have laws of their own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import decimal
+import math
+import re
+from decimal import Decimal
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from chains import EPS, EXAMPLES, FLIPPER, SPINNER, WOBBLER, any_chain, any_configuration, chain_of
+from decimals import DIGITS, sine_and_cosine
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+
+LEANS = (-1, 1)
+
+
+def masses(chain: Chain, angles: Array) -> list[tuple[float, float]]:
+    """Place (x, z) of each mass [m], as design.md draws it."""
+    return [
+        (
+            n * chain.spacing + chain.rotor_length * math.sin(angle),
+            chain.rotor_length * math.cos(angle),
+        )
+        for n, angle in enumerate(angles)
+    ]
+
+
+def lengths(chain: Chain, angles: Array) -> Array:
+    """Length of each spring [m], one at a time."""
+    places = masses(chain, angles)
+    return np.array([math.dist(left, right) for left, right in pairwise(places)])
+
+
+def rounding_of_lengths(chain: Chain) -> float:
+    """What rounding may do to a length of the naive twin [m].
+
+    Places are sums of up to N a and r, and each is rounded a few times.
+    """
+    return 4 * EPS * (chain.number_of_rotors * chain.spacing + 2 * chain.rotor_length)
+
+
+def rounding_of_extensions(chain: Chain) -> float:
+    """What rounding may do to an extension [m], e_n / (l_n + lbar) with l_n + lbar >= lbar.
+
+    The terms of e_n, of the sizes 2 r^2, 4 a r and 2 r^2, are each rounded up to four times, by
+    EPS / 2 of their size.
+    """
+    a, r = chain.spacing, chain.rotor_length
+    return 2 * EPS * (4 * r**2 + 4 * a * r) / chain.rest_length
+
+
+def exact_extensions(chain: Chain, angles: Array) -> list[Decimal]:
+    """Extension of each spring [m] to fifty digits."""
+    with decimal.localcontext() as context:
+        context.prec = DIGITS
+        a, r = Decimal(chain.spacing), Decimal(chain.rotor_length)
+        _, cosine = sine_and_cosine(chain.rest_angle)
+        rest_length = (a**2 + (2 * r * cosine) ** 2).sqrt()
+        directions = [sine_and_cosine(angle) for angle in angles]
+        return [
+            ((a + r * (sine - last_sine)) ** 2 + (r * (cosine - last_cosine)) ** 2).sqrt()
+            - rest_length
+            for (last_sine, last_cosine), (sine, cosine) in pairwise(directions)
+        ]
+
+
+def energy(chain: Chain, angles: Array) -> float:
+    extensions = lengths(chain, angles) - chain.rest_length
+    return 0.5 * chain.stiffness * math.fsum(x**2 for x in extensions)
+
+
+def torques(chain: Chain, angles: Array) -> Array:
+    """Torque of each rotor [N m]: the lever from its pivot crossed with the pulls on its mass."""
+    places = masses(chain, angles)
+    result = np.zeros(chain.number_of_rotors)
+    for n in range(chain.number_of_rotors - 1):
+        (x, z), (next_x, next_z) = places[n], places[n + 1]
+        length = math.dist(places[n], places[n + 1])
+        tension = chain.stiffness * (length - chain.rest_length)
+        pull = tension * (next_x - x) / length, tension * (next_z - z) / length
+        result[n] += z * pull[0] - (x - n * chain.spacing) * pull[1]
+        result[n + 1] -= next_z * pull[0] - (next_x - (n + 1) * chain.spacing) * pull[1]
+    return result
+
+
+def test_a_rotor_at_0_points_up_and_at_a_quarter_turn_to_the_last_rotor() -> None:
+    chain = chain_of(FLIPPER, 2)
+    horizontal, vertical = chain.positions(np.array([0, np.pi / 2]))
+    assert horizontal == pytest.approx([0, chain.rotor_length], abs=EPS)
+    assert vertical == pytest.approx([chain.rotor_length, 0], abs=EPS)
+
+
+@given(any_chain(), st.sampled_from(LEANS))
+def test_every_rotor_of_a_uniform_state_leans_by_the_rest_angle(chain: Chain, lean: int) -> None:
+    angles = chain.uniform_state(lean)
+    horizontal, vertical = chain.positions(angles)
+    assert angles[0] == lean * chain.rest_angle
+    lean_of_rotors = lean * chain.rotor_length * math.sin(chain.rest_angle)
+    rounding = 4 * EPS * chain.rotor_length
+    assert horizontal == pytest.approx(lean_of_rotors, abs=rounding, rel=0)
+    upright = chain.rotor_length * math.cos(chain.rest_angle)
+    signs = (-1.0) ** np.arange(chain.number_of_rotors)
+    assert vertical == pytest.approx(upright * signs, abs=rounding, rel=0)
+
+
+@given(any_chain(), st.sampled_from(LEANS))
+def test_uniform_states_are_relaxed(chain: Chain, lean: int) -> None:
+    angles = chain.uniform_state(lean)
+    extensions = chain.spring_extensions(angles)
+    # Angles pi - phi are rounded to EPS * pi / 2, and turn masses by as much.
+    limit = rounding_of_extensions(chain) + 4 * EPS * chain.rotor_length
+    assert np.abs(extensions).max() <= limit
+    bonds = chain.number_of_rotors - 1
+    assert chain.elastic_energy(angles) <= bonds * chain.stiffness / 2 * limit**2
+    assert np.abs(chain.spring_torques(angles)).max() <= (
+        2 * chain.stiffness * limit * chain.rotor_length * (1 + 4 * EPS)
+    )
+
+
+@given(any_chain(fewest=3))
+def test_the_rest_length_is_the_distance_of_masses_that_lean_alike(chain: Chain) -> None:
+    for lean in LEANS:
+        distances = lengths(chain, chain.uniform_state(lean))
+        assert np.abs(distances - chain.rest_length).max() <= 2 * rounding_of_lengths(chain)
+
+
+@given(any_configuration())
+def test_extensions_are_distances_of_masses_less_the_rest_length(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    expected = lengths(chain, angles) - chain.rest_length
+    limit = rounding_of_lengths(chain) + rounding_of_extensions(chain)
+    assert np.abs(chain.spring_extensions(angles) - expected).max() <= limit
+
+
+@given(any_configuration())
+def test_extensions_are_rounded_less_than_lengths(configuration: tuple[Chain, Array]) -> None:
+    chain, angles = configuration
+    exact = np.array(exact_extensions(chain, angles))
+    errors = np.array([Decimal(x) for x in chain.spring_extensions(angles).tolist()]) - exact
+    assert np.abs(errors).max() <= rounding_of_extensions(chain)
+
+
+@given(any_configuration())
+def test_energy_and_torques_agree_with_their_naive_twins(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    size = chain.spacing + 2 * chain.rotor_length
+    shortest = lengths(chain, angles).min()
+    assume(shortest > 1e-3 * size)
+    rounding = rounding_of_lengths(chain) + rounding_of_extensions(chain)
+    bonds = chain.number_of_rotors - 1
+    assert chain.elastic_energy(angles) == pytest.approx(
+        energy(chain, angles), rel=8 * EPS, abs=bonds * chain.stiffness * size * rounding
+    )
+    # Directions of springs are rounded by the rounding of places over their length.
+    limit = 2 * chain.stiffness * chain.rotor_length * rounding * (2 + 2 * size / shortest)
+    assert chain.spring_torques(angles) == pytest.approx(torques(chain, angles), rel=0, abs=limit)
+
+
+@given(any_configuration())
+def test_torques_are_minus_the_gradient_of_the_energy(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    size = chain.spacing + 2 * chain.rotor_length
+    curvature = size / lengths(chain, angles).min()
+    assume(curvature < 30)
+    step = EPS ** (1 / 3) / curvature
+    shifts = step * np.eye(chain.number_of_rotors)
+    difference = chain.elastic_energy(angles + shifts) - chain.elastic_energy(angles - shifts)
+    # Third derivatives of a length are under 10 size * curvature^2 per rad^3, and rounding leaves
+    # EPS of an energy k size^2 per bond.
+    scale = chain.stiffness * size**2
+    truncation = 10 * scale * curvature**2 * step**2
+    rounding = 4 * chain.number_of_rotors * EPS * scale / step
+    assert -difference / (2 * step) == pytest.approx(
+        chain.spring_torques(angles), rel=0, abs=truncation + rounding
+    )
+
+
+@given(any_configuration())
+def test_reflected_chains_have_the_same_energy_and_reflected_torques(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    extensions, bare = chain.spring_extensions(angles), chain.spring_torques(angles)
+    limit = 2 * rounding_of_extensions(chain)
+    mirrored = chain.spring_extensions(-angles[::-1])
+    assert mirrored == pytest.approx(extensions[::-1], rel=0, abs=limit)
+    assert chain.spring_extensions(np.pi - angles) == pytest.approx(
+        extensions, rel=0, abs=limit + 16 * EPS * chain.rotor_length
+    )
+    size = chain.spacing + 2 * chain.rotor_length
+    shortest = lengths(chain, angles).min()
+    assume(shortest > 1e-3 * size)
+    # Directions of springs are rounded by the rounding of a few sizes over their length.
+    rounding = 16 * EPS * chain.stiffness * size * chain.rotor_length * size / shortest
+    assert chain.spring_torques(-angles[::-1]) == pytest.approx(-bare[::-1], rel=0, abs=rounding)
+    assert chain.spring_torques(np.pi - angles) == pytest.approx(-bare, rel=0, abs=rounding)
+
+
+@given(any_configuration(), st.integers(-1000, 1000))
+def test_whole_turns_of_a_rotor_change_nothing(
+    configuration: tuple[Chain, Array], turns: int
+) -> None:
+    chain, angles = configuration
+    turned = angles.copy()
+    turned[0] += 2 * np.pi * turns
+    # The angle itself is rounded, to EPS times its size.
+    limit = 2 * rounding_of_extensions(chain) + 8 * EPS * (abs(turns) + 1) * chain.rotor_length
+    assert chain.spring_extensions(turned) == pytest.approx(
+        chain.spring_extensions(angles), rel=0, abs=limit
+    )
+
+
+@given(any_chain(), st.data())
+def test_kinetic_energy_is_that_of_masses_on_circles(chain: Chain, data: st.DataObject) -> None:
+    rates = np.array(
+        data.draw(
+            st.lists(
+                st.floats(-1e3, 1e3),
+                min_size=chain.number_of_rotors,
+                max_size=chain.number_of_rotors,
+            )
+        )
+    )
+    speeds = [chain.rotor_length * rate for rate in rates]
+    expected = math.fsum(0.5 * chain.mass * speed**2 for speed in speeds)
+    assert chain.kinetic_energy(rates) == pytest.approx(expected, rel=16 * EPS)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_many_frames_at_once_give_what_each_gives_alone(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 7)
+    frames = np.random.default_rng(1).normal(size=(2, 3, 7))
+    for law in (
+        chain.spring_extensions,
+        chain.elastic_energy,
+        chain.kinetic_energy,
+        chain.spring_torques,
+        staggered,
+    ):
+        alone = [[law(frame) for frame in row] for row in frames]
+        assert np.array_equal(law(frames), np.array(alone))
+
+
+def test_masses_that_meet_have_a_spring_of_no_length_and_no_direction() -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 3), rotor_length=0.05, spacing=0.1)
+    angles = np.array([np.pi / 2, -np.pi / 2, -np.pi / 2])
+    extensions, first, second = chain.springs(angles)
+    assert extensions[0] == pytest.approx(-chain.rest_length, rel=4 * EPS)
+    assert abs(first[0]) <= chain.rotor_length
+    assert abs(second[0]) <= chain.rotor_length
+    assert np.isfinite(chain.spring_torques(angles)).all()
+
+
+@given(any_chain())
+def test_rotors_spin_exactly_where_the_springs_are_shorter_than_2r_less_a(chain: Chain) -> None:
+    margin = 2 * chain.rotor_length - chain.spacing - chain.rest_length
+    assume(abs(margin) > 1e-12 * chain.rotor_length)
+    assert (chain.motion is Motion.SPINNER) == (margin > 0)
+
+
+@given(any_chain())
+def test_rotors_wobble_where_they_reach_beyond_half_the_spacing(chain: Chain) -> None:
+    assume(chain.motion is not Motion.SPINNER)
+    reach = chain.rotor_length * math.sin(chain.rest_angle)
+    assert (chain.motion is Motion.WOBBLING_FLIPPER) == (2 * reach / chain.spacing > 1)
+
+
+@pytest.mark.parametrize('rest_angle', [0.1, 0.77, 1.5])
+@pytest.mark.parametrize(
+    ('beyond', 'within', 'motions'),
+    [
+        (1, 0, (Motion.FLIPPER, Motion.WOBBLING_FLIPPER)),
+        (0, 1, (Motion.WOBBLING_FLIPPER, Motion.SPINNER)),
+    ],
+)
+def test_motion_changes_where_d_passes_1_and_d_c(
+    beyond: int, within: int, motions: tuple[Motion, Motion], rest_angle: float
+) -> None:
+    threshold = beyond + within * 2 / math.sin(rest_angle)
+    ratios = [threshold / (2 * math.sin(rest_angle)) * factor for factor in (1 - 1e-9, 1 + 1e-9)]
+    assert tuple(chain_of((ratio, rest_angle), 2).motion for ratio in ratios) == motions
+
+
+def test_each_example_moves_as_it_is_said_to() -> None:
+    assert chain_of(FLIPPER, 2).motion is Motion.FLIPPER
+    assert chain_of(WOBBLER, 2).motion is Motion.WOBBLING_FLIPPER
+    assert chain_of(SPINNER, 2).motion is Motion.SPINNER
+
+
+@given(any_configuration())
+def test_staggering_twice_gives_the_angles_back(configuration: tuple[Chain, Array]) -> None:
+    _, angles = configuration
+    once = staggered(angles)
+    assert np.array_equal(once[::2], angles[::2])
+    assert np.array_equal(once[1::2], np.pi - angles[1::2])
+    assert staggered(once) == pytest.approx(angles, rel=0, abs=4 * EPS * 9)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'limit'),
+    [
+        ('number_of_rotors', 1, '2 to 100000'),
+        ('number_of_rotors', 2.5, 'whole number'),
+        ('spacing', 0.0, '1e-06 to 1000 m'),
+        ('rotor_length', -0.05, '1e-06 to 1000 m'),
+        ('rest_angle', math.pi / 2, '0.001 to 1.57 rad'),
+        ('rest_angle', math.nan, 'finite'),
+        ('mass', math.inf, 'finite'),
+        ('stiffness', '50', 'number'),
+    ],
+)
+def test_a_chain_refuses_a_parameter_by_name_value_and_limit(
+    name: str, value: object, limit: str
+) -> None:
+    with pytest.raises(ValueError, match=rf'Chain\.{name} = .*{limit}') as refusal:
+        Chain(**{name: value})
+    assert repr(value) in str(refusal.value)
+
+
+@pytest.mark.parametrize('lean', [0, 2, -3])
+def test_a_lean_that_is_neither_right_nor_left_is_refused(lean: int) -> None:
+    with pytest.raises(ValueError, match=f'lean = {lean} must be'):
+        chain_of(FLIPPER, 2).uniform_state(lean)
+
+
+@pytest.mark.parametrize('shape', [(), (3,), (5,), (1, 4), (4, 1)])
+def test_angles_that_do_not_fit_are_refused_with_their_shape(shape: tuple[int, ...]) -> None:
+    complaint = re.escape(f'angles of shape {shape} do not fit a chain of 4 rotors')
+    with pytest.raises(ValueError, match=complaint):
+        chain_of(FLIPPER, 4).check_angles(np.zeros(shape))
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_a_value_that_is_not_finite_is_refused_by_rotor_and_name(value: float) -> None:
+    with pytest.raises(ValueError, match=f'torque of rotor 2 = {value} must be a finite number'):
+        chain_of(FLIPPER, 4).check_angles([0, 1, value, math.nan], 'torque')
+
+
+@given(st.floats(-3.1, 3.1), st.integers(-5, 5))
+def test_wrapped_differences_lose_whole_turns_and_nothing_else(angle: float, turns: int) -> None:
+    found = wrapped([angle + 2 * math.pi * turns, math.nan])
+    assert found[0] == pytest.approx(angle, abs=1e-13)
+    assert math.isnan(found[1])

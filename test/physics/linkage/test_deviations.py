@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drawn deviations: one seed, one chain; independent, normal and of the size asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage.linkage.deviations import (
+    NO_DEVIATIONS,
+    Deviations,
+    Disorder,
+    drawn_deviations,
+)
+
+NAMES = tuple(field.name for field in dataclasses.fields(Deviations))
+OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
+SEEDS = st.integers(0, 2**64)
+
+
+@given(SEEDS, st.integers(2, 50), st.booleans())
+def test_the_same_seed_draws_the_same_deviations(seed: int, rotors: int, periodic: bool) -> None:
+    fractions = dict.fromkeys(NAMES, 0.01)
+    first, second = (drawn_deviations(rotors, seed, periodic, **fractions) for _ in range(2))
+    assert first == second
+    assert first != drawn_deviations(rotors, seed + 1, periodic, **fractions)
+
+
+@given(SEEDS, st.integers(2, 50), st.sets(st.sampled_from(NAMES), min_size=1))
+def test_what_one_quantity_draws_does_not_depend_on_the_others(
+    seed: int, rotors: int, names: set[str]
+) -> None:
+    together = drawn_deviations(rotors, seed, **dict.fromkeys(NAMES, 0.01))
+    some = drawn_deviations(rotors, seed, **dict.fromkeys(sorted(names), 0.01))
+    for name in NAMES:
+        assert getattr(some, name) == (getattr(together, name) if name in names else ())
+
+
+@given(SEEDS, st.sampled_from(NAMES), st.floats(0, 0.05))
+def test_a_draw_scales_with_its_fraction(seed: int, name: str, fraction: float) -> None:
+    unit = np.array(getattr(drawn_deviations(30, seed, **{name: 0.0625}), name)) / 0.0625
+    drawn = getattr(drawn_deviations(30, seed, **{name: fraction}), name)
+    assert np.array_equal(drawn, fraction * unit)
+
+
+@pytest.mark.parametrize('periodic', [False, True])
+@pytest.mark.parametrize('name', NAMES)
+def test_there_is_one_fraction_a_rotor_or_one_a_spring(name: str, periodic: bool) -> None:
+    drawn = drawn_deviations(20, 3, periodic, **{name: 0.01})
+    drawn.check_fit(20, 20 if periodic else 19)
+    assert len(getattr(drawn, name)) == (19 if name in OF_SPRINGS and not periodic else 20)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_deviations_are_normal_with_the_standard_deviation_asked_for(name: str) -> None:
+    count = 40_000
+    drawn = np.array(getattr(drawn_deviations(count, 7, True, **{name: 0.05}), name)) / 0.05
+    # Five standard errors of the mean, the variance and the fourth moment of a normal draw.
+    assert abs(drawn.mean()) <= 5 / math.sqrt(count)
+    assert abs(np.mean(drawn**2) - 1) <= 5 * math.sqrt(2 / count)
+    assert abs(np.mean(drawn**4) - 3) <= 5 * math.sqrt(96 / count)
+
+
+def test_quantities_and_neighbours_deviate_independently() -> None:
+    count = 40_000
+    drawn = drawn_deviations(count, 7, True, **dict.fromkeys(NAMES, 0.05))
+    draws = np.array([getattr(drawn, name) for name in NAMES])
+    draws = np.concatenate([draws, np.roll(draws, 1, axis=1)])
+    correlations = np.corrcoef(draws) - np.eye(len(draws))
+    assert np.abs(correlations).max() <= 5 / math.sqrt(count)
+
+
+def test_other_seeds_draw_independently() -> None:
+    draws = [drawn_deviations(10_000, seed, mass=0.1).mass for seed in range(12)]
+    correlations = np.corrcoef(draws) - np.eye(12)
+    assert np.abs(correlations).max() <= 5 / math.sqrt(10_000)
+
+
+def test_a_fraction_of_0_leaves_everything_as_the_chain_says() -> None:
+    drawn = drawn_deviations(5, 1, **dict.fromkeys(NAMES, 0.0))
+    for name in NAMES:
+        assert not np.any(getattr(drawn, name))
+    assert drawn_deviations(5, 1) == NO_DEVIATIONS
+
+
+@pytest.mark.parametrize('fraction', [-0.01, math.nan, math.inf])
+def test_a_fraction_that_no_spread_has_is_refused(fraction: float) -> None:
+    with pytest.raises(ValueError, match=f'fraction of mass = {fraction} must be .* 0 or more'):
+        drawn_deviations(5, 1, mass=fraction)
+
+
+def test_an_unknown_quantity_is_refused_by_name() -> None:
+    known = ', '.join(NAMES)
+    with pytest.raises(ValueError, match=f"deviation of 'rest_angle' must be of one of {known}"):
+        drawn_deviations(5, 1, rest_angle=0.01)
+
+
+def test_a_spread_that_leaves_something_with_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match=r'deviation \d+ of spacing = -.* above -1'):
+        drawn_deviations(1000, 1, spacing=1.0)
+
+
+@pytest.mark.parametrize('fraction', [-1.0, -1.5, math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize('name', NAMES)
+def test_a_fraction_that_leaves_nothing_is_refused_by_place(name: str, fraction: float) -> None:
+    complaint = re.escape(f'deviation 2 of {name} = {fraction:g} must be a finite number above -1')
+    with pytest.raises(ValueError, match=complaint):
+        Deviations(**{name: (0.0, -0.99, fraction, -2.0)})
+
+
+@pytest.mark.parametrize('count', [1, 3, 6])
+@pytest.mark.parametrize('name', NAMES)
+def test_a_number_of_fractions_that_does_not_fit_is_refused(name: str, count: int) -> None:
+    wanted, what = (4, 'springs') if name in OF_SPRINGS else (5, 'rotors')
+    complaint = f'{count} deviations of {name} do not fit a chain of {wanted} {what}'
+    with pytest.raises(ValueError, match=complaint):
+        Deviations(**{name: (0.0,) * count}).check_fit(5, 4)
+    Deviations(**{name: (0.0,) * wanted}).check_fit(5, 4)
+
+
+@pytest.mark.parametrize('seed', [-1, 1.5, '3', None, math.nan])
+def test_a_seed_that_is_no_whole_number_is_refused(seed: Any) -> None:
+    complaint = re.escape(f'seed = {seed!r} must be a whole number; give one of 0 or more')
+    with pytest.raises(ValueError, match=complaint):
+        drawn_deviations(5, seed, mass=0.01)
+
+
+@pytest.mark.parametrize('rotors', [-1, 0, 1, 2.5])
+def test_a_number_of_rotors_that_no_chain_has_is_refused(rotors: Any) -> None:
+    complaint = f'number_of_rotors = {rotors} must be a whole number; give one of 2 or more'
+    with pytest.raises(ValueError, match=complaint):
+        drawn_deviations(rotors, 0, rest_length=0.01)
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
+    rotors: Any = np.int64(5)
+    seed: Any = np.uint32(3)
+    assert drawn_deviations(rotors, seed, mass=0.01) == drawn_deviations(5, 3, mass=0.01)
+
+
+@given(st.integers(0, 10**9), st.sets(st.sampled_from(NAMES)), st.booleans())
+def test_disorder_draws_what_it_names_and_nothing_else(
+    seed: int, names: set[str], periodic: bool
+) -> None:
+    fractions = dict.fromkeys(sorted(names), 0.01)
+    drawn = Disorder(seed=seed, **fractions).drawn(12, periodic)
+    assert drawn == drawn_deviations(12, seed, periodic, **fractions)
+    assert {name for name in NAMES if getattr(drawn, name)} == names
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('mass', -0.01), ('spacing', 0.51), ('damping', math.nan), ('seed', -1)]
+)
+def test_disorder_out_of_its_range_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=rf'Disorder\.{name} = {value} must'):
+        Disorder(**{name: value})
+
+
+def test_fractions_that_are_given_go_beside_those_that_are_drawn() -> None:
+    given_ones, drawn = Deviations(mass=(0.1, 0.2)), Deviations(spacing=(0.3,))
+    assert given_ones.joined(drawn) == Deviations(mass=(0.1, 0.2), spacing=(0.3,))
+    with pytest.raises(ValueError, match='deviations of mass are both given and drawn; give'):
+        given_ones.joined(Deviations(mass=(0.0, 0.1)))

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gravity: work against a field, torques as its gradient, its tilt, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import EPS, FLIPPER, chain_of
+from deviating_chains import any_deviating_chain, any_deviating_configuration
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
+
+FIELDS = st.builds(Gravity, st.just(0.0) | st.floats(1e-3, 1e3), st.floats(-7, 7))
+# An angle of up to 16 rad is rounded to EPS of it, and its sine as much.
+ROUNDING = 40 * EPS
+
+
+@given(any_deviating_configuration(), FIELDS)
+def test_energy_is_the_work_of_lifting_each_mass_against_the_field(
+    configuration: tuple[Chain, Array], field: Gravity
+) -> None:
+    chain, angles = configuration
+    pull = field.acceleration * np.array([math.sin(field.tilt), -math.cos(field.tilt)])
+    places = np.stack(chain.positions(angles))
+    work = -math.fsum(chain.masses * (pull @ places))
+    limit = ROUNDING * field.scale(chain)
+    assert field.energy(chain, angles) == pytest.approx(work, rel=0, abs=limit)
+
+
+@given(any_deviating_configuration(), FIELDS)
+def test_torques_are_minus_the_gradient_of_the_energy(
+    configuration: tuple[Chain, Array], field: Gravity
+) -> None:
+    chain, angles = configuration
+    step = EPS ** (1 / 3)
+    shifts = step * np.eye(chain.number_of_rotors)
+    difference = field.energy(chain, angles + shifts) - field.energy(chain, angles - shifts)
+    # The third derivative of the energy is at most the scale, as is the energy that is rounded.
+    limit = field.scale(chain) * (step**2 / 6 + ROUNDING / step)
+    torques = field.torques(chain, angles)
+    assert -difference / (2 * step) == pytest.approx(torques, rel=0, abs=limit)
+
+
+@given(any_deviating_configuration(), FIELDS)
+def test_torques_are_levers_crossed_with_weights(
+    configuration: tuple[Chain, Array], field: Gravity
+) -> None:
+    chain, angles = configuration
+    horizontal, vertical = chain.positions(angles)
+    across = field.acceleration * math.sin(field.tilt) * chain.masses
+    up = -field.acceleration * math.cos(field.tilt) * chain.masses
+    limit = ROUNDING * field.scale(chain)
+    assert field.torques(chain, angles) == pytest.approx(
+        vertical * across - horizontal * up, rel=0, abs=limit
+    )
+
+
+@given(any_deviating_chain(), st.floats(1e-3, 1e3))
+def test_level_gravity_pulls_down_and_a_quarter_turn_pulls_to_the_last_rotor(
+    chain: Chain, acceleration: float
+) -> None:
+    down, across = Gravity(acceleration), Gravity(acceleration, math.pi / 2)
+    rotors = chain.number_of_rotors
+    scale = down.scale(chain)
+    limit = ROUNDING * scale
+    assert scale == pytest.approx(acceleration * chain.masses @ chain.rotor_lengths, rel=8 * EPS)
+    for field, lowest in ((down, np.pi), (across, np.pi / 2)):
+        hanging = np.full(rotors, lowest)
+        assert field.energy(chain, hanging) == pytest.approx(-scale, rel=0, abs=limit)
+        assert np.abs(field.torques(chain, hanging)).max() <= limit
+        assert field.energy(chain, hanging + np.pi) == pytest.approx(scale, rel=0, abs=limit)
+
+
+@given(any_deviating_configuration(), FIELDS, st.floats(-3, 3))
+def test_turning_the_field_is_turning_all_rotors(
+    configuration: tuple[Chain, Array], field: Gravity, turn: float
+) -> None:
+    chain, angles = configuration
+    turned = dataclasses.replace(field, tilt=field.tilt + turn)
+    limit = 2 * ROUNDING * field.scale(chain)
+    assert turned.energy(chain, angles) == pytest.approx(
+        float(field.energy(chain, angles + turn)), rel=0, abs=limit
+    )
+
+
+@given(any_deviating_configuration(), FIELDS)
+def test_the_mirrored_chain_in_the_mirrored_field_has_the_same_energy(
+    configuration: tuple[Chain, Array], field: Gravity
+) -> None:
+    chain, angles = configuration
+    mirrored = dataclasses.replace(field, tilt=-field.tilt)
+    assert mirrored.energy(chain, -angles) == field.energy(chain, angles)
+    assert np.array_equal(mirrored.torques(chain, -angles), -field.torques(chain, angles))
+
+
+def test_many_frames_at_once_give_what_each_gives_alone() -> None:
+    chain, field = chain_of(FLIPPER, 7), Gravity(9.81, 0.4)
+    frames = np.random.default_rng(1).normal(size=(2, 3, 7))
+    for law in (field.energy, field.torques):
+        alone = [[law(chain, frame) for frame in row] for row in frames]
+        assert np.array_equal(law(chain, frames), np.array(alone))
+
+
+def test_no_gravity_does_nothing() -> None:
+    chain = chain_of(FLIPPER, 4)
+    angles = np.array([1.0, -2.0, 3.0, 0.5])
+    assert NO_GRAVITY.scale(chain) == NO_GRAVITY.energy(chain, angles) == 0
+    assert not NO_GRAVITY.torques(chain, angles).any()
+
+
+@pytest.mark.parametrize('acceleration', [-9.81, math.nan, math.inf])
+def test_a_strength_that_no_field_has_is_refused(acceleration: float) -> None:
+    complaint = rf'Gravity\.acceleration = {acceleration} m/s\^2 must be .* turn the field by'
+    with pytest.raises(ValueError, match=complaint):
+        Gravity(acceleration)
+
+
+@pytest.mark.parametrize('tilt', [math.nan, -math.inf])
+def test_a_tilt_that_is_no_angle_is_refused(tilt: float) -> None:
+    with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} rad must be a finite number'):
+        Gravity(9.81, tilt)

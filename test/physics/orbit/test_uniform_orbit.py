@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cycle of a chain of any length: relaxed, closed, of unit speed, and that of the linkage."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from chains import (
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_FLIPPER,
+    WIDE_SPINNER,
+    WOBBLER,
+    chain_of,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linkage_motion import distance
+
+from soliton_linkage.dynamics.closed_orbit import closed_orbit
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import Edge, mode_towards_last, zero_mode
+from soliton_linkage.linear.statics import toggled_angle
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.static_wall import static_wall
+
+# What the cycle promises of its angles [rad].
+ACCURATE = 1e-6
+# Error of following an orbit [rad].
+FOLLOWED = 1e-8
+# A wall of two rotors at d = 1, which also makes the shortest orbit to follow.
+NARROW = (1.0, math.asin(0.5))
+# Very long and short rotors, and near d_c on either side.
+EXTREMES = (
+    (0.02, 1.2),
+    (20.0, 0.3),
+    (0.9 / math.sin(0.8) ** 2, 0.8),
+    (1.02 / math.sin(0.8) ** 2, 0.8),
+)
+ANY_LENGTH = [(example, rotors) for example in EXAMPLES for rotors in (3, 8, 1001)]
+ANY_LENGTH += [(FLIPPER, 1000), (SPINNER, 1000)]
+ANYTHING = [*ANY_LENGTH, *((example, 5) for example in EXTREMES)]
+ANYTHING += [(NARROW, 5), (NARROW, 1001), ((20.0, 0.3), 1001)]
+Example = tuple[float, float]
+
+
+@lru_cache(maxsize=128)
+def cycle_of(example: Example, rotors: int) -> UniformOrbit:
+    return UniformOrbit(chain_of(example, rotors))
+
+
+def some_arcs(orbit: UniformOrbit, count: int) -> list[float]:
+    """Arcs all over the cycle and beyond both of its ends, and next to every reflection."""
+    even = np.linspace(-1, orbit.length + 1, count)
+    begins = [orbit.leg_arcs(leg)[0] for leg in range(orbit.number_of_legs)]
+    return [*even.tolist(), *(begin + by for begin in begins for by in (-0.3, 0.0, 0.4))]
+
+
+def mirrored(chain: Chain, angles: Array) -> Array:
+    """Mirror image on the orbit of the same chain: phi -> -phi, turned where it must be."""
+    odd = chain.number_of_rotors % 2 == 1
+    turned = math.pi if odd == (chain.motion is Motion.SPINNER) else 0.0
+    return np.asarray(turned + (1 if turned else -1) * angles[::-1])
+
+
+@pytest.mark.parametrize(('example', 'rotors'), ANYTHING)
+def test_springs_are_relaxed_all_along_the_cycle(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    angles = np.array([orbit.configuration(arc) for arc in some_arcs(orbit, 40)])
+    # Neither of the levers of a spring is longer than its rotor.
+    limit = 2 * ACCURATE * orbit.chain.rotor_length
+    assert np.abs(orbit.chain.spring_extensions(angles)).max() <= limit
+
+
+@pytest.mark.parametrize(('example', 'rotors'), ANY_LENGTH)
+def test_the_tangent_is_the_zero_mode(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    for arc in some_arcs(orbit, 12):
+        about = orbit.stretch(arc)
+        tangent = np.zeros(rotors)
+        tangent[about.first : about.first + len(about.angles)] = about.tangent
+        mode = zero_mode(orbit.chain, orbit.configuration(arc))
+        sign = np.sign(mode @ tangent)
+        # A mode turns with the angles at a rate of its curvature, some units.
+        assert sign * tangent == pytest.approx(mode, rel=0, abs=10 * ACCURATE)
+        assert np.linalg.norm(tangent) == pytest.approx(1, abs=10 * ACCURATE)
+
+
+@pytest.mark.parametrize('rotors', [3, 1001])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_speed_is_1_everywhere_and_along_the_tangent(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    step = 1e-3
+    for arc in some_arcs(orbit, 20):
+        before, after = orbit.configuration(arc - step), orbit.configuration(arc + step)
+        moved = np.angle(np.exp(1j * (after - before)))
+        # Chords are shorter than arcs by a share of the squared curvature, at most some units;
+        # where a stretch begins two rotors further, angles jump by what they are accurate to.
+        limit = 20 * step**2 + math.sqrt(2) * ACCURATE / step
+        assert np.linalg.norm(moved) / (2 * step) == pytest.approx(1, abs=limit)
+        about = orbit.stretch(arc)
+        moved = moved[about.first : about.first + len(about.angles)]
+        assert moved @ about.tangent / (2 * step) == pytest.approx(1, abs=limit)
+
+
+@pytest.mark.parametrize(('example', 'rotors'), ANYTHING)
+def test_it_is_continuous_through_reflections_and_where_it_closes(
+    example: Example, rotors: int
+) -> None:
+    orbit = cycle_of(example, rotors)
+    step = 1e-8
+    seams = [orbit.leg_arcs(leg)[0] for leg in range(orbit.number_of_legs)] + [orbit.length]
+    for seam in seams:
+        before, after = orbit.configuration(seam - step), orbit.configuration(seam + step)
+        assert distance(before, after) <= 2 * step + ACCURATE
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_it_is_continuous_where_a_long_chain_repeats_the_short_one(example: Example) -> None:
+    orbit = cycle_of(example, 1001)
+    step = 1e-8
+    middle = orbit.arc_at(orbit.middle, 1)
+    # Two spacings on all begins anew, and whatever repeats does so within one of them.
+    low, high = middle + 0.1 * orbit.site_arc, middle + 2.1 * orbit.site_arc
+    first = orbit.stretch(low).first
+    assert orbit.stretch(high).first == first - 2
+    while high - low > step:
+        between = (low + high) / 2
+        same = orbit.stretch(between).first == first
+        low, high = (between, high) if same else (low, between)
+    assert distance(orbit.configuration(low), orbit.configuration(high)) <= step + ACCURATE
+
+
+def compare_with_closed_orbit(orbit: UniformOrbit, accuracy: float) -> None:
+    """Compare with the orbit of the same chain, which may run through it the other way."""
+    orbit = closed_orbit(orbit.chain, static_wall(orbit.chain, orbit.middle))
+    offset, sense = orbit.arc_at(orbit.middle, 0), float(orbit.directions[0])
+    assert orbit.length == pytest.approx(orbit.length, rel=0, abs=accuracy)
+    for arc in np.linspace(0, orbit.length, 40).tolist():
+        there = orbit.configuration(offset + sense * arc)
+        assert distance(there, orbit.configuration(arc)) < accuracy
+    assert len(orbit.reflections) == orbit.number_of_legs
+    turns = [(offset + sense * arc, edge) for arc, edge in orbit.reflections]
+    for leg in range(orbit.number_of_legs):
+        end = orbit.leg_arcs(leg)[1]
+        apart = [abs(math.remainder(arc - end, orbit.length)) for arc, _ in turns]
+        assert min(apart) < accuracy
+        assert turns[int(np.argmin(apart))][1] is (Edge.LAST if leg % 2 == 0 else Edge.FIRST)
+
+
+@pytest.mark.parametrize(
+    ('example', 'rotors'),
+    [*((example, 5) for example in EXAMPLES), (FLIPPER, 4), (WOBBLER, 4), (SPINNER, 4)],
+)
+def test_it_is_the_closed_orbit_of_a_short_chain(example: Example, rotors: int) -> None:
+    compare_with_closed_orbit(cycle_of(example, rotors), FOLLOWED)
+
+
+def test_it_is_the_closed_orbit_of_a_longer_chain_than_the_short_one() -> None:
+    # Four legs, each off by the cut tails of the zero mode.
+    compare_with_closed_orbit(cycle_of(NARROW, 15), 4 * ACCURATE)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@settings(deadline=None, max_examples=10)
+@given(place=st.floats(100, 900), leg=st.integers(0, 3))
+def test_in_the_middle_of_legs_it_holds_the_walls_at_rest(
+    example: Example, place: float, leg: int
+) -> None:
+    orbit = cycle_of(example, 1001)
+    leg %= orbit.number_of_legs
+    wall = static_wall(orbit.chain, place, leg)
+    assert distance(orbit.configuration(orbit.arc_at(place, leg)), wall) < ACCURATE
+
+
+@pytest.mark.parametrize('rotors', [4, 7])
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_free_motion_of_the_linkage_runs_round_it(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    start = 0.7
+    about = orbit.stretch(start)
+    # Bars must have their length to rounding, which the short wall at rest has.
+    angles, rates = orbit.configuration(start), about.tangent
+    simulation = RigidSimulation(orbit.chain, angles, rates, period=orbit.length / 16)
+    for frame in range(1, 17):
+        simulation.advance()
+        expected = orbit.configuration(start + frame * orbit.length / 16)
+        assert distance(simulation.angles, expected) < 10 * FOLLOWED
+
+
+@pytest.mark.parametrize(('example', 'fewer'), [(NARROW, 1), (NARROW, 0), (SPINNER, 1)])
+def test_a_chain_longer_by_two_rotors_has_legs_longer_by_two_sites(
+    example: Example, fewer: int
+) -> None:
+    # Both sides of the length from which on the orbit of a shorter chain stands in.
+    depth = penetration_depth(chain_of(example, 3)) / 0.1
+    rotors = 2 * (math.ceil(15 * depth) + 6) - fewer
+    shorter, longer = (cycle_of(example, many) for many in (rotors, rotors + 2))
+    growth = (longer.length - shorter.length) / shorter.number_of_legs
+    assert growth == pytest.approx(2 * shorter.site_arc, rel=0, abs=ACCURATE)
+
+
+@pytest.mark.parametrize(
+    ('example', 'expected'),
+    [
+        ((0.5, 0.1), 1.308),
+        (FLIPPER, 1.194),
+        (WOBBLER, 1.644),
+        (STRONG_WOBBLER, 1.474),
+        (WIDE_SPINNER, 16.9),
+    ],
+)
+def test_the_swing_at_the_edges_is_that_of_an_independent_program(
+    example: Example, expected: float
+) -> None:
+    orbit = cycle_of(example, 1001)
+    swing = orbit.length / orbit.number_of_legs - 1000 * orbit.site_arc
+    # Half a unit of the last digit given.
+    digits = 0.05 if example == WIDE_SPINNER else 5e-4
+    assert swing * example[0] == pytest.approx(expected, abs=digits)
+
+
+@pytest.mark.parametrize('rotors', [8, 1001])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_its_mirror_image_is_the_cycle_itself(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    chain = orbit.chain
+    middles = [orbit.arc_at(orbit.middle, leg) for leg in range(orbit.number_of_legs)]
+    if chain.motion is Motion.SPINNER and rotors % 2 == 1:
+        sense, sum_of_arcs = 1, middles[1] - middles[0]
+    else:
+        # The mirror image of leg 0 has toggled both edge rotors of a wobbling flipper.
+        sense = -1
+        sum_of_arcs = middles[0] + middles[2 if chain.motion is Motion.WOBBLING_FLIPPER else 0]
+    for arc in np.linspace(0, orbit.length, 25).tolist():
+        image = mirrored(chain, orbit.configuration(arc))
+        there = orbit.configuration(sum_of_arcs + sense * arc)
+        # Followed there and back by the solver on different steps.
+        assert distance(image, there) < ACCURATE
+
+
+@pytest.mark.parametrize(('example', 'rotors'), ANY_LENGTH)
+@settings(deadline=None, max_examples=10)
+@given(share=st.floats(0, 1), leg=st.integers(0, 3), orbits=st.integers(-3, 3))
+def test_place_and_arc_are_inverse_to_each_other(
+    example: Example, rotors: int, share: float, leg: int, orbits: int
+) -> None:
+    orbit = cycle_of(example, rotors)
+    leg %= orbit.number_of_legs
+    place = 0.5 + share * (rotors - 2)
+    arc = orbit.arc_at(place, leg) + orbits * orbit.length
+    assert orbit.leg(arc) == leg
+    assert orbit.place(arc) == pytest.approx(place, rel=0, abs=1e-11 * rotors)
+
+
+@pytest.mark.parametrize('rotors', [8, 1001])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_site_arc_is_the_way_of_the_arc_in_one_spacing(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    for leg in range(orbit.number_of_legs):
+        before, after = (orbit.arc_at(orbit.middle + by, leg) for by in (-0.5, 0.5))
+        here = orbit.site_arc_at(orbit.arc_at(orbit.middle, leg))
+        assert abs(after - before) == pytest.approx(here, rel=1e-9)
+
+
+@pytest.mark.parametrize(('example', 'rotors'), ANY_LENGTH)
+def test_legs_follow_one_another_to_and_fro(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    arcs = np.linspace(0, orbit.length, 400, endpoint=False).tolist()
+    legs = [orbit.leg(arc) for arc in arcs]
+    assert legs == sorted(legs)
+    assert set(legs) == set(range(2 if orbit.chain.motion is Motion.SPINNER else 4))
+    assert orbit.leg_arcs(0)[0] == 0
+    assert orbit.leg_arcs(orbit.number_of_legs - 1)[1] == orbit.length
+    places = np.array([orbit.place(arc) for arc in arcs])
+    assert places.min() >= 0
+    assert places.max() <= rotors - 1
+    for leg in range(orbit.number_of_legs):
+        begin, end = orbit.leg_arcs(leg)
+        assert end - begin > 0
+        within = places[[here == leg for here in legs]]
+        assert (np.diff(within) * (-1) ** leg >= 0).all()
+
+
+@pytest.mark.parametrize('rotors', [8, 1001])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_wall_moves_towards_the_last_rotor_in_even_legs(example: Example, rotors: int) -> None:
+    orbit = cycle_of(example, rotors)
+    for arc in np.linspace(0.05, orbit.length - 0.05, 20).tolist():
+        if min(abs(arc - orbit.leg_arcs(leg)[1]) for leg in range(orbit.number_of_legs)) < 1e-3:
+            continue
+        towards_last = mode_towards_last(orbit.chain, orbit.configuration(arc))
+        about = orbit.stretch(arc)
+        along = towards_last[about.first : about.first + len(about.angles)] @ about.tangent
+        assert np.sign(along) == (-1) ** orbit.leg(arc)
+
+
+@pytest.mark.parametrize('rotors', [3, 8, 1001])
+@pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, STRONG_WOBBLER])
+def test_legs_of_flippers_end_where_the_edge_rotor_is_in_line_with_its_bar(
+    example: Example, rotors: int
+) -> None:
+    orbit = cycle_of(example, rotors)
+    for leg in range(4):
+        angles = orbit.configuration(orbit.leg_arcs(leg)[1])
+        edge, rotor = (Edge.LAST, -1) if leg % 2 == 0 else (Edge.FIRST, 0)
+        apart = math.remainder(toggled_angle(orbit.chain, angles, edge) - angles[rotor], math.tau)
+        assert abs(apart) < 4 * ACCURATE
+
+
+@pytest.mark.parametrize(('example', 'rotors'), ANY_LENGTH)
+@settings(deadline=None, max_examples=10)
+@given(share=st.floats(0, 1), orbits=st.integers(-1000, 1000))
+def test_any_arc_counts(example: Example, rotors: int, share: float, orbits: int) -> None:
+    orbit = cycle_of(example, rotors)
+    arc = share * orbit.length
+    later = arc + orbits * orbit.length
+    rounding = 1e-15 * (abs(orbits) + 1) * orbit.length
+    apart = distance(orbit.configuration(arc), orbit.configuration(later))
+    assert apart <= ACCURATE + rounding
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_rotors_beyond_a_stretch_do_not_move(example: Example) -> None:
+    orbit = cycle_of(example, 1001)
+    for arc in some_arcs(orbit, 12):
+        about = orbit.stretch(arc)
+        mode = zero_mode(orbit.chain, orbit.configuration(arc))
+        beyond = np.delete(mode, np.arange(about.first, about.first + len(about.angles)))
+        assert np.abs(beyond).max() < ACCURATE
+        left, right = orbit.background(arc)
+        assert distance(left[1:-1], orbit.chain.uniform_state(1)[1:-1]) == 0
+        leaning = np.sin(right[1:-1])
+        assert leaning == pytest.approx(-np.sin(left[1:-1]), abs=1e-15)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_the_longest_chain_takes_no_more_than_a_long_one(example: Example) -> None:
+    long, longest = cycle_of(example, 1000), cycle_of(example, 100_000)
+    for leg in range(long.number_of_legs):
+        shares = [
+            len(each.stretch(each.arc_at(each.middle, leg)).angles) for each in (long, longest)
+        ]
+        assert shares[0] == shares[1]
+    growth = (longest.length - long.length) / long.number_of_legs
+    assert growth == pytest.approx(99_000 * long.site_arc, rel=1e-12)
+    assert longest.reach == pytest.approx(long.reach, rel=1e-9)
+
+
+def test_deviations_do_not_count() -> None:
+    chain = chain_of(WOBBLER, 8)
+    drawn = drawn_deviations(8, 3, rotor_length=0.05, spacing=0.05)
+    deviating = UniformOrbit(dataclasses.replace(chain, deviations=drawn))
+    assert deviating.chain == chain
+    assert deviating.length == cycle_of(WOBBLER, 8).length
+
+
+@pytest.mark.parametrize(('rotors', 'periodic'), [(2, False), (2, True), (20, True)])
+def test_chains_without_a_wall_are_refused(rotors: int, periodic: bool) -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, rotors), periodic=periodic)
+    with pytest.raises(ValueError, match=f'chain of {rotors} rotors .* give it 3 rotors or more'):
+        UniformOrbit(chain)
+
+
+def test_the_transition_is_refused() -> None:
+    with pytest.raises(ValueError, match='too near to d_c'):
+        UniformOrbit(chain_of((1 / math.sin(0.8) ** 2, 0.8), 20))
+    with pytest.raises(ValueError, match='take longer rotors or a larger rest angle'):
+        UniformOrbit(chain_of((0.02, 0.001), 20))

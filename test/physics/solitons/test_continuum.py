@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Continuum walls: stationary, of the energy of their densities, with tails of two kinds."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import mpmath
+import numpy as np
+import pytest
+from chains import (
+    EPS,
+    FLIPPER,
+    SPINNER,
+    any_chain,
+    chain_of,
+)
+from continuum_theories import Theory, theory_of
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from soliton_linkage.linear.bands import dispersion
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.continuum import (
+    FlipperTheory,
+    SpinnerTheory,
+    charge_of_field,
+    continuum_tail,
+    exact_tail,
+    half_turns,
+    topological_charge,
+    wobble_exponents,
+)
+
+SIGNS = st.sampled_from([-1, 1])
+SHARES = st.floats(-0.99, 0.99)
+# Five-point differences over a thousandth of a width: to the fourth order of it, and EPS over it.
+DIFFERENCE = 1e-3
+DIFFERENTIATED = 1e-10
+
+
+@st.composite
+def any_theory(draw: st.DrawFn, exact_sound: bool = False) -> Theory:
+    """Draw a theory of any chain that has one."""
+    chain = draw(any_chain(fewest=3))
+    assume(abs(chain.lean_ratio - 1) > 1e-3)
+    assume(abs(chain.lean_ratio / chain.critical_lean_ratio - 1) > 1e-6)
+    return theory_of(chain, exact_sound)
+
+
+@st.composite
+def any_spinner(draw: st.DrawFn) -> SpinnerTheory:
+    """Draw a theory of any spinner with r / a up to 20."""
+    rest_angle = draw(st.floats(0.23, 1.56))
+    share = draw(st.floats(1e-6, 1))
+    least = 1 / math.sin(rest_angle) ** 2
+    chain = chain_of((least + share * (20 - least), rest_angle), 3)
+    return SpinnerTheory(chain, family=draw(SIGNS))
+
+
+def field(theory: Theory, places: Array, velocity: float, charge: int) -> Array:
+    if isinstance(theory, FlipperTheory):
+        return theory.displacements(places, 0.0, velocity, charge)
+    return theory.turned(places, 0.0, velocity, charge)
+
+
+def scale_of(theory: Theory) -> float:
+    return theory.lean if isinstance(theory, FlipperTheory) else 1.0
+
+
+def slope(theory: Theory, places: Array, velocity: float, charge: int) -> Array:
+    """Slope of the field by five-point differences."""
+    step = DIFFERENCE * theory.width(velocity)
+    values = [field(theory, places + n * step, velocity, charge) for n in (-2, -1, 1, 2)]
+    return np.asarray((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step))
+
+
+@given(any_theory(), SIGNS)
+def test_a_wall_at_rest_solves_the_equation_of_first_order(theory: Theory, charge: int) -> None:
+    width = theory.width()
+    places = width * np.linspace(-6, 6, 41)
+    values = field(theory, places, 0.0, charge)
+    limit = DIFFERENTIATED * scale_of(theory) / width
+    expected = charge * theory.static_slope(values)
+    assert slope(theory, places, 0.0, charge) == pytest.approx(expected, rel=0, abs=limit)
+
+
+@given(any_theory(), SHARES, SIGNS, st.floats(-3, 3), st.floats(0.3, 2))
+def test_a_boosted_wall_makes_the_action_stationary(
+    theory: Theory, share: float, charge: int, centre: float, breadth: float
+) -> None:
+    velocity = share * theory.speed_of_sound
+    width = theory.width(velocity)
+    x = np.linspace(-20, 20, 4001)
+    values = field(theory, x * width, velocity, charge)
+    slopes = slope(theory, x * width, velocity, charge)
+    bump = scale_of(theory) * np.exp(-(((x - centre) / breadth) ** 2))
+    bump_slopes = -2 * (x - centre) / breadth**2 * bump / width
+
+    def terms(share: float) -> tuple[float, float]:
+        moved, steeper = values + share * bump, slopes + share * bump_slopes
+        kinetic = theory.kinetic_density(-velocity * steeper)
+        elastic = theory.elastic_density(moved, steeper)
+        return float(kinetic.sum()), float(elastic.sum())
+
+    step = 1e-4
+    (more_kinetic, more_elastic), (less_kinetic, less_elastic) = terms(step), terms(-step)
+    change = (more_kinetic - more_elastic) - (less_kinetic - less_elastic)
+    # The terms of the third order in the step are left, and what their sizes are rounded to.
+    size = sum(abs(term) for term in (*terms(step), *terms(1.0)))
+    assert abs(change) / (2 * step) <= 1e-6 * size
+
+
+@given(any_theory(), SHARES, SIGNS)
+def test_energies_are_the_integrals_of_their_densities(
+    theory: Theory, share: float, charge: int
+) -> None:
+    velocity = share * theory.speed_of_sound
+    width = theory.width(velocity)
+
+    def kinetic(x: float) -> float:
+        slopes = slope(theory, np.array(x * width), velocity, charge)
+        return float(theory.kinetic_density(velocity * slopes)) * width
+
+    def elastic(x: float) -> float:
+        place = np.array(x * width)
+        slopes = slope(theory, place, velocity, charge)
+        values = field(theory, place, velocity, charge)
+        return float(theory.elastic_density(values, slopes)) * width
+
+    limit = 1e-8 * theory.energy_scale
+    in_motion = quad(kinetic, -20, 20, epsabs=limit / 10, limit=200)[0]
+    in_springs = quad(elastic, -20, 20, epsabs=limit / 10, limit=200)[0]
+    assert theory.kinetic_energy(velocity) == pytest.approx(in_motion, rel=1e-8, abs=limit)
+    assert theory.elastic_energy(velocity, charge) == pytest.approx(
+        in_springs, rel=1e-8, abs=limit
+    )
+    assert theory.energy(velocity, charge) == pytest.approx(
+        in_motion + in_springs, rel=1e-8, abs=limit
+    )
+
+
+@given(any_theory(), st.floats(-12, -1e-4), SIGNS)
+def test_energies_are_those_of_thirty_digits_at_any_speed(
+    theory: Theory, exponent: float, charge: int
+) -> None:
+    velocity = theory.speed_of_sound * 10**exponent
+    with mpmath.workdps(30):
+        ratio = mpmath.mpf(velocity) / mpmath.mpf(theory.speed_of_sound)
+        gamma = 1 / mpmath.sqrt(1 - ratio**2)
+        scale = mpmath.mpf(theory.energy_scale)
+        whole = (gamma - charge) * scale
+        springs = (gamma - charge) ** 2 / (2 * gamma) * scale
+        width = float(mpmath.mpf(theory.chain.wall_width) / gamma)
+    rel = 64 * EPS / (1 - float(ratio))
+    assert theory.energy(velocity, charge) == pytest.approx(float(whole), rel=rel)
+    assert theory.elastic_energy(velocity, charge) == pytest.approx(float(springs), rel=rel)
+    assert theory.width(velocity) == pytest.approx(width, rel=rel)
+    assert theory.lorentz_factor(-velocity) == theory.lorentz_factor(velocity)
+
+
+@given(any_theory(exact_sound=True), st.floats(1e-6, 0.99))
+def test_springs_and_motion_share_the_energy(theory: Theory, share: float) -> None:
+    velocity = share * theory.speed_of_sound
+    gamma = theory.lorentz_factor(velocity)
+    springs, motion = theory.elastic_energy(velocity), theory.kinetic_energy(velocity)
+    assert springs + motion == pytest.approx(theory.energy(velocity), rel=1e-12)
+    assert springs / motion == pytest.approx((gamma - 1) / (gamma + 1), rel=1e-9, abs=1e-15)
+    assert theory.energy(0.0) == 0
+    assert theory.energy(0.0, -1) == 2 * theory.energy_scale
+    assert theory.energy(velocity, -1) - theory.energy(velocity) == pytest.approx(
+        2 * theory.energy_scale, rel=1e-12
+    )
+
+
+@given(any_theory())
+def test_mass_scale_of_energy_and_limiting_speed_agree(theory: Theory) -> None:
+    assert theory.energy_scale == pytest.approx(
+        theory.effective_mass * theory.limiting_speed_of_sound**2, rel=32 * EPS
+    )
+    assert theory.effective_mass == pytest.approx(
+        theory.chain.mass * theory.arc_per_site**2, rel=8 * EPS
+    )
+
+
+@given(any_theory())
+def test_the_exact_speed_of_sound_is_the_curvature_of_the_band_at_its_bottom(
+    theory: Theory,
+) -> None:
+    chain = theory.chain
+    d = chain.lean_ratio
+    bottom = 0.0 if d < 1 else math.pi
+    step = 1e-3
+    squares = dispersion(chain, (bottom + step * np.array([0, 1])) / chain.spacing) ** 2
+    curvature = (squares[1] - squares[0]) / (step / chain.spacing) ** 2
+    exact = dataclasses.replace(theory, exact_sound=True).speed_of_sound
+    top = float(dispersion(chain, (math.pi - bottom) / chain.spacing))
+    rounding = 32 * EPS * (top * chain.spacing / step) ** 2
+    assert exact**2 == pytest.approx(curvature, rel=step**2, abs=rounding)
+    share = math.sqrt(abs((1 - d) * (1 + d)))
+    share = share / d if isinstance(theory, SpinnerTheory) else share * math.cos(chain.rest_angle)
+    assert exact == pytest.approx(theory.limiting_speed_of_sound * share, rel=1e-9)
+    assert theory.speed_of_sound == theory.limiting_speed_of_sound
+
+
+@given(any_theory(exact_sound=True), st.floats(-8, 2), st.floats(0.1, 10), SIGNS)
+def test_a_kick_has_the_energy_of_the_wall(
+    theory: Theory, exponent: float, factor: float, sense: int
+) -> None:
+    kick = sense * 10**exponent * theory.arc_per_site * theory.speed_of_sound
+    speed = theory.speed_after_kick(kick)
+    assert abs(speed) < theory.speed_of_sound
+    assert math.copysign(1, speed) == sense
+    rel = 1e-12 * (1 + 10 ** (4 * exponent))
+    assert theory.energy(speed) == pytest.approx(theory.chain.mass * kick**2 / 2, rel=rel)
+    assert theory.speed_after_kick(factor * kick, factor * theory.arc_per_site) == pytest.approx(
+        speed, rel=1e-12
+    )
+    with mpmath.workdps(30):
+        gained = (mpmath.mpf(kick) / (theory.arc_per_site * theory.speed_of_sound)) ** 2 / 2
+        expected = theory.speed_of_sound * mpmath.sqrt(1 - 1 / (1 + gained) ** 2)
+    assert abs(speed) == pytest.approx(float(expected), rel=64 * EPS)
+
+
+@given(any_theory(exact_sound=True))
+def test_slow_walls_take_the_speed_of_the_kick_over_the_arc(theory: Theory) -> None:
+    arc = 2.5
+    kick = 1e-5 * arc * theory.speed_of_sound
+    assert theory.speed_after_kick(kick, arc) == pytest.approx(kick / arc, rel=1e-9)
+    assert theory.speed_after_kick(0.0) == 0
+    assert theory.speed_after_kick(-1e200) == -theory.speed_of_sound
+
+
+def test_walls_at_rest_have_a_theory_where_the_speed_of_sound_vanishes() -> None:
+    # A lean ratio of 1 to the last digit.
+    chain = Chain(3, spacing=1.0, rotor_length=1.0, rest_angle=math.asin(0.5))
+    factor = chain.lean_ratio
+    chain = Chain(3, spacing=factor, rotor_length=1.0, rest_angle=math.asin(0.5))
+    theory = FlipperTheory(chain)
+    assert theory.speed_of_sound == 0
+    assert theory.width() == chain.wall_width
+    assert theory.energy(0.0) == 0
+    assert theory.speed_after_kick(1.0) == 0
+    with pytest.raises(ValueError, match='must stay below the speed of sound, 0 m/s'):
+        theory.width(1e-9)
+
+
+@given(any_spinner(), SIGNS, SIGNS, st.sampled_from([0, 1]), SHARES)
+def test_both_sublattices_of_a_spinner_solve_their_equation(
+    theory: SpinnerTheory, charge: int, turn: int, sublattice: int, share: float
+) -> None:
+    family, velocity = theory.family, share * theory.speed_of_sound
+    rest = family * theory.chain.rest_angle
+    width = theory.width(velocity)
+    scaled = np.linspace(-8, 8, 33)
+
+    def theta(shift: float) -> Array:
+        places = (scaled + shift) * width
+        return theory.staggered_angles(places, sublattice, 0.0, velocity, charge, turn)
+
+    sign = family * charge
+    assert np.cos(theta(0) - rest) == pytest.approx(-sign * np.tanh(scaled), abs=8 * EPS)
+    h = DIFFERENCE
+    slopes = (theta(-2 * h) - 8 * theta(-h) + 8 * theta(h) - theta(2 * h)) / (12 * h)
+    assert slopes == pytest.approx(sign * np.sin(theta(0) - rest), abs=DIFFERENTIATED)
+    forwards = turn * charge * (1 - 2 * sublattice)
+    assert (np.sign(np.diff(theta(0))) == forwards).all()
+
+
+@given(any_chain())
+def test_the_wobble_solves_its_equation(chain: Chain) -> None:
+    ub, a = chain.rotor_length * math.sin(chain.rest_angle), chain.spacing
+    assume(abs(chain.lean_ratio * math.sqrt(2) - 1) > 1e-6)
+    plus, minus = wobble_exponents(chain)
+    assert plus + minus == pytest.approx(2 / ub, rel=8 * EPS)
+    assert plus * minus == pytest.approx(8 / a**2, rel=32 * EPS)
+    for exponent in (plus, minus):
+        terms = (a * exponent) ** 2 / 8, -(a**2) * exponent / (4 * ub), 1
+        assert abs(sum(terms)) <= 1e3 * EPS * sum(map(abs, terms))
+        assert exponent.real > 0
+    oscillates = chain.lean_ratio > 1 / math.sqrt(2)
+    assert (plus.imag != 0) == oscillates
+    tail = continuum_tail(chain)
+    assert (tail.wave_number > 0) == oscillates
+    if oscillates:
+        assert tail.decay_length == pytest.approx(ub, rel=8 * EPS)
+        assert tail.wave_number < math.sqrt(8) / a
+    else:
+        assert tail.decay_length >= ub
+
+
+def test_the_tails_agree_far_from_d_1() -> None:
+    narrow, wide = chain_of((0.5, 0.02), 2), chain_of((20.0, 1.5), 2)
+    for chain, rel in ((narrow, 1e-3), (wide, 1e-3)):
+        exact, continuum = exact_tail(chain), continuum_tail(chain)
+        assert exact.decay_length == pytest.approx(continuum.decay_length, rel=rel)
+    assert continuum_tail(wide).wave_number * wide.spacing == pytest.approx(2.828, abs=1e-3)
+    assert exact_tail(wide).wave_number * wide.spacing == pytest.approx(math.pi)
+
+
+def test_the_tail_changes_its_kind_at_d_1() -> None:
+    rest_angle = 0.77
+    for share, oscillates in ((1 - 1e-9, False), (1 + 1e-9, True)):
+        chain = chain_of((share / (2 * math.sin(rest_angle)), rest_angle), 2)
+        tail = exact_tail(chain)
+        assert tail.wave_number == (math.pi / chain.spacing if oscillates else 0)
+        assert tail.decay_length < chain.spacing / 20
+
+
+@pytest.mark.parametrize(
+    ('call', 'message'),
+    [
+        (lambda f, s: FlipperTheory(s.chain), 'is a spinner; use SpinnerTheory'),
+        (lambda f, s: SpinnerTheory(f.chain), 'is a flipper; use FlipperTheory'),
+        (lambda f, s: SpinnerTheory(s.chain, family=0), r'family = 0 must be'),
+        (lambda f, s: f.width(f.speed_of_sound), 'must stay below the speed of sound'),
+        (lambda f, s: s.energy(-1.1 * s.speed_of_sound), 'must stay below the speed of sound'),
+        (lambda f, s: s.energy(math.nan), 'velocity = nan m/s must stay'),
+        (lambda f, s: f.displacements([0.0], 0.0, math.inf), 'velocity = inf m/s must stay'),
+        (lambda f, s: f.energy(0.0, 0), r'charge = 0 must be \+1 or -1'),
+        (lambda f, s: f.extensions([0.0], charge=2), r'charge = 2 must be'),
+        (lambda f, s: s.state(0.0, charge=3), r'charge = 3 must be'),
+        (lambda f, s: s.state(0.0, turn=0), r'turn = 0 must be'),
+        (lambda f, s: s.extensions([0.0], turn=2), r'turn = 2 must be'),
+        (lambda f, s: s.staggered_angles([0.0], 2), 'sublattice = 2 must be 0'),
+        (lambda f, s: f.speed_after_kick(math.nan), 'kick = nan m/s must be a finite'),
+        (lambda f, s: f.speed_after_kick(1.0, 0.0), 'arc per site = 0.0 must be a finite'),
+        (lambda f, s: f.speed_after_kick(1.0, math.inf), 'arc per site = inf must be'),
+        (lambda f, s: charge_of_field([0, 1], 0.0), 'lean = 0.0 m must be a finite'),
+        (lambda f, s: half_turns(f.chain, np.zeros(3)), 'a flipper does not turn'),
+        (lambda f, s: topological_charge(f.chain, np.zeros(4)), r'angles of shape \(4,\)'),
+    ],
+)
+def test_what_has_no_meaning_is_refused(
+    call: Callable[[FlipperTheory, SpinnerTheory], object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(FlipperTheory(chain_of(FLIPPER, 3)), SpinnerTheory(chain_of(SPINNER, 3)))

@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The walls of the continuum beside those of the chain, at rest, in balance and simulated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from chains import (
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_SPINNER,
+    WOBBLER,
+    chain_of,
+)
+from continuum_theories import WIDEST_FLIPPER, Theory, theory_of
+from linkage_motion import distance, site, wall_between
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linear.statics import balanced
+from soliton_linkage.linkage.chain import Array, Motion, staggered
+from soliton_linkage.solitons.continuum import (
+    FlipperTheory,
+    SpinnerTheory,
+    charge_of_field,
+    exact_tail,
+    half_turns,
+    topological_charge,
+)
+from soliton_linkage.solitons.tanh_fit import find_solitons
+
+
+@pytest.mark.parametrize('sense', [-1, 1])
+@pytest.mark.parametrize('charge', [-1, 1])
+def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_behind_it(
+    charge: int, sense: int
+) -> None:
+    chain = chain_of(WIDEST_FLIPPER, 200)
+    theory = FlipperTheory(chain)
+    angles, rates = theory.state(100 * chain.spacing, sense * 0.5 * theory.speed_of_sound, charge)
+    later, _ = theory.state(
+        100 * chain.spacing + sense * 0.5 * theory.speed_of_sound * 1e-6,
+        sense * 0.5 * theory.speed_of_sound,
+        charge,
+    )
+    assert (later - angles) / 1e-6 == pytest.approx(rates, rel=0, abs=1e-5 * abs(rates).max())
+    assert angles[:10] == pytest.approx(chain.uniform_state(charge)[:10], abs=1e-6)
+    assert angles[-10:] == pytest.approx(chain.uniform_state(-charge)[-10:], abs=1e-6)
+    assert topological_charge(chain, angles) == charge
+    field_charge = charge_of_field(chain.rotor_length * np.sin(staggered(angles)), theory.lean)
+    assert field_charge == pytest.approx(charge, abs=1e-6)
+
+
+@pytest.mark.parametrize('example', [SPINNER, WIDE_SPINNER])
+@pytest.mark.parametrize('charge', [-1, 1])
+@pytest.mark.parametrize('turn', [-1, 1])
+@pytest.mark.parametrize('family', [-1, 1])
+@pytest.mark.parametrize('sense', [-1, 1])
+def test_spinners_turn_by_half_a_turn_across_a_wall(
+    example: tuple[float, float], charge: int, turn: int, family: int, sense: int
+) -> None:
+    chain = chain_of(example, 60)
+    theory = SpinnerTheory(chain, family=family)
+    velocity = sense * 0.3 * theory.speed_of_sound
+    angles, rates = theory.state(30 * chain.spacing, velocity, charge, turn)
+    later, _ = theory.state(30 * chain.spacing + velocity * 1e-6, velocity, charge, turn)
+    assert (later - angles) / 1e-6 == pytest.approx(rates, rel=0, abs=1e-4 * abs(rates).max())
+    places = chain.spacing * np.arange(60)
+    for sublattice in (0, 1):
+        expected = theory.staggered_angles(
+            places, sublattice, 30 * chain.spacing, velocity, charge, turn
+        )
+        assert staggered(angles)[sublattice::2] == pytest.approx(expected[sublattice::2])
+    for image in (angles, -angles[::-1], angles + 4 * np.pi):
+        assert topological_charge(chain, image) == charge
+        assert half_turns(chain, image) == charge * turn
+    assert find_solitons(chain, angles, rates)[0].charge == charge
+    assert math.copysign(1, find_solitons(chain, angles, rates)[0].velocity) == sense
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 40)
+    for lean in (-1, 1):
+        assert topological_charge(chain, chain.uniform_state(lean)) == 0
+    for turned in (False, True):
+        wall = wall_between(chain, 19, turned)
+        assert topological_charge(chain, wall) == 1
+        if chain.motion is Motion.SPINNER:
+            assert abs(half_turns(chain, wall)) == 1
+            assert half_turns(chain, chain.uniform_state(1)) == 0
+
+
+@pytest.mark.parametrize(('charge', 'share'), [(-1, 0.0), (-1, 0.6), (1, 0.6)])
+def test_springs_of_a_flippers_wall_stretch_as_the_chain_says(charge: int, share: float) -> None:
+    errors = []
+    for rest_angle in (0.1, 0.05):
+        chain = chain_of((0.5, rest_angle), 401)
+        theory = FlipperTheory(chain, exact_sound=False)
+        velocity = share * theory.speed_of_sound
+        angles, _ = theory.state(200.3 * chain.spacing, velocity, charge)
+        between = chain.spacing * (np.arange(400) + 0.5)
+        expected = theory.extensions(between, 200.3 * chain.spacing, velocity, charge)
+        found = chain.spring_extensions(angles)
+        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+        assert (expected * charge <= 0).all()
+    # The continuum is exact to the second order in d.
+    assert errors[0] < 3 * FlipperTheory(chain_of((0.5, 0.1), 3)).chain.lean_ratio ** 2
+    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
+
+
+@pytest.mark.parametrize('turn', [-1, 1])
+@pytest.mark.parametrize('family', [-1, 1])
+def test_springs_of_a_spinners_wall_stretch_in_turn(turn: int, family: int) -> None:
+    errors = []
+    for ratio in (10.0, 20.0):
+        chain = chain_of((ratio, 0.9), 401)
+        theory = SpinnerTheory(chain, False, family)
+        angles, _ = theory.state(200.3 * chain.spacing, 0.0, -1, turn)
+        between = chain.spacing * (np.arange(400) + 0.5)
+        expected = theory.extensions(between, 200.3 * chain.spacing, 0.0, -1, turn)
+        expected = expected * (-1.0) ** np.arange(400)
+        found = chain.spring_extensions(angles)
+        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+    # The continuum is exact to the first order in a / r.
+    assert errors[0] < 0.3
+    assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1)
+
+
+def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array]:
+    """Angles of a wall of each charge at rest, half a ring of r / a = 0.5 apart, in balance."""
+    chain = dataclasses.replace(chain_of((0.5, rest_angle), rotors), periodic=True)
+    theory = FlipperTheory(chain)
+    places = chain.spacing * np.arange(rotors)
+    centres = chain.spacing * (rotors / 4 * np.array([1, 3]) - 0.5)
+    first = theory.displacements(places, centres[0])
+    second = theory.displacements(places, centres[1], charge=-1)
+    displacements = np.where(np.arange(rotors) < rotors / 2, first, second)
+    angles = staggered(np.arcsin(displacements / chain.rotor_length))
+    return theory, balanced(chain, angles)
+
+
+@pytest.mark.parametrize(
+    ('rest_angle', 'rotors', 'expected'),
+    [
+        (math.asin(0.05), 600, 0.9992),
+        (0.1, 300, 0.9967),
+        (0.2, 160, 0.987),
+        (0.4, 80, 0.948),
+        (0.97, 40, 0.744),
+    ],
+)
+def test_a_wall_of_charge_minus_1_costs_what_an_independent_program_found(
+    rest_angle: float, rotors: int, expected: float
+) -> None:
+    theory, angles = pair_on_a_ring(rest_angle, rotors)
+    cost = float(theory.chain.elastic_energy(angles))
+    assert cost / theory.energy(0.0, -1) == pytest.approx(expected, abs=6e-4)
+    assert topological_charge(theory.chain, angles) == 0
+
+
+def test_its_cost_tends_to_that_of_the_continuum_with_the_square_of_d() -> None:
+    deficits = []
+    for sine, rotors in ((0.025, 1200), (0.05, 600), (0.1, 300)):
+        theory, angles = pair_on_a_ring(math.asin(sine), rotors)
+        cost = float(theory.chain.elastic_energy(angles))
+        deficits.append(1 - cost / theory.energy(0.0, -1))
+    assert deficits[1] / deficits[0] == pytest.approx(4, rel=0.02)
+    assert deficits[2] / deficits[1] == pytest.approx(4, rel=0.02)
+
+
+@pytest.mark.parametrize('charge', [1, -1])
+def test_a_sampled_wall_at_rest_costs_nothing_beside_one_of_the_other_charge(charge: int) -> None:
+    shares = []
+    for rest_angle in (0.1, 0.05):
+        chain = chain_of((0.5, rest_angle), 401)
+        theory = FlipperTheory(chain)
+        angles, _ = theory.state(200.3 * chain.spacing, 0.0, charge)
+        cost = float(chain.elastic_energy(angles))
+        shares.append(abs(cost - theory.energy(0.0, charge)) / theory.energy_scale)
+    order = 4 if charge > 0 else 2
+    assert shares[1] == pytest.approx(shares[0] / 2**order, rel=0.1)
+
+
+def arc_of(example: tuple[float, float]) -> float:
+    """Length of the exact motion by one site over a, Lambda [1]."""
+    rotors = max(40, 2 * round(14 * theory_of(chain_of(example, 3)).width() / 0.1))
+    return site(chain_of(example, rotors), rotors // 2 - 1, False, False, 3)[1] * example[0]
+
+
+@pytest.mark.parametrize(
+    ('examples', 'order'),
+    [([(0.5, 0.2), (0.5, 0.1)], 2), ([(4.0, 0.9), (8.0, 0.9)], 2)],
+)
+def test_the_arc_of_a_site_tends_to_that_of_the_continuum(
+    examples: list[tuple[float, float]], order: int
+) -> None:
+    shares = [
+        theory_of(chain_of(example, 3)).arc_per_site / arc_of(example) for example in examples
+    ]
+    assert abs(1 - shares[0]) < 0.02
+    assert (1 - shares[1]) == pytest.approx((1 - shares[0]) / 2**order, rel=0.1)
+
+
+def kicked(
+    example: tuple[float, float], rotors: int, kick: float, since: float, until: float
+) -> tuple[Theory, float, float, float, float]:
+    """Wall that a kick of the edge set going: its theory, speed, width, energies in the whole.
+
+    The kick is in units of a over the time unit, and the wall is measured between two times in
+    time units.
+    """
+    chain = chain_of(example, rotors)
+    unit = chain.time_unit
+    start = chain.uniform_state(-1)
+    rates = mode_towards_last(chain, start) * kick / (example[0] * unit)
+    recording = simulate(chain, start, rates, until * unit, (until - since) / 20 * unit, 1e-9)
+    late = recording.times >= since * unit
+    frames = list(zip(recording.angles[late], recording.rates[late], strict=True))
+    walls = [find_solitons(chain, angles, moving)[0] for angles, moving in frames]
+    positions = [wall.position for wall in walls]
+    speed = float(np.polyfit(recording.times[late], positions, 1)[0])
+    springs = float(np.mean([chain.elastic_energy(angles) for angles, _ in frames]))
+    motion = float(np.mean([chain.kinetic_energy(moving) for _, moving in frames]))
+    width = float(np.mean([wall.width for wall in walls]))
+    return theory_of(chain), speed, width, springs, motion
+
+
+@pytest.mark.parametrize(
+    ('kick', 'since', 'until'), [(0.006, 200, 400), (0.010, 150, 270), (0.016, 100, 200)]
+)
+def test_a_kicked_flipper_is_a_boosted_wall(kick: float, since: float, until: float) -> None:
+    theory, speed, width, springs, motion = kicked(WIDEST_FLIPPER, 150, kick, since, until)
+    chain = theory.chain
+    assert theory.speed_after_kick(kick * chain.spacing / chain.time_unit) == pytest.approx(
+        speed, rel=0.005
+    )
+    assert theory.width(speed) == pytest.approx(width, rel=0.015)
+    assert theory.energy(speed) == pytest.approx(springs + motion, rel=0.01)
+    assert theory.elastic_energy(speed) / theory.kinetic_energy(speed) == pytest.approx(
+        springs / motion, rel=0.03
+    )
+
+
+def test_the_exact_speed_of_sound_fits_a_fast_flipper_better_than_its_limit() -> None:
+    theory, speed, _, springs, motion = kicked(WIDEST_FLIPPER, 150, 0.016, 100, 200)
+    limiting = dataclasses.replace(theory, exact_sound=False)
+    kick = 0.016 * theory.chain.spacing / theory.chain.time_unit
+    arc = arc_of(WIDEST_FLIPPER)
+    errors = [
+        abs(candidate.speed_after_kick(kick, arc) / speed - 1) for candidate in (theory, limiting)
+    ]
+    assert errors[0] < errors[1] / 3
+    whole = springs + motion
+    errors = [abs(candidate.energy(speed) / whole - 1) for candidate in (theory, limiting)]
+    assert errors[0] < errors[1] / 3
+    # A boosted wall that is let go keeps the width of the theory.
+    angles, rates = theory.state(45 * theory.chain.spacing, speed)
+    later = simulate(theory.chain, angles, rates, 100 * theory.chain.time_unit, 1.0, 1e-9)
+    (wall,) = find_solitons(theory.chain, later.angles[-1], later.rates[-1])
+    errors = [
+        abs(candidate.width(wall.velocity) / wall.width - 1) for candidate in (theory, limiting)
+    ]
+    assert errors[0] < errors[1] * 0.75
+    assert errors[0] < 0.01
+
+
+@pytest.mark.parametrize(
+    ('kick', 'since', 'until'), [(0.2, 200, 500), (0.6, 80, 160), (1, 50, 100)]
+)
+def test_a_kicked_spinner_is_a_boosted_wall(kick: float, since: float, until: float) -> None:
+    theory, speed, width, springs, motion = kicked(WIDE_SPINNER, 50, kick, since, until)
+    chain = theory.chain
+    given_speed = kick * chain.spacing / chain.time_unit
+    assert theory.speed_after_kick(given_speed, arc_of(WIDE_SPINNER)) == pytest.approx(
+        speed, rel=0.01
+    )
+    # At rest its width is 0.975 of that in the continuum.
+    assert 0.975 * theory.width(speed) == pytest.approx(width, rel=0.015)
+    assert theory.energy(speed) == pytest.approx(springs + motion, rel=0.04)
+
+
+@pytest.mark.parametrize('family', [-1, 1])
+@pytest.mark.parametrize('turn', [-1, 1])
+def test_an_exact_wall_half_way_between_spinners_tends_to_the_continuum(
+    family: int, turn: int
+) -> None:
+    errors = []
+    for ratio in (8.0, 16.0, 32.0):
+        # In the first family the masses beside the wall have crossed where it turns backwards.
+        chain = chain_of((ratio, 0.9), round(40 * ratio))
+        rotor = chain.number_of_rotors // 2 - 1
+        wall = wall_between(chain, rotor, family > 0, family * turn < 0)
+        theory = SpinnerTheory(chain, family=family)
+        angles, _ = theory.state((rotor + 0.5) * chain.spacing, 0.0, 1, turn)
+        errors.append(distance(angles, wall))
+        assert half_turns(chain, wall) == half_turns(chain, angles) == turn
+    assert errors[0] < 0.01
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, (1.2, 0.77), STRONG_WOBBLER, (1.8, 0.77)])
+def test_the_exact_tail_is_that_of_the_exact_wall(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 80)
+    tail = exact_tail(chain)
+    displacements = np.sin(staggered(wall_between(chain, 39))) - math.sin(chain.rest_angle)
+    # From the wall outwards, deviations small beside 1 and large beside rounding.
+    far = np.flatnonzero(np.abs(displacements[:39]) < 1e-5)
+    far = far[np.abs(displacements[far]) > 1e-10]
+    ratios = displacements[far[1:]] / displacements[far[1:] - 1]
+    growth = math.exp(chain.spacing / tail.decay_length)
+    growth *= math.cos(tail.wave_number * chain.spacing)
+    assert len(ratios) >= 2
+    assert ratios == pytest.approx(growth, rel=1e-3)

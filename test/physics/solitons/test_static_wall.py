@@ -1,0 +1,504 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walls at rest: relaxed, symmetric, exactly placed by the arc of their way, with exact tails."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from chains import EPS, EXAMPLES, FLIPPER, SPINNER, WIDE_SPINNER, WOBBLER, any_chain, chain_of
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from linkage_motion import distance, wall_between
+from mpmath import mp, mpf
+from scipy.integrate import quad
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.estimation.state_report import FrameState, StateReporter
+from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, zero_mode
+from soliton_linkage.linear.statics import length_rounding
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.solitons.static_wall import effective_mass, hung_from, site_arc, static_wall
+from soliton_linkage.solitons.tanh_fit import find_solitons
+
+# How far the angles of a wall may be off by the error of following its way [rad].
+FOLLOWED = 1e-9
+BOTH = (False, True)
+Sides = tuple[Array, Array]
+
+
+def legs_of(chain: Chain) -> range:
+    return range(2 if chain.motion is Motion.SPINNER else 4)
+
+
+def mirrored_leg(chain: Chain, leg: int) -> int:
+    """Leg of the mirror image: toggled is meant against the left-leaning state at both ends.
+
+    Mirrored, the left-leaning edge leans right. For d < 1 first and last rotor change places;
+    for d > 1, where that has the opposite coupling A_0, what was toggled also becomes what was
+    not, and 0 changes places with 2.
+    """
+    if chain.motion is Motion.SPINNER:
+        return leg
+    return (-leg if chain.lean_ratio <= 1 else 2 - leg) % 4
+
+
+def sides_of(chain: Chain, angles: Array) -> Sides:
+    first, second = rigidity_bands(chain, angles)
+    return np.sign(first), np.sign(second)
+
+
+@st.composite
+def any_wall(
+    draw: st.DrawFn, fewest: int = 3, most: int = 30, apart: float = 1e-8, narrowest: float = 0.05
+) -> tuple[Chain, float, int, bool]:
+    """Draw a chain, and the place, the leg and the side of a wall in it."""
+    chain = draw(any_chain(fewest, most))
+    assume(chain.lean_ratio > narrowest)
+    assume(abs(chain.lean_ratio / chain.critical_lean_ratio - 1) > apart)
+    place = draw(st.floats(0.5, chain.number_of_rotors - 1.5))
+    return chain, place, draw(st.sampled_from(legs_of(chain))), draw(st.booleans())
+
+
+@settings(deadline=None, max_examples=40)
+@given(any_wall())
+def test_a_wall_is_relaxed_wherever_it_is(wall: tuple[Chain, float, int, bool]) -> None:
+    chain, place, leg, turned = wall
+    angles = static_wall(chain, place, leg, turned)
+    rounding = length_rounding(chain)
+    assert np.abs(chain.spring_extensions(angles)).max() <= rounding
+    springs = chain.number_of_springs
+    assert chain.elastic_energy(angles) <= springs * chain.stiffness * rounding**2 / 2
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_wall_in_a_long_chain_is_relaxed_and_leans_right_before_it_and_left_beyond(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 3000)
+    angles = static_wall(chain, 1234.56)
+    assert np.abs(chain.spring_extensions(angles)).max() <= length_rounding(chain)
+    ends = (np.arange(1, 900), np.arange(1500, 2999))
+    for lean, inner in zip((1, -1), ends, strict=True):
+        leaning = chain.rotor_length * np.sin(angles[inner])
+        expected = lean * chain.rotor_length * math.sin(chain.rest_angle)
+        assert leaning == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize('turned', BOTH)
+@pytest.mark.parametrize('rotor', [9, 10])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_wall_half_way_is_that_of_its_symmetry(
+    example: tuple[float, float], rotor: int, turned: bool
+) -> None:
+    chain = chain_of(example, 21)
+    spinner = chain.motion is Motion.SPINNER
+    for leg in legs_of(chain):
+        crossed = spinner and (leg + rotor + turned) % 2 == 1
+        twin = wall_between(chain, rotor, turned != spinner, crossed)
+        angles = static_wall(chain, rotor + 0.5, leg, turned)
+        inner = slice(None) if spinner else slice(1, -1)
+        assert distance(angles[inner], twin[inner]) < 1e-11
+
+
+@settings(deadline=None, max_examples=15)
+@given(any_wall(apart=1e-4))
+def test_turned_is_the_image_at_the_horizontal(wall: tuple[Chain, float, int, bool]) -> None:
+    chain, place, leg, turned = wall
+    image_leg = 1 - leg if chain.motion is Motion.SPINNER else leg
+    image = static_wall(chain, place, image_leg, not turned)
+    assert distance(static_wall(chain, place, leg, turned), np.pi - image) < FOLLOWED
+
+
+@settings(deadline=None, max_examples=15)
+@given(any_wall(apart=1e-4))
+def test_the_mirror_image_of_a_wall_is_a_wall_at_the_mirrored_place(
+    wall: tuple[Chain, float, int, bool],
+) -> None:
+    chain, place, leg, turned = wall
+    # In staggered angles the image is -theta, or theta - pi for spinners, wherever even rotors
+    # become odd ones.
+    odd_changes = chain.number_of_rotors % 2 == 0
+    image_turned = turned != odd_changes
+    if chain.motion is Motion.SPINNER:
+        image_turned = not image_turned
+    mirrored = chain.number_of_rotors - 1 - place
+    image = static_wall(chain, mirrored, mirrored_leg(chain, leg), image_turned)
+    assert distance(static_wall(chain, place, leg, turned), -image[::-1]) < FOLLOWED
+
+
+@settings(deadline=None, max_examples=15)
+@given(any_wall(fewest=6, apart=1e-4))
+def test_a_wall_two_rotors_further_is_the_same_and_one_further_its_image(
+    wall: tuple[Chain, float, int, bool],
+) -> None:
+    chain, place, leg, turned = wall
+    place = 0.5 + (place - 0.5) * (chain.number_of_rotors - 4) / (chain.number_of_rotors - 2)
+    angles = static_wall(chain, place, leg, turned)
+    further = static_wall(chain, place + 2, leg, turned)
+    # Edge rotors may be on different sides; all others see the same bars. Places are rounded.
+    assert distance(further[3:-1], angles[1:-3]) < FOLLOWED
+    following_leg = 1 - leg if chain.motion is Motion.SPINNER else leg
+    following = static_wall(chain, place + 1, following_leg, turned)
+    assert distance(following[2:-1], np.pi - angles[1:-2]) < FOLLOWED
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_place_is_the_arc_length_of_the_motion(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 170)
+    arc = site_arc(chain)
+    for leg, spacings in product(legs_of(chain), (0.3, 1.0, -2.7)):
+        start = static_wall(chain, 84.2, leg)
+        onwards = math.copysign(1, spacings) * mode_towards_last(chain, start)
+        motion = RigidSimulation(chain, start, onwards, period=abs(spacings) * arc)
+        motion.advance()
+        assert distance(motion.angles, static_wall(chain, 84.2 + spacings, leg)) < FOLLOWED
+
+
+@pytest.mark.parametrize('odd', [0, 1])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_arc_is_the_integral_over_the_angle_of_the_nearest_rotor(
+    example: tuple[float, float], odd: int
+) -> None:
+    chain = chain_of(example, 151)
+    seed = 74 + odd
+    near = static_wall(chain, seed + 0.0)
+    sides = sides_of(chain, near)
+
+    def rate(angle: float) -> float:
+        return 1 / abs(zero_mode(chain, hung_from(chain, seed, angle, *sides))[seed])
+
+    # At both ends the wall is half way, where its angles follow from symmetry.
+    before = static_wall(chain, seed - 0.5)[seed]
+    beyond = static_wall(chain, seed + 0.5 - 1e-15 * seed)[seed]
+    beyond = before + math.remainder(beyond - before, 2 * math.pi)
+    arc, _ = quad(rate, min(before, beyond), max(before, beyond), epsabs=1e-12, epsrel=1e-12)
+    assert site_arc(chain) == pytest.approx(arc, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ('example', 'expected', 'digits'),
+    [
+        ((0.5, 0.1), 0.018242, 6),
+        ((0.5, 0.97), 0.49487, 5),
+        ((0.8, 0.77), 0.78374, 5),
+        ((1.0, 0.77), 1.15818, 5),
+        ((1.2, 0.77), 1.64045, 5),
+        ((1.45, 0.77), 2.46088, 5),
+        ((2.0, 1.18), 2.15732, 5),
+        ((2.0, 0.77), 6.2109, 3),
+        ((4.0, 0.9), 3.2349, 3),
+    ],
+)
+def test_the_arc_is_that_of_an_independent_program(
+    example: tuple[float, float], expected: float, digits: int
+) -> None:
+    measured = site_arc(chain_of(example, 3)) * example[0]
+    assert measured == pytest.approx(expected, abs=10.0**-digits)
+
+
+class Decimals:
+    """A wall to twenty digits by bars from its rotor 0, in units of the spacing."""
+
+    def __init__(self, chain: Chain, beside: int) -> None:
+        mp.dps = 22
+        self.r = mpf(chain.rotor_length / chain.spacing)
+        self.bar = mp.sqrt(1 + 4 * self.r**2 * mp.cos(mpf(chain.rest_angle)) ** 2)
+        self.spinner = chain.motion is Motion.SPINNER
+        self.beside = beside
+        self.sine = self.r * mp.sin(mpf(chain.rest_angle))
+
+    def hung(self, angle: mpf, rotor: int, step: int) -> mpf:
+        """Angle of the rotor on a bar to the rotor a step before."""
+        h, v = self.r * mp.sin(angle) - step, self.r * mp.cos(angle)
+        reach = mp.hypot(h, v)
+        cosine = (reach**2 + self.r**2 - self.bar**2) / (2 * reach * self.r)
+        # A spinner's right-hand rotors hang on the other side than a flipper's.
+        side = (-1) ** rotor * (1 if step > 0 and not self.spinner else -1)
+        return mp.atan2(h, v) + side * mp.acos(cosine)
+
+    def rate(self, angle: mpf) -> mpf:
+        """Arc per angle of rotor 0, sqrt(sum_n t_n^2) / t_0."""
+        total = mpf(1)
+        for step in (1, -1):
+            before, mode = angle, mpf(1)
+            for rotor in range(step, (self.beside + 1) * step, step):
+                following = self.hung(before, rotor, step)
+                mode *= self.gear(before, following, step)
+                total += mode**2
+                before = following
+        return mp.sqrt(total)
+
+    def gear(self, angle: mpf, following: mpf, step: int) -> mpf:
+        """How far a rotor turns with its neighbour that is a step before it."""
+        across = step + self.r * (mp.sin(following) - mp.sin(angle))
+        up = self.r * (mp.cos(following) - mp.cos(angle))
+        drawn = mp.cos(angle) * across - mp.sin(angle) * up
+        return drawn / (mp.cos(following) * across - mp.sin(following) * up)
+
+
+@pytest.mark.parametrize(('example', 'beside'), [(FLIPPER, 14), ((1.2, 1.5), 30)])
+def test_arcs_and_places_are_exact_to_eleven_digits(
+    example: tuple[float, float], beside: int
+) -> None:
+    chain = chain_of(example, 41)
+    exact = Decimals(chain, beside)
+    before, near, beyond = (
+        mpf(float(static_wall(chain, 20 + step)[20])) for step in (-0.5, 0.17, 0.5 - 1e-14)
+    )
+    part = abs(mp.quad(exact.rate, [before, near], maxdegree=4))
+    rest = abs(mp.quad(exact.rate, [near, beyond], maxdegree=4))
+    assert site_arc(chain) == pytest.approx(float(part + rest), rel=1e-12)
+    assert float(part / (part + rest)) == pytest.approx(0.67, abs=1e-11)
+
+
+def arc_of_wide_flipper(chain: Chain) -> float:
+    """Arc a spacing of u = -ub tanh(x d / a), whose rotors turn by dphi = du / sqrt(r^2 - u^2).
+
+    Lambda^2 = sin(theta_bar)^2 d times the integral over tau = tanh from -1 to 1 of
+    (1 - tau^2) / (1 - sin(theta_bar)^2 tau^2), that is (4/3) sin(theta_bar)^2 d to first order.
+    """
+    sine = math.sin(chain.rest_angle)
+    return math.sqrt(2 * chain.lean_ratio * (1 - (1 - sine**2) * math.atanh(sine) / sine))
+
+
+def arc_of_wide_spinner(chain: Chain) -> float:
+    """Arc a spacing of cos(theta - theta_bar) = -tanh(x / w), dtheta = sech(x / w) dx / w."""
+    return math.sqrt(2 * chain.spacing / chain.wall_width)
+
+
+@pytest.mark.parametrize('rest_angle', [0.1, 0.77, 1.3])
+def test_the_arc_tends_to_that_of_phi_4_theory_as_d_squared(rest_angle: float) -> None:
+    errors = []
+    for lean_ratio in (0.2, 0.1, 0.05):
+        chain = chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 3)
+        errors.append(site_arc(chain) / arc_of_wide_flipper(chain) - 1)
+    for coarse, fine in pairwise(errors):
+        assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
+
+
+@pytest.mark.parametrize('rest_angle', [0.6, 0.9, 1.4])
+def test_the_arc_tends_to_that_of_sine_gordon_theory_as_1_over_d_squared(
+    rest_angle: float,
+) -> None:
+    errors = []
+    for ratio in (16, 32, 64):
+        chain = chain_of((ratio, rest_angle), 3)
+        errors.append(site_arc(chain) / arc_of_wide_spinner(chain) - 1)
+    for coarse, fine in pairwise(errors):
+        assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
+
+
+def test_the_mass_of_a_narrow_angled_wide_wall_is_that_of_phi_4_theory() -> None:
+    chain = chain_of((0.5, 0.05), 3)
+    lean = chain.rotor_length * math.sin(chain.rest_angle)
+    expected = 4 / 3 * chain.mass * lean**2 * chain.lean_ratio / chain.spacing**2
+    assert effective_mass(chain) == pytest.approx(expected, rel=chain.lean_ratio**2)
+
+
+@pytest.mark.parametrize('example', [(0.1, 0.2), *EXAMPLES, (1.45, 0.5), (20.0, 1.2)])
+@pytest.mark.parametrize('place', [0.0, 0.3])
+def test_tails_fall_by_the_same_factor_from_rotor_to_rotor(
+    example: tuple[float, float], place: float
+) -> None:
+    chain = chain_of(example, 1201)
+    theta = staggered(static_wall(chain, 600 + place))
+    factor = -(chain.lean_ratio - 1) / (chain.lean_ratio + 1)
+    beyond = chain.rest_angle + math.pi if chain.motion is Motion.SPINNER else -chain.rest_angle
+    before = np.remainder(theta[599:0:-1] - chain.rest_angle + 1, 2 * math.pi) - 1
+    after = np.remainder(theta[601:-1] - beyond + 1, 2 * math.pi) - 1
+    for tail in (before, after):
+        # The next order of the tail is its square; the angles are rounded, and so are bars.
+        far = np.flatnonzero((np.abs(tail[:-1]) < 1e-6) & (np.abs(tail[:-1]) > 1e-9))
+        assert len(far) > 1
+        limit = 10 * np.abs(tail[far]) + 200 * EPS / np.abs(tail[far])
+        limit *= 1 + chain.rotor_length / chain.spacing
+        assert (np.abs(tail[far + 1] / tail[far] - factor) < limit).all()
+        signs = np.sign(tail[far[0] : far[-1]])
+        assert (signs[1:] == math.copysign(1, factor) * signs[:-1]).all()
+
+
+@settings(deadline=None, max_examples=20)
+@given(any_wall(fewest=6))
+def test_beside_the_middle_between_two_rotors_flippers_lean_by_a_closed_form(
+    wall: tuple[Chain, float, int, bool],
+) -> None:
+    chain, place, leg, turned = wall
+    assume(chain.motion is not Motion.SPINNER)
+    rotor = min(max(int(place), 1), chain.number_of_rotors - 3)
+    angles = static_wall(chain, rotor + 0.5, leg, turned)[rotor : rotor + 2]
+    lean = chain.rotor_length * math.sin(chain.rest_angle)
+    # The rotor is placed by the arc, so that it is right to the error of following it.
+    assert chain.rotor_length * np.sin(angles) == pytest.approx(
+        np.array([1, -1]) * lean**2 / chain.spacing, rel=0, abs=1e-8 * chain.rotor_length
+    )
+
+
+def largest_lean(chain: Chain) -> float:
+    """Largest u over the places of a wall [a]."""
+    middle = chain.number_of_rotors // 2
+    leans = [np.sin(static_wall(chain, middle + k / 16)[1:-1]).max() for k in range(16)]
+    return float(max(leans)) * chain.rotor_length / chain.spacing
+
+
+def of_lean_ratio(lean_ratio: float, rest_angle: float) -> Chain:
+    return chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 101)
+
+
+@pytest.mark.parametrize('rest_angle', [0.2, 0.77, 1.4])
+@pytest.mark.parametrize('lean_ratio', [0.3, 0.8, 0.99])
+def test_a_flipper_does_not_overshoot(lean_ratio: float, rest_angle: float) -> None:
+    assert largest_lean(of_lean_ratio(lean_ratio, rest_angle)) <= lean_ratio / 2 * (1 + 1e-14)
+
+
+@pytest.mark.parametrize(('rest_angle', 'scale'), [(0.5, 0.21), (0.77, 0.165), (1.1, 0.075)])
+def test_a_wobbling_flipper_overshoots_as_a_power_of_d_less_1(
+    rest_angle: float, scale: float
+) -> None:
+    # The power is measured, and so is its scale to two digits; both are good to a tenth.
+    for excess in (0.3, 0.5, 0.9):
+        overshoot = largest_lean(of_lean_ratio(1 + excess, rest_angle)) - (1 + excess) / 2
+        assert overshoot == pytest.approx(scale * excess**2.1, rel=0.1)
+
+
+@pytest.mark.parametrize('rest_angle', [0.2, 0.5, 0.65])
+@pytest.mark.parametrize('lean_ratio', [0.1, 0.3, 1.0, 2.0, 3.0])
+def test_a_wall_deviates_from_a_tanh_as_d_cubed(lean_ratio: float, rest_angle: float) -> None:
+    chain = of_lean_ratio(lean_ratio, rest_angle)
+    rotors = np.arange(1, 100)
+    worst = 0.0
+    for k in range(16):
+        place = 50 + k / 16
+        leaning = np.sin(static_wall(chain, place)[1:-1]) * chain.rotor_length / chain.spacing
+        tanh = -lean_ratio / 2 * np.tanh((rotors - place) * lean_ratio)
+        worst = max(worst, float(np.abs(leaning - tanh).max()))
+    # Measured for d from 0.1 to 3: largest for small rest angles and d of 2.
+    assert 0.026 < worst / lean_ratio**3 < 0.040
+
+
+def shown_leg(chain: Chain, angles: Array, place: float, turned: bool) -> int:
+    """Leg by the edge rotors that have toggled or the side on which a wall's rotors turn over."""
+    if chain.motion is not Motion.SPINNER:
+        toggled = StateReporter(chain).edge_rotors(FrameState(chain, angles)).toggled
+        return [(False, False), (False, True), (True, True), (True, False)].index(toggled)
+    lean, rotor = -1 if turned else 1, round(place)
+    sine = math.sin(float(staggered(angles)[rotor]) - lean * chain.rest_angle)
+    return int(sine * lean * (-1) ** rotor > 0)
+
+
+@pytest.mark.parametrize('rotors', [40, 41])
+@pytest.mark.parametrize('turned', BOTH)
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_wall_is_found_on_its_leg(
+    example: tuple[float, float], turned: bool, rotors: int
+) -> None:
+    chain = chain_of(example, rotors)
+    legs = legs_of(chain)
+    for leg, place in product(legs, (13.3, 20.0, 24.8)):
+        angles = static_wall(chain, place, leg, turned)
+        (soliton,) = find_solitons(chain, angles)
+        assert shown_leg(chain, angles, place, turned) == leg
+        assert soliton.rotor == pytest.approx(place, abs=0.1)
+        assert soliton.charge == 1
+
+
+def test_at_d_1_legs_are_told_apart_as_well() -> None:
+    chain = Chain(21, spacing=0.1, rotor_length=0.1, rest_angle=math.asin(0.5))
+    assert chain.lean_ratio == pytest.approx(1, abs=EPS)
+    for leg in range(4):
+        assert shown_leg(chain, static_wall(chain, 9.3, leg), 9.3, False) == leg
+
+
+@pytest.mark.parametrize('rest_angle', [0.3, 0.77, 1.5])
+@pytest.mark.parametrize('beyond', [-1e-8, 1e-8])
+def test_walls_near_the_transition_to_spinners_are_still_symmetric(
+    beyond: float, rest_angle: float
+) -> None:
+    chain = chain_of(((1 + beyond) / math.sin(rest_angle) ** 2, rest_angle), 20)
+    assert (chain.motion is Motion.SPINNER) == (beyond > 0)
+    leg = mirrored_leg(chain, 0)
+    angles = static_wall(chain, 9.2)
+    image = static_wall(chain, 9.8, leg, chain.motion is not Motion.SPINNER)
+    assert distance(angles, -image[::-1]) < 1e-6
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_bar_that_is_wrong_moves_the_rotors_beyond_it_as_the_zero_mode_does(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 24)
+    angles = static_wall(chain, 12)
+    mode = zero_mode(chain, angles)
+    for bar in (12, 11):
+        wrong = np.zeros(23)
+        wrong[bar] = 1e-8
+        deviations = dataclasses.replace(chain.deviations, rest_length=tuple(wrong.tolist()))
+        other = dataclasses.replace(chain, deviations=deviations)
+        moved = hung_from(other, 12, angles[12], *sides_of(chain, angles)) - angles
+        beyond = np.arange(13, 24) if bar == 12 else np.arange(11, -1, -1)
+        still = np.setdiff1d(np.arange(24), beyond)
+        assert np.abs(moved[still]).max() < 1e-12
+        expected = mode[beyond] * moved[beyond[0]] / mode[beyond[0]]
+        assert moved[beyond] == pytest.approx(expected, rel=1e-5, abs=1e-13)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_in_a_chain_with_deviations_each_bar_has_its_own_length(
+    example: tuple[float, float],
+) -> None:
+    even = chain_of(example, 30)
+    deviations = drawn_deviations(30, 5, spacing=0.01, rotor_length=0.01, rest_length=0.01)
+    chain = dataclasses.replace(even, deviations=deviations)
+    for leg in legs_of(chain):
+        angles = static_wall(chain, 14.3, leg)
+        assert np.abs(chain.spring_extensions(angles)).max() <= length_rounding(chain)
+        assert angles[14] == static_wall(even, 14.3, leg)[14]
+        assert (
+            np.asarray(sides_of(chain, angles)) == sides_of(even, static_wall(even, 14.3, leg))
+        ).all()
+
+
+def test_a_bar_that_does_not_reach_is_refused() -> None:
+    chain = chain_of(FLIPPER, 9)
+    lengths = np.zeros(8)
+    lengths[6] = 2.0
+    deviations = dataclasses.replace(chain.deviations, rest_length=tuple(lengths.tolist()))
+    other = dataclasses.replace(chain, deviations=deviations)
+    with pytest.raises(ValueError, match=r'bar 6 of length .* cannot join rotor 7 .* must have'):
+        static_wall(other, 3.0)
+
+
+@pytest.mark.parametrize('place', [0.49, 7.51, -3.0, math.nan, math.inf])
+def test_a_place_too_near_to_an_end_is_refused(place: float) -> None:
+    with pytest.raises(ValueError, match=r'place = .* must lie from 0.5 to .* = 7.5'):
+        static_wall(chain_of(FLIPPER, 9), place)
+
+
+@pytest.mark.parametrize(('example', 'leg'), [(FLIPPER, 4), (WOBBLER, -1), (WIDE_SPINNER, 2)])
+def test_a_leg_that_there_is_not_is_refused(example: tuple[float, float], leg: int) -> None:
+    with pytest.raises(ValueError, match=f'leg = {leg} must be one of 0 to'):
+        static_wall(chain_of(example, 9), 4.0, leg)
+
+
+def test_a_chain_without_room_for_a_wall_is_refused() -> None:
+    with pytest.raises(ValueError, match='2 rotors with free ends; give it 3'):
+        static_wall(chain_of(SPINNER, 2), 0.5)
+    ring = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
+    with pytest.raises(ValueError, match=r'periodic ends; .* free ends'):
+        static_wall(ring, 3.0)
+
+
+@pytest.mark.parametrize('beyond', [0.0, 5e-10, -5e-10])
+def test_a_chain_at_the_transition_to_spinners_is_refused(beyond: float) -> None:
+    chain = chain_of(((1 + beyond) / math.sin(0.77) ** 2, 0.77), 9)
+    with pytest.raises(ValueError, match=r'd = 2\.873.* too near to d_c = 2\.873.*; take d'):
+        static_wall(chain, 4.0)
+
+
+def test_a_wall_too_wide_to_follow_is_refused() -> None:
+    with pytest.raises(ValueError, match=r'd = 4e-05 makes a wall reach over .* rotors'):
+        site_arc(chain_of((0.02, 0.001), 3))

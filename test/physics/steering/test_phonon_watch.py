@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The energy of phonons beside a wall, by the rates alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WOBBLER
+from driven_walls import cycle_of, tangent_at
+
+from soliton_linkage.linear.normal_modes import normal_modes
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.phonon_watch import PhononWatch
+
+CLASSES = (FLIPPER, WOBBLER, SPINNER)
+PERIOD = 0.004
+ROTORS = 12
+
+
+def vibrating(orbit: UniformOrbit, arc: float, energy: float, frames: int) -> Array:
+    """Rates of a chain with an energy [J] that is shared by all its phonons, shape (T, N)."""
+    modes = normal_modes(orbit.chain, orbit.configuration(arc))
+    random = np.random.default_rng(5)
+    each = energy / (ROTORS - 1)
+    speeds = math.sqrt(2 * each) * np.cos(
+        modes.frequencies[1:] * PERIOD * np.arange(frames)[:, None]
+        + random.uniform(0, 2 * math.pi, ROTORS - 1)
+    )
+    return np.asarray(speeds @ modes.shapes[:, 1:].T)
+
+
+def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
+    """Energies that were reported after each frame [J]."""
+    watch = PhononWatch(orbit)
+    energies = []
+    for frame, each in enumerate(rates):
+        watch.update(frame * PERIOD, each, arc)
+        energies.append(watch.energy)
+    return np.array(energies)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_it_is_the_energy_of_the_normal_modes_whatever_the_wall_does(
+    example: tuple[float, float],
+) -> None:
+    orbit = cycle_of(example, ROTORS)
+    arc = orbit.arc_at(5.3, 0)
+    rates = vibrating(orbit, arc, 2e-6, 800) + 3.0 * tangent_at(orbit, arc)
+    energies = watched(orbit, arc, rates)
+    assert np.isnan(energies[:3]).all()
+    # Kinetic energy is now more than half, now less.
+    assert energies[300:].mean() == pytest.approx(2e-6, rel=0.05)
+    assert energies[300:] == pytest.approx(2e-6, rel=0.3)
+
+
+def test_white_noise_of_the_rates_is_told_from_phonons() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    arc = orbit.arc_at(5.3, 0)
+    noise = np.random.default_rng(9).normal(0, 0.1, (3000, ROTORS))
+    of_noise = orbit.chain.moment_of_inertia * 0.1**2 * (ROTORS - 1)
+    rates = vibrating(orbit, arc, of_noise / 2, 3000) + noise
+    # Third differences see a little of the fastest phonons.
+    assert watched(orbit, arc, rates)[300:].mean() == pytest.approx(of_noise / 2, rel=0.1)
+    assert watched(orbit, arc, noise)[300:].mean() < 0.1 * of_noise
+
+
+def test_frames_without_rates_say_nothing() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    arc = orbit.arc_at(5.3, 0)
+    watch = PhononWatch(orbit)
+    rates = vibrating(orbit, arc, 1e-6, 50)
+    for frame, each in enumerate(rates):
+        watch.update(frame * PERIOD, each, arc)
+    before = watch.energy
+    watch.update(1.0, None, arc)
+    watch.update(1.1, np.full(ROTORS, np.nan), arc)
+    watch.update(0.1, 100 * rates[0], arc)
+    assert watch.energy == before
+    assert math.isnan(PhononWatch(orbit).energy)
+
+
+def test_a_clock_that_goes_back_begins_anew() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    arc = orbit.arc_at(5.3, 0)
+    watch = PhononWatch(orbit)
+    for frame, rates in enumerate(vibrating(orbit, arc, 1e-6, 50)):
+        watch.update(100 + frame * PERIOD, rates, arc)
+    watch.update(1.0, np.zeros(ROTORS), arc)
+    assert math.isnan(watch.energy)

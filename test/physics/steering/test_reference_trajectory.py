@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses begin and end as they must, and the gentle rate wakes no phonons."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
+from driven_walls import cycle_of, tangent_at
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.linear.bands import gap
+from soliton_linkage.linear.normal_modes import phonon_energy
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.reference_trajectory import (
+    ReferencePoint,
+    ReferenceTrajectory,
+    bandwidth,
+    gentle_rate,
+    shortest_time,
+    trajectory_to,
+    trajectory_to_rest,
+)
+
+aims = st.builds(ReferencePoint, st.floats(-50, 50), st.floats(-10, 10), st.floats(-20, 20))
+
+
+@settings(max_examples=30)
+@given(aims, st.floats(-50, 50), st.floats(-5, 5), st.floats(0.1, 20), st.floats(0.1, 10))
+def test_it_leads_from_the_aim_to_rest_at_the_goal(
+    point: ReferencePoint, goal: float, start: float, rate: float, shortest: float
+) -> None:
+    trajectory = trajectory_to(goal, start, point, rate, shortest)
+    begun, ended = trajectory.at(start), trajectory.at(trajectory.end)
+    assert trajectory.duration >= shortest
+    assert begun.arc == pytest.approx(point.arc, abs=1e-9)
+    assert begun.rate == pytest.approx(point.rate, abs=1e-9)
+    assert begun.acceleration == pytest.approx(point.acceleration, abs=1e-9)
+    scale = 1 + abs(goal - point.arc) + abs(point.rate) * trajectory.duration
+    scale += abs(point.acceleration) * trajectory.duration**2
+    assert trajectory.goal == pytest.approx(goal, abs=1e-11 * scale)
+    assert ended.arc == pytest.approx(goal, abs=1e-11 * scale)
+    assert ended.rate * trajectory.duration == pytest.approx(0, abs=1e-11 * scale)
+    assert ended.acceleration * trajectory.duration**2 == pytest.approx(0, abs=1e-10 * scale)
+    assert trajectory.at(trajectory.end + 7) == trajectory.at(trajectory.end + 9)
+
+
+@given(aims, st.floats(-50, 50), st.floats(0.02, 0.98))
+def test_rate_and_acceleration_are_derivatives(
+    point: ReferencePoint, goal: float, share: float
+) -> None:
+    trajectory = trajectory_to(goal, 0.0, point, 5.0, 2.0)
+    time, step = share * trajectory.duration, 1e-4 * trajectory.duration
+    before, here, after = (trajectory.at(time + shift) for shift in (-step, 0, step))
+    scale = max(trajectory.fastest, trajectory.strongest * trajectory.duration, 1.0)
+    assert here.rate == pytest.approx((after.arc - before.arc) / (2 * step), abs=1e-5 * scale)
+    slope = (after.rate - before.rate) / (2 * step)
+    assert here.acceleration == pytest.approx(slope, abs=1e-5 * scale / trajectory.duration)
+
+
+@given(st.floats(0.01, 100), st.floats(0.1, 10), st.floats(0.1, 10))
+def test_from_rest_it_is_the_way_of_least_jerk(way: float, rate: float, shortest: float) -> None:
+    trajectory = trajectory_to(-way, 0.0, ReferencePoint(0.0, 0.0, 0.0), rate, shortest)
+    time = trajectory.duration
+    assert trajectory.fastest == pytest.approx(1.875 * way / time, rel=1e-9)
+    assert trajectory.strongest == pytest.approx(10 / math.sqrt(3) * way / time**2, rel=1e-3)
+    assert trajectory.fastest <= rate * (1 + 1e-9)
+    assert time == pytest.approx(max(shortest, 1.875 * way / rate))
+
+
+@given(st.floats(-10, 10), st.floats(0.1, 5))
+def test_braking_slows_down_all_the_way_to_rest_half_as_far_as_without(
+    rate: float, shortest: float
+) -> None:
+    trajectory = trajectory_to_rest(3.0, ReferencePoint(2.0, rate, 0.0), shortest)
+    assert trajectory.goal - 2.0 == pytest.approx(rate * shortest / 2)
+    rates = [trajectory.at(3.0 + share * shortest).rate for share in np.linspace(0, 1, 50)]
+    speeds = np.sign(rate) * np.array(rates)
+    assert speeds[0] == pytest.approx(abs(rate))
+    assert (np.diff(speeds) <= 1e-12).all()
+
+
+# Largest norms v0 = r |phi_dot| of clean motion, in a sqrt(k_e / M): docs/physics.md.
+CLEAN = {
+    (0.5, 0.1): 0.016,
+    WIDE_FLIPPER: 0.126,
+    FLIPPER: 0.19,
+    WOBBLER: 0.09,
+    STRONG_WOBBLER: 0.03,
+    SPINNER: 0.3,
+    (4.0, 0.9): 1.9,
+}
+
+
+@pytest.mark.parametrize('example', CLEAN)
+def test_the_gentle_rate_is_below_what_was_seen_to_be_clean(
+    example: tuple[float, float],
+) -> None:
+    orbit = cycle_of(example, 40)
+    clean = CLEAN[example] / example[0] / orbit.chain.time_unit
+    assert 0.05 * clean < gentle_rate(orbit) < 0.8 * clean
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_free_wall_at_the_gentle_rate_radiates_nothing(example: tuple[float, float]) -> None:
+    orbit = cycle_of(example, 12)
+    chain, rate = orbit.chain, gentle_rate(orbit)
+    start = orbit.arc_at(3.5, 0)
+    rates = rate * tangent_at(orbit, start)
+    simulation = ElasticSimulation(
+        chain, orbit.configuration(start), rates, orbit.site_arc / rate, tolerance=1e-9
+    )
+    whole = simulation.energy
+    # The springs of a moving wall are compressed, and vibrate as they were not at the start.
+    before = phonon_energy(chain, simulation.angles, simulation.rates)
+    for _ in range(4):
+        simulation.advance()
+    after = phonon_energy(chain, simulation.angles, simulation.rates)
+    assert before < 1e-12 * whole
+    assert after < 0.02 * whole
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_gentle_rate_does_not_depend_on_the_length_of_the_chain(
+    example: tuple[float, float],
+) -> None:
+    assert gentle_rate(cycle_of(example, 60)) == pytest.approx(
+        gentle_rate(cycle_of(example, 150)), rel=0.1
+    )
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize(('size', 'mass', 'stiffness'), [(3.0, 1.0, 1.0), (1.0, 0.01, 400.0)])
+def test_the_gentle_rate_goes_with_the_time_unit_of_the_springs(
+    example: tuple[float, float], size: float, mass: float, stiffness: float
+) -> None:
+    chain = chain_of(example, 12)
+    scaled = replace(
+        chain,
+        spacing=size * chain.spacing,
+        rotor_length=size * chain.rotor_length,
+        mass=mass * chain.mass,
+        stiffness=stiffness * chain.stiffness,
+    )
+    rates = gentle_rate(UniformOrbit(scaled)) * scaled.time_unit, gentle_rate(UniformOrbit(chain))
+    assert rates[0] == pytest.approx(rates[1] * chain.time_unit, rel=1e-3)
+
+
+def test_the_feedback_is_slower_than_the_phonons_and_than_the_frames() -> None:
+    orbit = cycle_of(FLIPPER, 12)
+    for period in (1e-4, 1e-2, 0.1):
+        assert bandwidth(orbit, period) <= gap(orbit.chain) / 8
+        assert bandwidth(orbit, period) * period <= 0.1 * (1 + 1e-12)
+    assert bandwidth(orbit, 1e-4) == gap(orbit.chain) / 8
+    assert shortest_time(2.0) == 10 / 2.0
+
+
+def test_a_course_knows_its_ends() -> None:
+    trajectory = ReferenceTrajectory(1.0, 2.0, (1.0, 0.0, 0.0, 10.0, -15.0, 6.0))
+    assert (trajectory.end, trajectory.goal) == (3.0, 2.0)
+    assert trajectory.at(0.0) == ReferencePoint(1.0, 0.0, 0.0)

@@ -1,0 +1,438 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walls are carried to their places and held there; what cannot be done is said."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WOBBLER
+from driven_walls import Loop, RigidWall, SpringWall, cycle_of
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.estimation.nearest_point import fit_anywhere
+from soliton_linkage.linear.normal_modes import phonon_energy
+from soliton_linkage.linear.statics import unstretched
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.reference_trajectory import bandwidth, shortest_time
+from soliton_linkage.steering.steering import Outcome, Steering
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+
+CLASSES = (FLIPPER, WOBBLER, SPINNER)
+ROTORS = 10
+PERIOD = 0.01
+NOISE = 0.01
+SEEN = 0.2
+
+
+def steering_of(orbit: UniformOrbit, **settings: float) -> Steering:
+    return Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1), **settings)
+
+
+def rigid_loop(example: tuple[float, float], place: float, leg: int = 0, **wall: float) -> Loop:
+    """A loop that has seen a wall of rigid bars for a while."""
+    orbit = cycle_of(example, ROTORS)
+    loop = Loop(steering_of(orbit), RigidWall(orbit, orbit.arc_at(place, leg), **wall), PERIOD)
+    loop.go_on(SEEN)
+    return loop
+
+
+def spring_wall(chain: Chain, angles: Array, gravity: float = 0.0) -> SpringWall:
+    field = Gravity(gravity, 0.3)
+    return SpringWall(
+        ElasticSimulation(chain, angles, period=PERIOD, tolerance=1e-7, gravity=field)
+    )
+
+
+def place_of(orbit: UniformOrbit, angles: Array) -> float:
+    return orbit.place(fit_anywhere(orbit, angles).arc)
+
+
+def held_within(loop: Loop, place: float, distance: float, seconds: float = 0.5) -> None:
+    for _ in range(round(seconds / 0.04)):
+        loop.go_on(0.04)
+        assert abs(place_of(loop.steering.orbit, loop.wall.frame()) - place) < distance
+
+
+@pytest.mark.parametrize(
+    ('example', 'start', 'goal'),
+    [(FLIPPER, 2.2, 7.9), (FLIPPER, 9.0, 3.0), (WOBBLER, 4.0, 2.5), (SPINNER, 7.1, 4.4)],
+)
+def test_springs_are_led_to_the_place_and_no_phonon_wakes(
+    example: tuple[float, float], start: float, goal: float
+) -> None:
+    orbit = cycle_of(example, ROTORS)
+    wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(start, 1)))
+    loop = Loop(steering_of(orbit), wall)
+    loop.go_on(SEEN)
+    assert loop.steering.move(goal) is None
+    loop.go_on(0.3)
+    fastest = 0.0
+    while loop.ended is None:
+        loop.step()
+        rates = wall.simulation.rates
+        fastest = max(fastest, float(orbit.chain.kinetic_energy(rates)))
+    assert loop.ended.outcome is Outcome.REACHED
+    assert loop.ended.place == pytest.approx(goal, abs=0.01)
+    held_within(loop, goal, 0.01)
+    left = phonon_energy(orbit.chain, wall.simulation.angles, wall.simulation.rates)
+    assert left < 1e-6 * fastest
+
+
+@pytest.mark.parametrize('example', CLASSES)
+@pytest.mark.parametrize('seed', [1, 2])
+def test_noise_friction_and_disorder_of_which_it_knows_nothing_do_not_matter(
+    example: tuple[float, float], seed: int
+) -> None:
+    orbit = cycle_of(example, ROTORS)
+    chain = orbit.chain
+    drawn = drawn_deviations(
+        ROTORS, seed, spacing=0.05, rotor_length=0.05, mass=0.05, stiffness=0.05, damping=0.05
+    )
+    damping = 0.05 * chain.moment_of_inertia / chain.time_unit
+    true = replace(chain, deviations=drawn, damping=damping)
+    start = unstretched(true, orbit.configuration(orbit.arc_at(3.0, 0)))
+    wall = spring_wall(true, start)
+    loop = Loop(steering_of(orbit), wall, noise=NOISE, seed=seed)
+    loop.go_on(SEEN)
+    assert loop.steering.move(5.5) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    held_within(loop, 5.5, 0.05)
+    left = phonon_energy(true, wall.simulation.angles, wall.simulation.rates)
+    scale = chain.moment_of_inertia * (loop.steering.gentle_speed * orbit.site_arc) ** 2 / 2
+    assert left < 1e-2 * scale
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_gravity_is_held_against(example: tuple[float, float]) -> None:
+    orbit = cycle_of(example, ROTORS)
+    wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(3.0, 0)), gravity=1.0)
+    loop = Loop(steering_of(orbit), wall)
+    loop.go_on(0.04)
+    assert loop.steering.move(5.0) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    held_within(loop, 5.0, 0.02)
+    assert np.abs(loop.steering.torques()).max() > 1e-5
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_uniform_state_is_drawn_out_of_its_edge_and_put_back(
+    example: tuple[float, float],
+) -> None:
+    orbit = cycle_of(example, ROTORS)
+    loop = rigid_loop(example, 0.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.wall.arc = fit_anywhere(orbit, orbit.chain.uniform_state(-1)).arc
+    loop.steering = steering_of(orbit)
+    loop.go_on(SEEN)
+    for goal in (4.5, 9.0, 0.0):
+        assert loop.steering.move(goal) is None
+        assert loop.until_ended().outcome is Outcome.REACHED
+        assert loop.wall.place == pytest.approx(goal, abs=0.01)
+
+
+def test_it_keeps_to_its_course_all_the_way() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    assert isinstance(loop.wall, RigidWall)
+    assert loop.steering.move(7.0) is None
+    trajectory = loop.steering._trajectory
+    assert trajectory is not None
+    for _ in range(round(trajectory.duration / PERIOD)):
+        loop.step()
+        assert loop.wall.arc == pytest.approx(trajectory.at(loop.time).arc, abs=0.02)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_constant_force_leaves_no_error(example: tuple[float, float]) -> None:
+    loop = rigid_loop(example, 4.0, push=2.0)
+    assert loop.steering.move(4.0) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    loop.go_on(2.0)
+    assert loop.wall.place == pytest.approx(4.0, abs=1e-3)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_blow_decays_as_fast_as_the_feedback_is(example: tuple[float, float]) -> None:
+    loop = rigid_loop(example, 4.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(4.0)
+    loop.until_ended()
+    rest = loop.wall.arc
+    loop.wall.rate = 1.0
+    b = bandwidth(loop.steering.orbit, PERIOD)
+    offsets = []
+    for _ in range(round(20 / b / PERIOD)):
+        loop.step()
+        offsets.append(abs(loop.wall.arc - rest))
+    # Critically damped, and known at once, a blow w goes to w / (e b); knowing takes its time.
+    assert 1 / (math.e * b) < max(offsets) < 3 / (math.e * b)
+    assert max(offsets[-100:]) < 1e-3 * max(offsets)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+@pytest.mark.parametrize('delay', [0, 4, 8])
+def test_torques_may_come_late(example: tuple[float, float], delay: int) -> None:
+    orbit = cycle_of(example, ROTORS)
+    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
+    loop = Loop(steering_of(orbit), wall, PERIOD, delay=delay)
+    loop.go_on(SEEN)
+    assert loop.steering.move(6.0) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert wall.place == pytest.approx(6.0, abs=0.05)
+
+
+@pytest.mark.parametrize('period', [0.001, 0.01, 0.04])
+def test_frames_may_come_at_any_rate(period: float) -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
+    loop = Loop(steering_of(orbit), wall, period)
+    loop.go_on(1.0)
+    assert loop.steering.move(6.0) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert wall.place == pytest.approx(6.0, abs=0.05)
+
+
+def test_a_moving_wall_is_caught() -> None:
+    loop = rigid_loop(FLIPPER, 2.0, rate=6.0)
+    assert loop.steering.move(5.0) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert loop.wall.place == pytest.approx(5.0, abs=0.01)
+
+
+def test_it_goes_no_faster_than_asked_for() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    assert isinstance(loop.wall, RigidWall)
+    assert loop.steering.move(7.0, 1.0) is None
+    speeds = []
+    while loop.ended is None:
+        loop.step()
+        wall = loop.steering.wall
+        assert wall is not None
+        speeds.append(wall.speed)
+    assert max(speeds) == pytest.approx(1.0, rel=0.02)
+    assert min(speeds) > -0.02
+
+
+def test_stopping_brakes_within_the_shortest_time_and_holds() -> None:
+    loop = rigid_loop(FLIPPER, 1.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(8.0)
+    loop.go_on(1.5)
+    place, rate = loop.wall.place, loop.wall.rate
+    shortest = shortest_time(bandwidth(loop.steering.orbit, PERIOD))
+    way = rate * shortest / 2 / loop.steering.orbit.site_arc
+    loop.steering.stop()
+    ended = loop.until_ended()
+    assert rate > 1
+    assert ended.outcome is Outcome.STOPPED
+    assert loop.wall.place == pytest.approx(place + way, rel=0.1)
+    assert loop.steering.holding
+    stopped = loop.wall.place
+    loop.go_on(1.0)
+    assert loop.wall.place == pytest.approx(stopped, abs=1e-3)
+
+
+def test_another_goal_on_the_way_turns_it_without_a_jerk() -> None:
+    loop = rigid_loop(FLIPPER, 1.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(8.0)
+    loop.go_on(1.0)
+    before = np.abs(loop.steering.torques()).max()
+    rate = loop.wall.rate
+    assert loop.steering.move(2.0) is None
+    loop.step()
+    assert np.abs(loop.steering.torques()).max() < 2 * before + 1e-5
+    assert loop.wall.rate == pytest.approx(rate, rel=0.05)
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert loop.wall.place == pytest.approx(2.0, abs=0.01)
+
+
+def test_let_go_it_runs_free() -> None:
+    loop = rigid_loop(FLIPPER, 1.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(8.0)
+    loop.go_on(1.0)
+    loop.steering.release()
+    loop.step()
+    rate = loop.wall.rate
+    assert not loop.steering.holding
+    assert not loop.steering.torques().any()
+    loop.go_on(0.2)
+    assert loop.wall.rate == rate
+    assert loop.ended is None
+
+
+def test_upside_down_it_goes_as_well() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    wall = spring_wall(orbit.chain, math.pi - orbit.configuration(orbit.arc_at(3.0, 0)))
+    loop = Loop(steering_of(orbit), wall)
+    loop.go_on(SEEN)
+    assert loop.steering.move(4.0) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert place_of(orbit, math.pi - wall.frame()) == pytest.approx(4.0, abs=0.01)
+
+
+@pytest.mark.parametrize('place', [-0.1, 9.1, math.nan, math.inf])
+def test_a_place_out_of_the_chain_is_refused(place: float) -> None:
+    loop = rigid_loop(FLIPPER, 3.0)
+    refused = loop.steering.move(place)
+    assert refused is not None
+    assert refused.outcome is Outcome.OUT_OF_CHAIN
+    assert 'range 0 to 9' in refused.message
+    assert refused.place == pytest.approx(3.0, abs=1e-3)
+    assert not loop.steering.holding
+
+
+@pytest.mark.parametrize('speed', [-1.0, math.nan, math.inf])
+def test_a_speed_that_is_none_is_refused(speed: float) -> None:
+    refused = rigid_loop(FLIPPER, 3.0).steering.move(4.0, speed)
+    assert refused is not None
+    assert refused.outcome is Outcome.INVALID_SPEED
+    assert '0 or more' in refused.message
+
+
+def test_without_a_wall_there_is_nothing_to_move() -> None:
+    steering = steering_of(cycle_of(FLIPPER, ROTORS))
+    for angles in (None, np.full(ROTORS, 2.0)):
+        if angles is not None:
+            steering.observe(0.0, angles)
+        refused = steering.move(4.0)
+        assert refused is not None
+        assert refused.outcome is Outcome.NO_SOLITON
+        assert math.isnan(refused.place)
+        assert steering.wall is None
+        assert not steering.torques().any()
+
+
+def test_a_refusal_leaves_the_move_before_as_it_is() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    loop.steering.move(6.0)
+    loop.go_on(0.5)
+    assert loop.steering.move(100.0) is not None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert loop.wall.place == pytest.approx(6.0, abs=0.01)
+
+
+def test_from_the_edge_alone_it_reaches_as_far_as_the_edge_mode() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    steering = Steering(orbit, TorqueAllocation(orbit, (0,), torque_limit=0.1))
+    wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(0.5, 0)))
+    loop = Loop(steering, wall)
+    loop.go_on(SEEN)
+    refused = steering.move(7.0)
+    assert refused is not None
+    assert refused.outcome is Outcome.OUT_OF_REACH
+    assert 'from rotor 0.50 they carry it from 0.00 to ' in refused.message
+    reach = float(refused.message.partition(' to ')[2].split()[0])
+    assert 0.5 < reach < 7
+    assert steering.move(1.2) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+    held_within(loop, 1.2, 0.02)
+    assert not steering.torques()[1:].any()
+
+
+def test_from_far_it_takes_its_time_so_that_noise_does_not_make_larger_torques() -> None:
+    orbit = cycle_of(SPINNER, ROTORS)
+    goal = orbit.arc_at(3.0, 0)
+    times, torques = [], []
+    for rotors in ((), (0,)):
+        steering = Steering(orbit, TorqueAllocation(orbit, rotors, torque_limit=0.1))
+        loop = Loop(steering, RigidWall(orbit, orbit.arc_at(0.5, 0)), noise=NOISE)
+        loop.go_on(SEEN)
+        assert steering.move(3.0) is None
+        assert loop.until_ended().outcome is Outcome.REACHED
+        times.append(loop.time)
+        held = []
+        for _ in range(1500):
+            loop.step()
+            held.append(np.linalg.norm(steering.allocation.torques(goal, steering._sent[-1])[0]))
+        torques.append(float(np.sqrt(np.mean(np.square(held)))))
+    share = TorqueAllocation(orbit, (0,)).least_share(orbit.arc_at(0.5, 0), goal)
+    assert share < 0.05
+    assert times[1] / times[0] == pytest.approx(share**-0.2, rel=0.3)
+    assert torques[1] / torques[0] == pytest.approx(1, rel=0.5)
+
+
+def test_a_wall_that_jumps_is_lost_and_let_go() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(6.0)
+    loop.go_on(0.5)
+    loop.wall.arc += 4 * loop.steering.orbit.site_arc
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.SOLITON_LOST
+    assert not loop.steering.holding
+    assert not loop.steering.torques().any()
+
+
+def test_a_wall_that_is_torn_from_its_hold_is_lost() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(3.0)
+    loop.until_ended()
+    loop.wall.rate = 40.0
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.SOLITON_LOST
+    assert not loop.steering.holding
+    loop.ended = None
+    loop.go_on(0.5)
+    assert loop.ended is None
+
+
+def test_a_wall_that_is_pushed_too_hard_gets_off_its_course_and_is_lost() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
+    loop = Loop(Steering(orbit, TorqueAllocation(orbit, torque_limit=1e-3)), wall, PERIOD)
+    loop.go_on(SEEN)
+    loop.steering.move(5.0)
+    loop.go_on(0.5)
+    wall.push = -1e-2 / orbit.chain.moment_of_inertia
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.SOLITON_LOST
+    assert 'off its reference' in ended.message
+    assert not loop.steering.holding
+
+
+def test_a_wall_that_does_not_come_to_rest_is_said_not_to_be_held() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
+    loop = Loop(steering_of(orbit, tolerance=1e-3), wall, PERIOD, noise=0.05)
+    loop.go_on(SEEN)
+    loop.steering.move(5.0)
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.NOT_HELD
+    assert 'within 0.001 rotor spacings' in ended.message
+    assert loop.steering.holding
+
+
+def test_a_clock_that_goes_back_loses_the_wall() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    loop.steering.move(6.0)
+    loop.go_on(1.0)
+    loop.frames = 0
+    ended = loop.until_ended()
+    assert ended.outcome is Outcome.SOLITON_LOST
+    assert 'the clock went back by 1.' in ended.message
+
+
+def test_a_gap_between_frames_does_not_slow_it_down() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    loop.steering.move(6.0)
+    loop.until_ended()
+    loop.frames += 15
+    loop.go_on(0.1)
+    assert loop.steering._bandwidth == pytest.approx(bandwidth(loop.steering.orbit, PERIOD))
+
+
+def test_stopping_and_letting_go_of_nothing_does_nothing() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    loop.steering.stop()
+    loop.steering.release()
+    loop.go_on(0.1)
+    assert loop.ended is None
+    assert not loop.steering.holding

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torques of actuators on some rotors: what they push, what they strain, how far they reach."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER
+from driven_walls import cycle_of, tangent_at
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import rigidity_matrix
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+
+EXAMPLES = (FLIPPER, WOBBLER, SPINNER)
+ROTORS = 12
+
+rotor_sets = st.sets(st.integers(0, ROTORS - 1), max_size=ROTORS).map(lambda each: tuple(each))
+
+
+@settings(max_examples=30)
+@given(st.sampled_from(EXAMPLES), rotor_sets, st.floats(2, 9), st.integers(0, 1), st.floats(-1, 1))
+def test_torques_have_the_force_on_actuated_rotors_alone_and_the_least_norm(
+    example: tuple[float, float], rotors: tuple[int, ...], place: float, leg: int, force: float
+) -> None:
+    orbit = cycle_of(example, ROTORS)
+    arc = orbit.arc_at(place, leg)
+    torques, given_force = TorqueAllocation(orbit, rotors).torques(arc, force)
+    tangent = tangent_at(orbit, arc)
+    actuated = np.isin(np.arange(ROTORS), rotors) if rotors else np.ones(ROTORS, dtype=bool)
+    assert not torques[~actuated].any()
+    assert tangent @ torques == pytest.approx(given_force, rel=1e-9, abs=1e-15)
+    if tangent[actuated] @ tangent[actuated] > 1e-11:
+        assert given_force == pytest.approx(force)
+        least = np.linalg.pinv(tangent[None, actuated], rcond=0)[:, 0] * force
+        np.testing.assert_allclose(torques[actuated], least, rtol=1e-9, atol=1e-300)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_actuators_on_all_rotors_strain_no_spring(example: tuple[float, float]) -> None:
+    orbit = cycle_of(example, ROTORS)
+    for place in (0.0, 3.3, 6.0, 11.0):
+        arc = orbit.arc_at(place, 0)
+        torques, _ = TorqueAllocation(orbit).torques(arc, 2.0)
+        work = rigidity_matrix(orbit.chain, orbit.configuration(arc)) @ torques
+        assert np.abs(work).max() < 1e-5 * orbit.chain.rotor_length
+        hold = TorqueAllocation(orbit).hold(arc, 2.0)
+        assert hold.strain == 0
+        assert hold.torque == pytest.approx(np.abs(torques).max())
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('rotors', [(0,), (0, 1, 2), (1, 4, 7, 10)])
+def test_the_strain_is_that_of_the_stiffness_matrix(
+    example: tuple[float, float], rotors: tuple[int, ...]
+) -> None:
+    orbit = cycle_of(example, ROTORS)
+    arc, force = orbit.arc_at(1.4, 0), 1e-3
+    allocation = TorqueAllocation(orbit, rotors)
+    torques, _ = allocation.torques(arc, force)
+    matrix = rigidity_matrix(orbit.chain, orbit.configuration(arc)).toarray()
+    stiffness = orbit.chain.stiffness * matrix.T @ matrix
+    left = torques - force * tangent_at(orbit, arc)
+    given_way = np.linalg.pinv(stiffness, rcond=1e-9) @ left
+    assert allocation.hold(arc, force).strain == pytest.approx(np.abs(given_way).max(), rel=1e-3)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_from_an_edge_the_torque_grows_as_the_zero_mode_decays(
+    example: tuple[float, float],
+) -> None:
+    orbit = cycle_of(example, 24)
+    allocation = TorqueAllocation(orbit, (0,))
+    depth = penetration_depth(orbit.chain) / orbit.chain.spacing
+    # Two rotors further the wall is the same; what is left of the edge falls off with every one.
+    places = 3 * depth + 2 + np.array([0, 2])
+    nearer, farther = (
+        allocation.hold(orbit.arc_at(place, 0), 1e-9).torque for place in places.tolist()
+    )
+    assert farther / nearer == pytest.approx(math.exp(2 / depth), rel=0.05)
+
+
+@pytest.mark.parametrize('example', [WIDE_FLIPPER, SPINNER, WIDE_SPINNER])
+def test_a_tenth_of_the_force_reaches_farther_by_as_much_as_the_mode_decays_tenfold(
+    example: tuple[float, float],
+) -> None:
+    orbit = cycle_of(example, 40)
+    allocation = TorqueAllocation(orbit, (0,), torque_limit=0.1, strain_limit=0.1)
+    depth = penetration_depth(orbit.chain) / orbit.chain.spacing
+    arc = orbit.arc_at(0.0, 0)
+    reached = [allocation.reach(arc, force).last for force in (1e-4, 1e-5, 1e-6)]
+    assert np.diff(reached) == pytest.approx(depth * math.log(10), abs=0.5)
+    assert allocation.reach(arc, 1e-4).first == 0
+
+
+def test_what_it_reaches_it_carries_to_and_no_farther() -> None:
+    orbit = cycle_of(WIDE_SPINNER, 40)
+    allocation = TorqueAllocation(orbit, (0, 1), torque_limit=0.1)
+    start, force = orbit.arc_at(1.0, 0), 1e-3
+    reach = allocation.reach(start, force)
+    assert 1 < reach.last < 20
+    assert allocation.carries(start, orbit.arc_at(reach.last, 0), force)
+    assert not allocation.carries(start, orbit.arc_at(reach.last + 0.5, 0), force)
+    # A wall far from every actuator is not held, wherever it is to go.
+    assert math.isnan(allocation.reach(orbit.arc_at(30.0, 0), force).first)
+    assert not allocation.carries(orbit.arc_at(30.0, 0), orbit.arc_at(1.0, 0), force)
+
+
+def test_the_least_share_is_that_of_the_farthest_place() -> None:
+    orbit = cycle_of(WIDE_SPINNER, 40)
+    start, goal = orbit.arc_at(1.0, 0), orbit.arc_at(9.0, 0)
+    share = float(tangent_at(orbit, goal)[0] ** 2 + tangent_at(orbit, goal)[1] ** 2)
+    assert TorqueAllocation(orbit, (0, 1)).least_share(start, goal) == pytest.approx(
+        share, rel=1e-6
+    )
+    assert TorqueAllocation(orbit, (0, 1)).least_share(goal, start) == pytest.approx(
+        share, rel=1e-6
+    )
+    assert TorqueAllocation(orbit).least_share(start, goal) == 1
+
+
+def test_actuators_everywhere_reach_all_places_with_torques_up_to_the_force() -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    allocation = TorqueAllocation(orbit, torque_limit=0.1)
+    arc = orbit.arc_at(4.0, 0)
+    assert allocation.carries(arc, orbit.arc_at(11.0, 0), 0.1)
+    reach = allocation.reach(arc, 0.1)
+    assert (reach.first, reach.last) == (0, 11)
+    assert not allocation.carries(arc, orbit.arc_at(5.0, 0), 1.0)
+
+
+@given(st.floats(-10, 10))
+def test_torques_beyond_the_limit_are_lowered_together(force: float) -> None:
+    orbit = cycle_of(FLIPPER, ROTORS)
+    arc = orbit.arc_at(4.3, 0)
+    free, _ = TorqueAllocation(orbit).torques(arc, force)
+    limited, given_force = TorqueAllocation(orbit, torque_limit=0.5).torques(arc, force)
+    assert np.abs(limited).max() <= 0.5 * (1 + 1e-12)
+    kept = min(1.0, 0.5 / max(np.abs(free).max(), 1e-300))
+    np.testing.assert_allclose(limited, kept * free, rtol=1e-12, atol=0)
+    assert given_force == pytest.approx(kept * force)
+
+
+def test_a_rotor_that_the_chain_has_not_is_refused() -> None:
+    with pytest.raises(ValueError, match='actuated rotor 12 must be one of 0 to 11'):
+        TorqueAllocation(cycle_of(FLIPPER, ROTORS), (3, 12))

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is seen of a wall under known and unknown forces."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER
+from driven_walls import cycle_of
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.wall_observer import WallObserver
+
+CLASSES = (FLIPPER, WOBBLER, SPINNER)
+PERIOD = 0.004
+BANDWIDTH = 25.0
+
+
+def middle(orbit: UniformOrbit) -> float:
+    return orbit.arc_at(orbit.middle, 0)
+
+
+def watched(
+    observer: WallObserver, arcs: Array, acceleration: float = 0.0, noise: float = 0.0
+) -> Array:
+    """Arcs, rates and pushes that were estimated from frames of given arcs, shape (3, T)."""
+    random = np.random.default_rng(7)
+    seen = []
+    for frame, arc in enumerate(arcs.tolist()):
+        angles = observer.orbit.configuration(arc)
+        angles = angles + noise * random.standard_normal(len(angles))
+        estimate = observer.update(frame * PERIOD, angles, acceleration)
+        assert estimate is not None
+        seen.append((estimate.arc, estimate.rate, estimate.push))
+    return np.array(seen).T
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_known_torques_leave_no_error_and_unknown_ones_none_that_lasts(
+    example: tuple[float, float],
+) -> None:
+    orbit = cycle_of(example, 12)
+    times = PERIOD * np.arange(250)
+    for push in (0.0, -3.0):
+        arcs = middle(orbit) - 1 + 1.5 * times + (2 + push) / 2 * times**2
+        rates = 1.5 + (2 + push) * times
+        arc, rate, seen = watched(WallObserver(orbit, BANDWIDTH), arcs, acceleration=2.0)
+        late = times > 0.6
+        assert np.abs(arc - arcs)[late].max() < 1e-5
+        assert np.abs(rate - rates)[late].max() < 1e-3
+        assert np.abs(seen - push)[late].max() < 0.05
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_noise_is_averaged_as_by_a_memory_that_fades(example: tuple[float, float]) -> None:
+    orbit = cycle_of(example, 12)
+    theta, sigma = math.exp(-BANDWIDTH * PERIOD), 0.02
+    arcs = np.full(6000, middle(orbit) + 0.1)
+    arc, rate, push = watched(WallObserver(orbit, BANDWIDTH), arcs, noise=sigma)
+    settled = slice(300, None)
+    # N. Morrison, ch. 13: variances of a memory of degree two, the noise of the arc being sigma.
+    shares = 19 + 24 * theta + 16 * theta**2 + 6 * theta**3 + theta**4
+    of_arc = sigma * math.sqrt((1 - theta) / (1 + theta) ** 5 * shares)
+    slopes = 49 + 50 * theta + 13 * theta**2
+    of_rate = sigma * math.sqrt((1 - theta) ** 3 / (1 + theta) ** 5 * slopes / 2) / PERIOD
+    of_push = sigma * math.sqrt(6 * (1 - theta) ** 5 / (1 + theta) ** 5) / PERIOD**2
+    assert (arc - arcs)[settled].std() == pytest.approx(of_arc, rel=0.15)
+    assert rate[settled].std() == pytest.approx(of_rate, rel=0.15)
+    assert push[settled].std() == pytest.approx(of_push, rel=0.15)
+    assert abs((arc - arcs)[settled].mean()) < 0.1 * sigma
+
+
+def test_the_first_frames_count_alike() -> None:
+    orbit = cycle_of(FLIPPER, 12)
+    times = PERIOD * np.arange(15)
+    arcs = middle(orbit) + 2.0 * times
+    _, rate, _ = watched(WallObserver(orbit, 5.0), arcs)
+    # A memory of 1 / 5 s alone would have seen a third of it by then.
+    assert rate[-1] == pytest.approx(2.0, abs=0.02)
+
+
+def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
+    orbit = cycle_of(FLIPPER, 12)
+    observer = WallObserver(orbit, BANDWIDTH)
+    times = PERIOD * np.arange(200)
+    arcs = middle(orbit) - 1 + 1.5 * times
+    watched(observer, arcs)
+    unknown = np.full(12, np.nan)
+    elsewhere = orbit.configuration(middle(orbit) + 4)
+    last = arcs[-1]
+    for frame, angles in enumerate([unknown, elsewhere, unknown], start=200):
+        estimate = observer.update(frame * PERIOD, angles, 0.0)
+        assert estimate is not None
+        assert estimate.seen == pytest.approx(times[-1])
+        assert estimate.arc == pytest.approx(last + 1.5 * (frame - 199) * PERIOD, abs=1e-3)
+    estimate = observer.update(0.9, orbit.configuration(last + 1.5 * (0.9 - times[-1])), 0.0)
+    assert estimate is not None
+    assert estimate.seen == 0.9
+
+
+def test_what_stays_unseen_is_lost_and_found_again_where_it_is() -> None:
+    orbit = cycle_of(FLIPPER, 12)
+    observer = WallObserver(orbit, BANDWIDTH, patience=0.1)
+    watched(observer, np.full(50, middle(orbit)))
+    there = middle(orbit) + 4
+    found = [
+        observer.update(0.2 + frame * PERIOD, orbit.configuration(there), 0.0) is not None
+        for frame in range(60)
+    ]
+    assert not all(found)
+    assert observer.estimate is not None
+    assert observer.estimate.arc == pytest.approx(there, abs=1e-5)
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None:
+    orbit = cycle_of(example, 12)
+    arc = orbit.arc_at(4.2, 1)
+    observer = WallObserver(orbit, BANDWIDTH)
+    frame = orbit.configuration(arc)
+    for number, angles in enumerate([math.pi - frame] * 3):
+        estimate = observer.update(number * PERIOD, angles, 0.0)
+    assert estimate is not None
+    shown = math.pi - frame if estimate.upside_down else frame
+    # A spinner upside down is one on its other leg as well.
+    back = orbit.configuration(estimate.arc)
+    back = math.pi - back if estimate.upside_down else back
+    assert np.abs(np.sin((back - (math.pi - frame)) / 2)).max() < 1e-5
+    assert shown.shape == frame.shape
+
+
+def test_what_is_no_wall_is_not_taken_for_one() -> None:
+    orbit = cycle_of(WIDE_FLIPPER, 40)
+    observer = WallObserver(orbit, BANDWIDTH)
+    chain = orbit.chain
+    anti_kink = chain.uniform_state(-1)
+    anti_kink[20:] = chain.uniform_state(1)[20:]
+    random = np.random.default_rng(3)
+    for angles in (random.uniform(-3, 3, 40), np.full(40, np.nan), anti_kink * 0 + 2.0):
+        assert observer.update(0.0, angles, 0.0) is None
+
+
+def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -> None:
+    orbit = cycle_of(FLIPPER, 12)
+    observer = WallObserver(orbit, BANDWIDTH)
+    here = middle(orbit)
+    for frame in range(50):
+        observer.update(10 + frame * PERIOD, orbit.configuration(here), 0.0)
+    estimate = observer.estimate
+    for time in (10 + 49 * PERIOD, 10 + 40 * PERIOD):
+        assert observer.update(time, orbit.configuration(here + 0.3), 0.0) == estimate
+    fresh = observer.update(1.0, orbit.configuration(here + 3), 0.0)
+    assert fresh is not None
+    assert (fresh.time, fresh.rate) == (1.0, 0.0)
+    assert fresh.arc == pytest.approx(here + 3, abs=1e-5)
+
+
+def test_it_wants_one_angle_a_rotor() -> None:
+    observer = WallObserver(cycle_of(FLIPPER, 12), BANDWIDTH)
+    with pytest.raises(ValueError, match='one a rotor'):
+        observer.update(0.0, np.zeros(11), 0.0)

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command sweep: the same table however many processes, interruptions and clusters."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+from soliton_linkage.studies.sweep import program as sweep
+from soliton_linkage.studies.sweep.config import SweepStudy
+from soliton_linkage.studies.sweep.program import main
+
+LONGEST_WAIT = 60.0
+SMALL = """
+measure: motion
+chain: {number_of_rotors: 12}
+deviations: {rotor_length: 0.03, spacing: 0.03}
+seeds: 3
+sweep:
+  rotor_length_ratio: {from: 0.2, to: 5.0, points: 8, scale: log}
+  rest_angle: {from: 0.1, to: 1.5, points: 7}
+"""
+LONG = SMALL.replace('points: 8', 'points: 50').replace('points: 7', 'points: 50')
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return written(tmp_path / 'small.yaml', SMALL)
+
+
+def written(path: Path, content: str) -> Path:
+    path.write_text(content, encoding='utf-8')
+    return path
+
+
+def started(*arguments: object) -> subprocess.Popen[str]:
+    """Start the command in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, '-m', 'soliton_linkage.studies.sweep.program', *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not condition():
+        assert time.monotonic() < deadline, f'waited {LONGEST_WAIT:g} s for {what}'
+        time.sleep(0.02)
+
+
+def lines_in(path: Path) -> int:
+    return path.read_bytes().count(b'\n') if path.exists() else 0
+
+
+def is_empty(group: int) -> bool:
+    """Whether no process of a group runs any more; one that nobody waits for does not run."""
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            state, _, of_group = path.read_text().rsplit(')', 1)[1].split()[:3]
+        except OSError:
+            continue
+        if int(of_group) == group and state != 'Z':
+            return False
+    return True
+
+
+def test_the_table_does_not_depend_on_the_number_of_processes(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables = []
+    for workers in (1, 3):
+        folder = tmp_path / str(workers)
+        assert main([str(config), '--output', str(folder), '--workers', str(workers)]) == 0
+        tables.append((folder / 'small.csv').read_bytes())
+        assert imread(folder / 'small.png').shape[2] == 4
+        assert (folder / 'small.pdf').read_bytes().startswith(b'%PDF')
+    assert tables[0] == tables[1]
+    assert tables[0].count(b'\n') == 1 + 8 * 7 * 3
+    written_out = capsys.readouterr()
+    assert '168 rows in' in written_out.out
+    assert '168 points in' in written_out.err
+
+
+def test_the_same_command_on_a_whole_table_draws_it_again(config: Path, tmp_path: Path) -> None:
+    command = [str(config), '--output', str(tmp_path / 'out'), '--workers', '1']
+    assert main(command) == 0
+    table = (tmp_path / 'out/small.csv').read_bytes()
+    (tmp_path / 'out/small.png').unlink()
+    assert main(command) == 0
+    assert (tmp_path / 'out/small.csv').read_bytes() == table
+    assert (tmp_path / 'out/small.png').exists()
+
+
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_interrupted_sweep_goes_on_to_the_same_table(
+    sent: signal.Signals, tmp_path: Path, whole_table: bytes
+) -> None:
+    config = written(tmp_path / 'long.yaml', LONG)
+    folder = tmp_path / 'out'
+    process = started(config, '--output', folder, '--workers', 2)
+    part = folder / 'long.csv.part'
+    wait_until(lambda: lines_in(part) > 20, 'the first rows')
+    if sent == signal.SIGINT:
+        os.killpg(process.pid, sent)
+    else:
+        process.send_signal(sent)
+    _, errors = process.communicate(timeout=LONGEST_WAIT)
+    wait_until(lambda: is_empty(process.pid), 'the end of the workers')
+    assert not (folder / 'long.csv').exists()
+    if sent == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+        with part.open('ab') as file:
+            file.write(b'17,0.2,0.')
+    else:
+        assert process.returncode == 130
+        assert errors.strip().endswith('interrupted; the same command goes on where it was')
+        assert 'Traceback' not in errors
+    measured = lines_in(part)
+    process = started(config, '--output', folder, '--workers', 1)
+    _, errors = process.communicate(timeout=LONGEST_WAIT)
+    assert process.returncode == 0
+    assert f'{7500 - measured} points in' in errors
+    assert (folder / 'long.csv').read_bytes() == whole_table
+    assert not part.exists()
+
+
+@pytest.fixture(scope='module')
+def whole_table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp('whole')
+    config = written(folder / 'long.yaml', LONG)
+    assert main([str(config), '--output', str(folder / 'out')]) == 0
+    return (folder / 'out/long.csv').read_bytes()
+
+
+def test_a_cluster_gives_the_same_table(config: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip('distributed')
+    assert main([str(config), '--output', str(tmp_path / 'here'), '--workers', '1']) == 0
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    )
+    with cluster:
+        there = str(tmp_path / 'there')
+        address = cluster.scheduler_address
+        assert main([str(config), '--output', there, '--scheduler', address]) == 0
+    tables = [(tmp_path / name / 'small.csv').read_bytes() for name in ('here', 'there')]
+    assert tables[0] == tables[1]
+
+
+def test_a_quick_look_is_a_table_of_its_own(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([str(config), '--quick', '--workers', '1']) == 0
+    assert lines_in(tmp_path / 'out/sweeps/small-quick/small-quick.csv') == 1 + 8 * 7 * 2
+
+
+def test_rows_that_fail_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = 'measure: motion\nseeds: 2\nsweep: {deviations.mass: [0.0, 1.0]}'
+    config = written(tmp_path / 'mine.yaml', content)
+    assert main([str(config), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
+    assert '; 2 rows hold a failure' in capsys.readouterr().out
+
+
+def test_what_is_wrong_is_one_line(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = written(tmp_path / 'wrong.yaml', SMALL.replace('motion', 'colour'))
+    assert main([str(wrong)]) == 1
+    assert capsys.readouterr().err.startswith(f"sweep: {wrong}: measure = 'colour' must be one of")
+    command = ['--output', str(tmp_path / 'out'), '--workers', '1']
+    assert main([str(config), *command]) == 0
+    config.write_text(SMALL.replace('seeds: 3', 'seeds: 4'), encoding='utf-8')
+    capsys.readouterr()
+    assert main([str(config), *command]) == 1
+    error = capsys.readouterr().err
+    assert 'holds rows of another configuration, which differs in seeds' in error
+    assert error.count('\n') == 1
+
+
+def test_every_rate_is_that_since_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, remarks = 0.0, []
+
+    class Slow:
+        count = 1
+
+        def __enter__(self) -> Slow:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def measured(self, study: SweepStudy, rows: list[int]) -> Iterator[list[list[str]]]:
+            nonlocal now
+            # Processes take 5 s to start; the second chunk comes with the first.
+            for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
+                now += seconds
+                yield [study.cells(row) for row in chunk]
+
+    class Line:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def show(self, _done: float, remark: str) -> None:
+            remarks.append(remark)
+
+        def end(self, remark: str) -> None:
+            remarks.append(remark)
+
+    monkeypatch.setattr(sweep.time, 'monotonic', lambda: now)
+    monkeypatch.setattr(sweep, 'ProgressLine', Line)
+    monkeypatch.setattr(sweep, 'local_workers', lambda _count: Slow())
+    config = written(tmp_path / 'mine.yaml', 'measure: motion\nsweep: {rest_angle: [1, 0.5, 0.7]}')
+    assert main([str(config), '--output', str(tmp_path / 'out')]) == 0
+    assert remarks == [
+        '1 of 3 points, 0.2 a second, 10 s left',
+        '2 of 3 points, 0.4 a second, 2 s left',
+        '3 of 3 points, 0.15 a second, 0 s left',
+        'mine: 3 points in 20.0 s, 0.15 a second',
+    ]
+
+
+@pytest.mark.parametrize('count', ['0', '-1', 'two', '1001'])
+def test_workers_are_counted(count: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(['any.yaml', f'--workers={count}'])
+    assert f"'{count}' must be a whole number from 1 to 1000" in capsys.readouterr().err
