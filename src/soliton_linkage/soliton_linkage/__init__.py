@@ -1,6 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Physics and analysis of a topological rotor linkage; arrays in, frozen dataclasses out.
 
+A first script, in which a kick of the first edge sends a soliton through the chain and back:
+
+>>> import soliton_linkage as sl
+>>> chain = sl.Chain(number_of_rotors=20)
+>>> start = sl.leaning(chain, -1)
+>>> rates = 10 * sl.edge_mode(chain, start.angles, sl.Edge.FIRST)
+>>> recording = sl.simulate(chain, start.angles, rates, duration=5, period=0.02)
+>>> track = sl.follow(chain, recording)
+>>> [crossing.direction for crossing in sl.find_crossings(chain, track)]
+[1, -1]
+
+What lives where, each folder importing only from those before it:
+
+============ ==============================================================================
+linkage      the chain: parameters, deviations, gravity, encoders, recorded motion
+linear       linear theory about a configuration: rigidity, zero mode, bands, statics
+solitons     walls at rest, in the continuum, in the unit cell; found and tracked in frames
+orbit        the zero-energy orbit, the closed curve along which a wall runs to and fro
+dynamics     simulations of springs and of rigid bars, integrators, energy balance
+actuation    soft actuators, commands, and the torques and impulses that come of them
+estimation   the analyser: what frames of noisy angles show
+steering     a soliton carried to a place and held there
+studies      figures, films, sweeps and measurements, each a program
+============ ==============================================================================
+
+A *wall*, short for domain wall, is where the chain changes from leaning right to leaning left; a
+*soliton* is a wall that moves, as topics and messages call it. The *orbit* is the curve of all
+configurations that cost nothing, a *cycle* one round of it.
+
 Angles are the actual ones, phi [rad], with the rotors on the last axis, unless a name says
 `staggered`. The symbols of the equations:
 
@@ -39,3 +68,35 @@ p, u       pressure, command       in the chamber of a soft actuator, and asked 
 tau        filling, venting time   with which p tends to u [s]
 ========== ======================= ==========================================================
 """
+
+from __future__ import annotations
+
+import ast
+from importlib import import_module
+from pathlib import Path
+
+_STUB = ast.parse(Path(__file__).with_suffix('.pyi').read_text(encoding='utf-8'))
+_HOMES = {
+    alias.name: statement.module
+    for statement in _STUB.body
+    if isinstance(statement, ast.ImportFrom) and statement.module
+    for alias in statement.names
+}
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first asked for: no program waits for what it does not use.
+
+    The names stand in the stub beside this file, and only there (Scientific Python, SPEC 1).
+    """
+    if name not in _HOMES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    value: object = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
