@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiles loops; imports numba.
+"""Compiles loops by numba.
 
 Where types are given it does so when they are imported, so that nothing is compiled later, while
-frames wait. What an earlier process has compiled is taken from its folder.
+frames wait. What an earlier process has compiled is taken from its folder. With
+NUMBA_DISABLE_JIT=1 loops run as the Python that they are, slowly, and give the same numbers but
+for rounding.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
@@ -28,6 +31,19 @@ READ_FLAGS = types.Array(types.boolean, 1, 'C', readonly=True)
 FLAGS = types.boolean[::1]
 READ_BOX = types.Array(types.float64, 3, 'C', readonly=True)
 BOX = types.float64[:, :, ::1]
+
+
+def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
+    """Type of a row of records of a structured type, of which loops read `row[n]['field']`."""
+    return types.Array(numba.from_dtype(dtype), 1, 'C', readonly=not writable)
+
+
+def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
+    """Type of a named tuple with fields of these types."""
+    untyped = cast(Any, types)
+    if len(set(fields)) == 1:
+        return untyped.NamedUniTuple(fields[0], len(fields), row)
+    return untyped.NamedTuple(fields, row)
 
 
 def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
@@ -66,6 +82,26 @@ def compile_loop(
         return cast(Kernel, compiler(cache=False)(function))
 
 
+def _nothing() -> None:
+    pass
+
+
+_compiled_or_not: object = numba.njit(_nothing)
+
+COMPILES = _compiled_or_not is not _nothing
+"""Whether numba compiles, or leaves functions as they are."""
+
+unsigned: Callable[[int], Any] = np.uintp if COMPILES else int
+"""Indices in vectorised loops; in numpy 1 a sum of these and others would be no index."""
+
+
+def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:
+    """Let loops call what tells the compiler something."""
+    if not COMPILES:
+        return _nothing
+    return cast(Callable[[], None], intrinsic(intrinsic_function))
+
+
 def _wide(_typing: Any) -> Any:
     """Vectorise the calling function as wide as the processor can; LLVM stays at half of it."""
 
@@ -77,7 +113,7 @@ def _wide(_typing: Any) -> Any:
     return types.void(), generate
 
 
-take_widest_vectors = cast(Callable[[], None], intrinsic(_wide))
+take_widest_vectors = _hint(_wide)
 
 
 def _apart(_typing: Any) -> Any:
@@ -96,4 +132,4 @@ def _apart(_typing: Any) -> Any:
     return types.void(), generate
 
 
-arrays_do_not_overlap = cast(Callable[[], None], intrinsic(_apart))
+arrays_do_not_overlap = _hint(_apart)

@@ -14,7 +14,7 @@ from linkage_motion import closed_orbit, distance, rigid_motion, wall_between
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.rigid import RigidSettings, RigidSimulation
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_matrix, zero_mode
 from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Array, Chain
@@ -442,14 +442,14 @@ def test_an_impulse_without_finite_energy_is_refused() -> None:
 
 
 @pytest.mark.parametrize('rate', [1.0, 100.0])
-def test_jammed_bars_are_said_to_jam(rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('soliton_linkage.dynamics.simulation._MOST_STEPS_A_TIME_UNIT', 50)
+def test_jammed_bars_are_said_to_jam(rate: float) -> None:
     chain = Chain(2)
     # A bar as long as both rotors and the spacing in one line can move to neither side.
     fraction = (chain.spacing + 2 * chain.rotor_length) / chain.rest_length - 1
     chain = dataclasses.replace(chain, deviations=Deviations(rest_length=(fraction,)))
     angles = np.array([-np.pi / 2, np.pi / 2])
-    simulation = RigidSimulation(chain, angles, np.full(2, rate))
+    settings = RigidSettings(most_steps=50)
+    simulation = RigidSimulation(chain, angles, np.full(2, rate), settings=settings)
     with pytest.raises(ArithmeticError, match=r'beyond t = 0 s, .*: the bars jam \('):
         simulation.advance()
     assert np.array_equal(simulation.angles, angles)

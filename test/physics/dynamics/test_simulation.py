@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from chains import EPS, FLIPPER, SPINNER, WOBBLER, chain_of
 from deviating_chains import deviating
+from scipy.integrate import DOP853
 from scipy.special import ellipj, ellipk
 
-from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.elastic import ElasticSettings, ElasticSimulation
+from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.linear.rigidity import dynamical_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
@@ -262,13 +264,15 @@ def test_a_chain_at_rest_stays_there_however_it_is_damped(damping: float, period
         assert np.abs(simulation.rates).max() * chain.time_unit <= 100 * 4 * EPS
 
 
-def test_a_chain_that_hangs_at_rest_stays_there_but_for_rounding(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr('soliton_linkage.dynamics.simulation._MOST_STEPS_A_TIME_UNIT', 2)
+def test_a_chain_that_hangs_at_rest_stays_there_but_for_rounding() -> None:
     chain = Chain(2, rotor_length=1e-3, stiffness=1e-9)
     simulation = ElasticSimulation(
-        chain, np.full(2, np.pi), period=5e-3, tolerance=1e-5, gravity=Gravity(1e7)
+        chain,
+        np.full(2, np.pi),
+        period=5e-3,
+        tolerance=1e-5,
+        gravity=Gravity(1e7),
+        settings=ElasticSettings(most_steps=2),
     )
     for _ in range(5):
         simulation.advance()
@@ -342,13 +346,13 @@ def test_however_much_happens_at_a_frame_the_solver_starts_anew_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     starts = []
-    fresh = ElasticSimulation._fresh_solver
 
-    def counted(simulation: ElasticSimulation) -> object:
-        starts.append(simulation.frame)
-        return fresh(simulation)
+    class Counted(DOP853):
+        def __init__(self, *arguments: object, **others: object) -> None:
+            starts.append(simulation.frame)
+            super().__init__(*arguments, **others)
 
-    monkeypatch.setattr(ElasticSimulation, '_fresh_solver', counted)
+    monkeypatch.setitem(INTEGRATORS, 'DOP853', Counted)
     simulation = shaken(FLIPPER)
     simulation.advance()
     for torque in range(1, 6):

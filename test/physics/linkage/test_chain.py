@@ -20,7 +20,7 @@ from decimals import DIGITS, sine_and_cosine
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.linkage.chain import Array, Chain, Motion, displacement, staggered, wrapped
 
 LEANS = (-1, 1)
 
@@ -358,3 +358,12 @@ def test_wrapped_differences_lose_whole_turns_and_nothing_else(angle: float, tur
     found = wrapped([angle + 2 * math.pi * turns, math.nan])
     assert found[0] == pytest.approx(angle, abs=1e-13)
     assert math.isnan(found[1])
+
+
+@given(any_configuration())
+def test_the_displacement_is_how_far_a_rotor_leans(configuration: tuple[Chain, Array]) -> None:
+    chain, angles = configuration
+    leaning = chain.rotor_lengths * np.sin(staggered(angles))
+    limit = 64 * EPS * float(chain.rotor_lengths.max())
+    assert displacement(chain, angles) == pytest.approx(leaning, rel=0, abs=limit)
+    assert displacement(chain, np.stack([angles, angles])).shape == (2, chain.number_of_rotors)

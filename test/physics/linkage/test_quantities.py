@@ -17,6 +17,7 @@ from soliton_linkage.linkage.quantities import (
     check_quantities,
     described_fields,
     quantity,
+    with_fields,
 )
 
 
@@ -107,3 +108,16 @@ def test_fields_are_described_with_everything_that_was_said_of_them() -> None:
     assert described['brightness'] == Quantity('light that it gives', 'cd', 0.5, 2.0)
     assert described['colour'].choices == ('red', 'green')
     assert [name for name, what in described.items() if what.adjustable] == ['dimmable']
+
+
+def test_help_shows_what_fields_mean() -> None:
+    @with_fields
+    @dataclass(frozen=True)
+    class Kettle:
+        """Boils water."""
+
+        volume: float = quantity(1.0, 'water that it holds', 'l')
+
+    assert Kettle.__doc__ is not None
+    assert Kettle.__doc__.startswith('Boils water.')
+    assert 'volume: water that it holds [l]' in Kettle.__doc__

@@ -23,11 +23,24 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import check_transition
 
-_MOST_SAMPLES = 1_000_000
-_COINCIDENT = 1e-3
-_DEGREE = 7
-_COARSEST = 0.25
-_RESOLUTION = 1e-10
+
+@dataclass(frozen=True)
+class OrbitSettings:
+    """Tuning of `closed_orbit`."""
+
+    most_samples: int = 1_000_000
+    """Samples without return after which it is given up."""
+    coincident: float = 1e-3
+    """Distance beside the curve, over the spacing, of configurations that are the same."""
+    degree: int = 7
+    """Of the splines between samples."""
+    coarsest: float = 0.25
+    """Spacing beyond which samples draw no curve [rad]."""
+    resolution: float = 1e-10
+    """Of the arcs at which the wall is reflected [rad]."""
+
+
+SETTINGS = OrbitSettings()
 
 
 @dataclass(frozen=True)
@@ -84,7 +97,7 @@ class SampledOrbit:
     def _turning_arc(self, sample: int) -> float:
         """Arc length between a sample and the next where the direction changes [rad]."""
         before, after = self.arcs[sample : sample + 2].tolist()
-        while after - before > _RESOLUTION:
+        while after - before > SETTINGS.resolution:
             between = (before + after) / 2
             if _direction(self.chain, self.configuration(between)) == self.directions[sample]:
                 before = between
@@ -94,7 +107,7 @@ class SampledOrbit:
 
     @cached_property
     def _spline(self) -> BSpline:
-        return make_interp_spline(self.arcs, self.angles, k=_DEGREE)
+        return make_interp_spline(self.arcs, self.angles, k=SETTINGS.degree)
 
 
 def closed_orbit(chain: Chain, start: Array, spacing: float = 0.05) -> SampledOrbit:
@@ -104,18 +117,18 @@ def closed_orbit(chain: Chain, start: Array, spacing: float = 0.05) -> SampledOr
     Raises ValueError for a spacing that is not above 0 or too coarse to draw a curve, for d
     within 1e-9 d_c of d_c, where orbits meet, and as `RigidSimulation` does.
     """
-    if not 0 < spacing <= _COARSEST:
-        raise ValueError(f'spacing = {spacing} rad must lie above 0 and up to {_COARSEST}')
+    if not 0 < spacing <= SETTINGS.coarsest:
+        raise ValueError(f'spacing = {spacing} rad must lie above 0 and up to {SETTINGS.coarsest}')
     check_transition(chain)
     begin = unstretched(chain, start)
     tangent = _tangent(chain, begin)
     simulation = RigidSimulation(chain, begin, tangent, period=spacing)
     samples, left = [simulation.angles], -math.inf
     while not abs(left) <= spacing / 2:
-        if len(samples) > _MOST_SAMPLES:
+        if len(samples) > SETTINGS.most_samples:
             raise ValueError(
-                f'the orbit did not close within {_MOST_SAMPLES} samples {spacing} rad apart; '
-                'take a larger spacing'
+                f'the orbit did not close within {SETTINGS.most_samples} samples {spacing} rad '
+                'apart; take a larger spacing'
             )
         simulation.advance()
         samples.append(simulation.angles)
@@ -156,7 +169,7 @@ def _to_go(chain: Chain, angles: Array, goal: Array, spacing: float) -> float:
     It is off by the curvature of the orbit, to third order.
     """
     along, distance = _apart(chain, angles, goal)
-    return along if distance < 1.5 * abs(along) + _COINCIDENT * spacing else math.inf
+    return along if distance < 1.5 * abs(along) + SETTINGS.coincident * spacing else math.inf
 
 
 def _apart(chain: Chain, angles: Array, goal: Array) -> tuple[float, float]:

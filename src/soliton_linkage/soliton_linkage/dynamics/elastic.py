@@ -4,52 +4,75 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import OdeSolver
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
-from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
-from soliton_linkage.dynamics.integrators.multistep_steps import load_loops
-from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
-from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
-INTEGRATORS = ('DOP853', 'symplectic', 'multistep')
-"""Of springs: scipy's explicit Runge-Kutta method, `SymplecticNystrom`, `SymmetricMultistep`."""
 
-_SOLVERS = {'symplectic': SymplecticNystrom, 'multistep': SymmetricMultistep}
+@dataclass(frozen=True)
+class ElasticSettings(SimulationSettings):
+    """Tuning of `ElasticSimulation`."""
 
-# In units of the fastest rate; DOP853 is stable in steps of 6. A chain at rest asks for no
-# accuracy, and longer steps would make a motion of rounding errors.
-_LONGEST_STEP = 5
-_ROTORS_TOGETHER = 400
+    longest_step: float = 5.0
+    """Of scipy's solvers, in units of the fastest rate; DOP853 is stable in steps of 6.
+
+    A chain at rest asks for no accuracy, and longer steps make a motion of rounding errors. Half
+    of it: 1.6 times the work for a soliton, twice for a chain at rest; twice: none and half.
+    """
+    rotors_together: int = 400
+    """Rotors times steps in one step of a `ChainSolver`, after each of which others may act.
+
+    One takes 0.05 to 0.07 ms. Half as many: frames of 40 rotors take 20 to 60 % longer; twice:
+    10 to 30 % less, and symplectic steps 0.12 ms.
+    """
+
+
+DEFAULTS = ElasticSettings()
 
 
 class ElasticSimulation(Simulation):
-    """A chain of springs: M r^2 phi_ddot = -dV/dphi - damping phi_dot + torques of gravity etc.
+    """A chain of springs, integrated along its `EquationOfMotion`.
 
-    The integrator is one of INTEGRATORS; all else is as in `Simulation`.
+    The integrator is one of INTEGRATORS; all else is as in `Simulation`. Raises ValueError for
+    an integrator that there is not, and for damping where it takes none.
     """
 
-    def __init__(self, *arguments: Any, integrator: str = 'DOP853', **others: Any) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        angles: Array,
+        rates: Array | None = None,
+        period: float = 0.01,
+        tolerance: float = 1e-11,
+        gravity: Gravity = NO_GRAVITY,
+        fixed: Sequence[int] = (),
+        integrator: str = 'DOP853',
+        settings: ElasticSettings = DEFAULTS,
+    ) -> None:
         if integrator not in INTEGRATORS:
-            raise ValueError(f'integrator = {integrator!r} must be one of {INTEGRATORS}')
+            raise ValueError(f'integrator = {integrator!r} must be one of {tuple(INTEGRATORS)}')
         self.integrator = integrator
+        self._settings = settings
+        self._method = INTEGRATORS[integrator]
         self._length: float | None = None
-        if integrator in _SOLVERS:
-            with suppress(ImportError):  # of which the first step will tell
-                load_loops()
-        super().__init__(*arguments, **others)
-        if integrator == 'multistep' and self._damped:
-            raise ValueError(
-                f"integrator = 'multistep' takes no damping, and the chain has "
-                f"{self.chain.damping:g} kg m^2/s; take 'symplectic' or 'DOP853'"
-            )
+        super().__init__(chain, angles, rates, period, tolerance, gravity, fixed, settings)
+        if issubclass(self._method, ChainSolver):
+            if self._damped and not self._method.takes_damping:
+                raise ValueError(
+                    f'integrator = {integrator!r} takes no damping, and the chain has '
+                    f"{chain.damping:g} kg m^2/s; take 'symplectic' or 'DOP853'"
+                )
+            self._method.load()
 
     @property
     def link_torques(self) -> Array:
@@ -69,21 +92,14 @@ class ElasticSimulation(Simulation):
         dissipated = float(state[-1]) if self._damped else 0.0
         return state[:rotors], state[rotors : 2 * rotors], dissipated
 
-    def _derivative(self, _time: float, state: Array) -> Array:
-        chain = self.chain
-        angles, rates, _ = self._unpacked(state)
-        torques = chain.spring_torques(angles) + self._applied_torques(angles)
-        if not self._damped:
-            return np.concatenate([rates, torques / self._inertias])
-        friction = chain.dampings * rates
-        accelerations = (torques - friction) / self._inertias
-        return np.concatenate([rates, accelerations, [friction @ rates]])
-
-    def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
-        if self.integrator not in _SOLVERS:
-            return super()._new_solver(state, tolerances, longest_step)
+    def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         motion = EquationOfMotion(self.chain, self.torques, self.gravity, self.fixed)
-        return _SOLVERS[self.integrator](
+        fastest_rate = max(motion.fastest_vibration, motion.fastest_decay)
+        longest_step, tolerances = self._settings.longest_step / fastest_rate, self._tolerances()
+        if not issubclass(self._method, ChainSolver):
+            solver = scipy_solver(self._method, motion, state, tolerances, longest_step)
+            return solver, longest_step
+        solver = self._method(
             motion,
             0.0,
             state,
@@ -93,29 +109,22 @@ class ElasticSimulation(Simulation):
             first_step=self._length,
             together=1,
         )
+        return solver, longest_step
 
-    def _tolerances(self) -> tuple[Array, float]:
+    def _tolerances(self) -> Array:
+        """Absolute tolerance of each variable of the solver."""
         # The solver takes the root mean square over its variables, in which a wall in a long
         # chain would be drowned by the rotors at rest.
         chain = self.chain
         rotors = chain.number_of_rotors
         of_angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
         of_energy = [self.tolerance * chain.stiffness * chain.rest_length**2] * self._damped
-        tolerances = np.concatenate([of_angles, of_angles / chain.time_unit, of_energy])
-        return tolerances, _LONGEST_STEP / self._fastest_rate()
-
-    def _fastest_rate(self) -> float:
-        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, c / (M r^2) [rad/s]."""
-        chain = self.chain
-        of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
-        of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
-        decay = float((chain.dampings / chain.moments_of_inertia).max())
-        return max(math.sqrt(of_springs + of_gravity), decay)
+        return np.concatenate([of_angles, of_angles / chain.time_unit, of_energy])
 
     def _after_step(self) -> None:
         """Let the longer steps together the longer nothing happens; the state stays as it is."""
         if isinstance(self._solver, ChainSolver):
-            most = max(1, _ROTORS_TOGETHER // self.chain.number_of_rotors)
+            most = max(1, self._settings.rotors_together // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
             self._length = self._solver.length
 
@@ -132,5 +141,9 @@ def simulate(
     period: float,
     tolerance: float = 1e-11,
 ) -> Recording:
-    """Record the free motion of springs from a state: every period [s] for a duration [s]."""
+    """Record the free motion of springs: every period [s] for a duration [s], both ends.
+
+    It starts from angles [rad] and rates [rad/s], shape (N,); `tolerance` [rad] and errors are
+    those of `Simulation`, and ArithmeticError says where the solver does not get on.
+    """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

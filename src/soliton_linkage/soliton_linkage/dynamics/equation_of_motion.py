@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -35,9 +36,7 @@ class EquationOfMotion:
         """Refuse torques and rotors that do not fit the chain."""
         if self.torques is not None:
             self.chain.check_angles(self.torques, 'torque')
-        for rotor in self.fixed:
-            if rotor not in range(self.rotors):
-                raise ValueError(f'fixed rotor {rotor!r} must be one of 0 to {self.rotors - 1}')
+        checked_rotors(self.chain, self.fixed)
 
     @property
     def rotors(self) -> int:
@@ -49,19 +48,27 @@ class EquationOfMotion:
         """Whether the state has the dissipated energy behind the rates."""
         return self.chain.damping > 0
 
+    @cached_property
+    def held_torques(self) -> Array:
+        """Torques [N m], shape (N,)."""
+        return np.zeros(self.rotors) if self.torques is None else self.torques
+
     @property
     def in_field(self) -> bool:
         """Whether torques or gravity act on the rotors."""
-        return self.gravity.acceleration != 0 or (
-            self.torques is not None and bool(np.any(self.torques))
-        )
+        return self.gravity.acceleration != 0 or bool(np.any(self.held_torques))
+
+    @cached_property
+    def inertias(self) -> Array:
+        """Of the rotors [kg m^2], M r^2, and infinite of fixed ones, shape (N,)."""
+        inertias = self.chain.moments_of_inertia.copy()
+        inertias[list(self.fixed)] = np.inf
+        return inertias
 
     @cached_property
     def inverse_inertias(self) -> Array:
         """Of the rotors [1/(kg m^2)], 1 / (M r^2), and 0 of fixed ones, shape (N,)."""
-        inverse = 1 / self.chain.moments_of_inertia
-        inverse[list(self.fixed)] = 0.0
-        return np.asarray(inverse)
+        return np.asarray(1 / self.inertias)
 
     @cached_property
     def decay_rates(self) -> Array:
@@ -69,12 +76,22 @@ class EquationOfMotion:
         return self.chain.dampings * self.inverse_inertias
 
     @cached_property
-    def fastest_rate(self) -> float:
-        """Bound of vibrations, sqrt(4 k_e / M + g / r), and of decay, 2 c / (M r^2) [1/s]."""
+    def fastest_vibration(self) -> float:
+        """Bound of vibrations, sqrt(4 k_e / M + g / r) [1/s]."""
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
         of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
-        return max(math.sqrt(of_springs + of_gravity), 2 * float(self.decay_rates.max()))
+        return math.sqrt(of_springs + of_gravity)
+
+    @cached_property
+    def fastest_decay(self) -> float:
+        """Of free rotors' rates, c / (M r^2) [1/s]."""
+        return float(self.decay_rates.max())
+
+    @property
+    def fastest_rate(self) -> float:
+        """Bound of vibrations and of the decay of energies, 2 c / (M r^2) [1/s]."""
+        return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def state(self, angles: Array, rates: Array) -> Array:
         """State with nothing dissipated so far, shape (2N,), or (2N + 1,) of a damped chain."""
@@ -83,18 +100,34 @@ class EquationOfMotion:
 
     def accelerations(self, angles: Array) -> Array:
         """Angular acceleration without damping [rad/s^2], shape (N,)."""
-        torques = self.chain.spring_torques(angles)
-        if self.torques is not None:
-            torques += self.torques
-        if self.gravity.acceleration:
-            torques += self.gravity.torques(self.chain, angles)
-        return np.asarray(torques * self.inverse_inertias)
+        return np.asarray(self._undamped_torques(angles) / self.inertias)
 
     def __call__(self, _time: float, state: Array) -> Array:
         """Time derivative of a state, of its shape."""
         angles, rates = state[: self.rotors], state[self.rotors : 2 * self.rotors]
-        accelerations = self.accelerations(angles)
         if not self.damped:
-            return np.concatenate([rates, accelerations])
-        power = self.chain.dampings @ rates**2
-        return np.concatenate([rates, accelerations - self.decay_rates * rates, [power]])
+            return np.concatenate([rates, self.accelerations(angles)])
+        friction = self.chain.dampings * rates
+        accelerations = (self._undamped_torques(angles) - friction) / self.inertias
+        return np.concatenate([rates, accelerations, [friction @ rates]])
+
+    def _undamped_torques(self, angles: Array) -> Array:
+        applied = applied_torques(self.chain, angles, self.held_torques, self.gravity)
+        return self.chain.spring_torques(angles) + applied
+
+
+def applied_torques(chain: Chain, angles: Array, torques: Array, gravity: Gravity) -> Array:
+    """Torques that are held and those of gravity on each rotor [N m], shape (N,)."""
+    if gravity.acceleration == 0:
+        return torques
+    return torques + gravity.torques(chain, angles)
+
+
+def checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:
+    """Return the rotors in order, each once; raise ValueError where there is no such rotor."""
+    for rotor in rotors:
+        if rotor not in range(chain.number_of_rotors):
+            raise ValueError(
+                f'fixed rotor {rotor!r} must be one of 0 to {chain.number_of_rotors - 1}'
+            )
+    return tuple(sorted({int(rotor) for rotor in rotors}))

@@ -13,19 +13,40 @@ and no bar does work.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
-from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.dynamics.equation_of_motion import applied_torques
+from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
+from soliton_linkage.dynamics.work import work_of_torques
 from soliton_linkage.linear.rigidity import rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import banded_products, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
-_LOOSEST_BAR = 1e-6
-_JAMMED = 1e-5
-_LONGEST_STEP = 100
-_MENDINGS = 3
+
+@dataclass(frozen=True)
+class RigidSettings(SimulationSettings):
+    """Tuning of `RigidSimulation`."""
+
+    loosest_bar: float = 1e-6
+    """Over its length, up to which a bar may miss it at the start; a refusal, no tuning."""
+    jammed: float = 1e-5
+    """Smallest singular value of R, over r, at which a complaint says that bars jam."""
+    longest_step: float = 100.0
+    """Of the solver, in periods: as many frames are computed at once, at most.
+
+    Half or twice as many: no difference in time or energy drift.
+    """
+    mendings: int = 3
+    """Corrections of the energy after a step, at most; 1 and 6: the same energy drift."""
+
+
+DEFAULTS = RigidSettings()
 
 
 class RigidSimulation(Simulation):
@@ -34,8 +55,23 @@ class RigidSimulation(Simulation):
     Raises ValueError for angles that the bars do not allow. Of the rates and impulses given it
     takes the part along the zero mode; the bars bear the rest. After every step of the solver
     the state is brought back onto the curve and onto the energy that it must have. Where the
-    bars jam, so that no zero mode leads on, ArithmeticError says so.
+    bars jam, so that no zero mode leads on, ArithmeticError says so. Arguments are those of
+    `Simulation`; no rotor can be fixed, and ends are free.
     """
+
+    def __init__(
+        self,
+        chain: Chain,
+        angles: Array,
+        rates: Array | None = None,
+        period: float = 0.01,
+        tolerance: float = 1e-11,
+        gravity: Gravity = NO_GRAVITY,
+        fixed: Sequence[int] = (),
+        settings: RigidSettings = DEFAULTS,
+    ) -> None:
+        self._settings = settings
+        super().__init__(chain, angles, rates, period, tolerance, gravity, fixed, settings)
 
     @property
     def link_torques(self) -> Array:
@@ -68,7 +104,7 @@ class RigidSimulation(Simulation):
             )
         extensions = chain.spring_extensions(angles)
         bar = int(np.argmax(np.abs(extensions)))
-        if not abs(extensions[bar]) <= _LOOSEST_BAR * chain.rest_lengths[bar]:
+        if not abs(extensions[bar]) <= self._settings.loosest_bar * chain.rest_lengths[bar]:
             raise ValueError(
                 f'bar {bar} between rotors {bar} and {bar + 1} would be {extensions[bar]:.3g} m '
                 f'longer than its {chain.rest_lengths[bar]:.6g} m; start from angles that the '
@@ -93,13 +129,22 @@ class RigidSimulation(Simulation):
         power = float(mode @ self._applied_torques(angles)) - friction
         return np.concatenate([speed * mode, [power, friction * speed]])
 
-    def _tolerances(self) -> tuple[Array, float]:
+    def _applied_torques(self, angles: Array) -> Array:
+        return applied_torques(self.chain, angles, self.torques, self.gravity)
+
+    def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
+        longest_step = self._settings.longest_step * self.period
+        solver = scipy_solver(DOP853, self._derivative, state, self._tolerances(), longest_step)
+        return solver, longest_step
+
+    def _tolerances(self) -> Array:
+        """Absolute tolerance of each variable of the solver."""
         chain = self.chain
         rotors = chain.number_of_rotors
         of_angles = np.full(rotors, self.tolerance / math.sqrt(rotors))
         energy = max(self._energy_scale(), float(np.finfo(np.float64).tiny))
         of_rest = [self.tolerance * math.sqrt(energy), self.tolerance * energy]
-        return np.concatenate([of_angles, of_rest]), _LONGEST_STEP * self.period
+        return np.concatenate([of_angles, of_rest])
 
     def _after_step(self) -> None:
         state = self._solver.y
@@ -118,7 +163,7 @@ class RigidSimulation(Simulation):
         eps = float(np.finfo(np.float64).eps)
         try:
             angles = unstretched(chain, angles)
-            for _ in range(_MENDINGS):
+            for _ in range(self._settings.mendings):
                 excess = self._excess_energy(angles, speed, dissipated)
                 mode = self._mode(angles)
                 force = chain.time_unit * float(mode @ self._applied_torques(angles))
@@ -133,16 +178,19 @@ class RigidSimulation(Simulation):
             raise self._stuck(str(error)) from error
         return angles, speed, dissipated
 
+    def _motion_and_springs(self) -> float:
+        return float(self.chain.kinetic_energy(self.rates))  # bars hold no energy
+
     def _excess_energy(self, angles: Array, speed: float, dissipated: float) -> float:
         potential = float(self.gravity.energy(self.chain, angles))
-        work = self._work + float(self.torques @ (angles - self._held_from))
+        work = self._work + work_of_torques(self.torques, angles - self._held_from)
         return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
 
     def _stuck(self, complaint: str) -> ArithmeticError:
         """Say so where the bars jam: where R has next to a second null vector."""
         bands = rigidity_bands(self.chain, self._solver.y[:-2])
         squares = eigvals_banded(banded_products(*bands), select='i', select_range=(0, 0))
-        jammed = squares[0] <= (_JAMMED * self.chain.rotor_length) ** 2
+        jammed = squares[0] <= (self._settings.jammed * self.chain.rotor_length) ** 2
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:

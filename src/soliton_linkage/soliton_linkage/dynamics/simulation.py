@@ -5,17 +5,34 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import DOP853, OdeSolver
+from scipy.integrate import OdeSolver
 
+from soliton_linkage.dynamics.equation_of_motion import checked_rotors
+from soliton_linkage.dynamics.work import work_of_kick, work_of_torques
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
-_SMALLEST_RELATIVE_TOLERANCE = 100 * np.finfo(float).eps
-_MOST_STEPS_A_TIME_UNIT = 1000
+SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
+"""Scipy's solvers take nothing smaller; rotors that have turned far must not be less exact."""
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """Tuning of every simulation."""
+
+    most_steps: int = 1000
+    """Of the solver, in a unit of time of the springs, beyond which it is said to be stuck.
+
+    Half or twice as many: it gives up as much earlier or later.
+    """
+
+
+DEFAULTS = SimulationSettings()
 
 
 class Simulation(ABC):
@@ -27,6 +44,11 @@ class Simulation(ABC):
     `tolerance` [rad] in the angles, and as much per `chain.time_unit` in the rates (norm over
     all rotors), however many rotors there are and however far they have turned. `kicks` counts
     kicks and `kick_work` is the energy that they have given [J].
+
+    It starts from `angles` [rad] and `rates` [rad/s], shape (N,), or from rest; `period` is in
+    [s]. The rotors numbered in `fixed` stay at the angle that they start from; their mounts bear
+    whatever acts on them. Raises ValueError for what is out of its range or does not fit the
+    chain.
     """
 
     def __init__(
@@ -38,12 +60,8 @@ class Simulation(ABC):
         tolerance: float = 1e-11,
         gravity: Gravity = NO_GRAVITY,
         fixed: Sequence[int] = (),
+        settings: SimulationSettings = DEFAULTS,
     ) -> None:
-        """Start from angles [rad] and rates [rad/s], shape (N,); period in [s].
-
-        The rotors numbered in `fixed` stay at the angle that they start from; their mounts bear
-        whatever acts on them.
-        """
         if not (math.isfinite(period) and period > 0):
             raise ValueError(f'period = {period} s must be a finite number above 0')
         if not 1e-13 <= tolerance <= 1e-2:
@@ -52,9 +70,8 @@ class Simulation(ABC):
         self.period = period
         self.tolerance = tolerance
         self.gravity = gravity
-        self.fixed = _checked_rotors(chain, fixed)
-        self._inertias = chain.moments_of_inertia.copy()
-        self._inertias[list(self.fixed)] = np.inf
+        self.fixed = checked_rotors(chain, fixed)
+        self._most_steps = settings.most_steps
         self.frame = 0
         given = chain.check_angles(angles).copy()
         moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
@@ -112,9 +129,9 @@ class Simulation(ABC):
         """
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
-            rates = self.rates + checked / self._inertias
+            rates = self.rates + checked / self.chain.moments_of_inertia
             _, rates = self._allowed(self.angles, rates)
-            gained = float(np.add.reduce(checked * (self.rates + rates))) / 2
+            gained = work_of_kick(checked, self.rates, rates)
         if not math.isfinite(gained):
             rotor = int(np.argmax(np.abs(checked)))
             raise ValueError(
@@ -157,11 +174,13 @@ class Simulation(ABC):
     def step(self) -> None:
         """Take one step of the solver towards the next frame; the current one stays as it is."""
         if self._stale:
-            self._solver = self._fresh_solver()
+            # It is made once however much happens at a frame.
+            self._solver, longest_step = self._solver_from(self._packed())
+            self._time_unit = min(self.chain.time_unit, longest_step)
             self._stale = False
         complaint = self._solver.step()
         self._steps += 1
-        if self._steps > _MOST_STEPS_A_TIME_UNIT * (1 + self.period / self._time_unit):
+        if self._steps > self._most_steps * (1 + self.period / self._time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
             raise self._stuck(complaint)
@@ -210,12 +229,8 @@ class Simulation(ABC):
         """Angles [rad], rates [rad/s] and dissipated energy [J] of a state of the solver."""
 
     @abstractmethod
-    def _derivative(self, _time: float, state: Array) -> Array:
-        """Time derivative of the solver's variables."""
-
-    @abstractmethod
-    def _tolerances(self) -> tuple[Array, float]:
-        """Absolute tolerance of each variable, and the longest step [s]."""
+    def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
+        """Solver from a state on, and the longest step that is stable or wanted [s]."""
 
     @abstractmethod
     def _after_step(self) -> None:
@@ -241,12 +256,7 @@ class Simulation(ABC):
 
     def _work_of_torques(self) -> float:
         """Work of the torques held now, since they were set [J]."""
-        return float(self.torques @ (self.angles - self._held_from))
-
-    def _applied_torques(self, angles: Array) -> Array:
-        if self.gravity.acceleration == 0:
-            return self.torques
-        return self.torques + self.gravity.torques(self.chain, angles)
+        return work_of_torques(self.torques, self.angles - self._held_from)
 
     def _stuck(self, complaint: str) -> ArithmeticError:
         fastest = int(np.argmax(np.abs(self.rates)))
@@ -266,29 +276,21 @@ class Simulation(ABC):
         self._batch = np.empty((0, 0))
         self._stale = True
 
-    def _fresh_solver(self) -> OdeSolver:
-        """Solver from the current frame on; it is made once however much happens at a frame."""
-        tolerances, longest_step = self._tolerances()
-        self._time_unit = min(self.chain.time_unit, longest_step)
-        return self._new_solver(self._packed(), tolerances, longest_step)
 
-    def _new_solver(self, state: Array, tolerances: Array, longest_step: float) -> OdeSolver:
-        return DOP853(
-            self._derivative,
-            0.0,
-            state,
-            np.inf,
-            rtol=_SMALLEST_RELATIVE_TOLERANCE,
-            atol=tolerances,
-            max_step=longest_step,
-        )
-
-
-def _checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:
-    """Return the rotors in order, each once; raise ValueError where there is no such rotor."""
-    for rotor in rotors:
-        if rotor not in range(chain.number_of_rotors):
-            raise ValueError(
-                f'fixed rotor {rotor!r} must be one of 0 to {chain.number_of_rotors - 1}'
-            )
-    return tuple(sorted({int(rotor) for rotor in rotors}))
+def scipy_solver(
+    method: type[OdeSolver],
+    right_hand_side: Callable[[float, Array], Array],
+    state: Array,
+    tolerances: Array,
+    longest_step: float,
+) -> OdeSolver:
+    """Solver from a state on for ever, of absolute tolerances, one a variable, and steps [s]."""
+    return method(
+        right_hand_side,
+        0.0,
+        state,
+        np.inf,
+        rtol=SMALLEST_RELATIVE_TOLERANCE,
+        atol=tolerances,
+        max_step=longest_step,
+    )

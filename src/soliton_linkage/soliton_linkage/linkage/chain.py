@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
 
 Array = NDArray[np.float64]
 
@@ -35,13 +35,14 @@ class Motion(enum.Enum):
     SPINNER = 'spinner'
 
 
+@with_fields
 @dataclass(frozen=True)
 class Chain:
     """Parameters of a chain; raises ValueError where they are invalid.
 
     Its ends are free, or periodic: then one more spring joins the last rotor to the image of
     the first beyond the end. Lengths, masses and all else are those of every rotor and spring,
-    but for the deviations.
+    but for `deviations`, fractions by which single ones differ.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -55,7 +56,6 @@ class Chain:
     damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0)
     periodic: bool = quantity(False, 'whether the last rotor is joined to the first')
     deviations: Deviations = NO_DEVIATIONS
-    """Of single rotors and springs."""
 
     def __post_init__(self) -> None:
         """Refuse parameters out of their range."""
@@ -283,6 +283,11 @@ def staggered(angles: ArrayLike) -> Array:
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
+
+
+def displacement(chain: Chain, angles: ArrayLike) -> Array:
+    """By how much each rotor leans to the right, u = r sin(theta) = r sin(phi) [m], (..., N)."""
+    return chain.positions(np.asarray(angles, dtype=np.float64))[0]
 
 
 def uprightness(angles: ArrayLike) -> int:

@@ -10,9 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import (
+    LARGEST_SEED,
+    check_quantities,
+    quantity,
+    with_fields,
+)
 
 
+@with_fields
 @dataclass(frozen=True)
 class Deviations:
     """Fractions by which rotors and springs differ; empty where all are as the chain says.
@@ -77,7 +83,7 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-_LARGEST_SEED = 10**9
+"""Standard deviation [1], of which one rotor in forty has nothing left."""
 
 
 def _spread(of: str) -> Any:
@@ -85,6 +91,7 @@ def _spread(of: str) -> Any:
     return quantity(0.0, description, '', 0.0, _LARGEST_SPREAD)
 
 
+@with_fields
 @dataclass(frozen=True)
 class Disorder:
     """Standard deviations of the fractions by which rotors and springs differ, and their seed.
@@ -98,7 +105,7 @@ class Disorder:
     stiffness: float = _spread('stiffnesses')
     rest_length: float = _spread('lengths at rest')
     damping: float = _spread('dampings')
-    seed: int = quantity(0, 'seed of the fractions that are drawn', '', 0, _LARGEST_SEED)
+    seed: int = quantity(0, 'seed of the fractions that are drawn', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:
         """Refuse values out of their range."""

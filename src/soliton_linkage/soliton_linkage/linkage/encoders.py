@@ -9,11 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import (
+    LARGEST_SEED,
+    check_quantities,
+    quantity,
+    with_fields,
+)
 
-_LARGEST_SEED = 10**9
 
-
+@with_fields
 @dataclass(frozen=True)
 class EncoderErrors:
     """How readings differ from angles; raises ValueError for values out of their range."""
@@ -27,7 +31,7 @@ class EncoderErrors:
     offsets: tuple[float, ...] = quantity(
         (), 'what readings are constantly too large by, one a rotor [rad]; empty for nothing'
     )
-    seed: int = quantity(0, 'seed of the noise', '', 0, _LARGEST_SEED)
+    seed: int = quantity(0, 'seed of the noise', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:
         """Refuse values out of their range."""

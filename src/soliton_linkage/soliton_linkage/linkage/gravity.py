@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage.linkage.quantities import quantity, with_fields
 
 
+@with_fields
 @dataclass(frozen=True)
 class Gravity:
     """A field of constant strength whose direction tilts from -z (tilt 0) towards +x (pi / 2).

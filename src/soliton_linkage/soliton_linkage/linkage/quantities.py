@@ -6,7 +6,12 @@ from __future__ import annotations
 import math
 import numbers
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, TypeVar
+
+LARGEST_SEED = 10**9
+"""Of random numbers; any is as good, and parameters of nodes are whole numbers of 64 bits."""
+
+Described = TypeVar('Described')
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,16 @@ def quantity(
     """Define a dataclass field with a default and a `Quantity` as its metadata."""
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
+
+
+def with_fields(dataclass_type: type[Described]) -> type[Described]:
+    """Add to the docstring of a dataclass, which `help` shows, what its quantities mean."""
+    lines = [
+        f'    {name}: {one.description}{f" [{one.unit}]" if one.unit else ""}'
+        for name, one in described_fields(dataclass_type).items()
+    ]
+    dataclass_type.__doc__ = '\n'.join([f'{dataclass_type.__doc__}\n    Fields:', *lines])
+    return dataclass_type
 
 
 def described_fields(dataclass_type: Any) -> dict[str, Quantity]:

@@ -8,30 +8,28 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from chain_motions import MOTIONS, lively_state
 from chains import FLIPPER, SPINNER, chain_of
+from numba.core.dispatcher import Dispatcher
 from scipy.integrate import DOP853, solve_ivp
 from scipy.special import ellipj, ellipk
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators import multistep_loops, nystrom_loops
 from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
-from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
 from soliton_linkage.dynamics.integrators.multistep_coefficients import (
     STABLE_STEP as LONGEST_OF_MULTISTEP,
 )
-from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
-from soliton_linkage.dynamics.integrators.nystrom_steps import STABLE_STEP as LONGEST_OF_NYSTROM
+from soliton_linkage.dynamics.integrators.nystrom_coefficients import (
+    STABLE_STEP as LONGEST_OF_NYSTROM,
+)
+from soliton_linkage.dynamics.integrators.symmetric_multistep import SymmetricMultistep
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import SymplecticNystrom
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 
 Method = type[ChainSolver]
-
-
-@pytest.fixture(params=[False, True], ids=['numpy', 'compiled'], autouse=True)
-def compiled(request: pytest.FixtureRequest) -> bool:
-    if request.param:
-        pytest.importorskip('numba')
-    return bool(request.param)
 
 
 @pytest.fixture(params=[SymplecticNystrom, SymmetricMultistep], ids=['nystrom', 'multistep'])
@@ -53,7 +51,6 @@ def solved(
     motion: EquationOfMotion,
     state: Array,
     times: Array | list[float],
-    compiled: bool,
     method: Method = SymplecticNystrom,
     **options: object,
 ) -> Array:
@@ -63,7 +60,6 @@ def solved(
         state,
         method=method,
         t_eval=times,
-        compiled=compiled,
         **options,
     )
     assert solution.success
@@ -79,12 +75,10 @@ def energy(motion: EquationOfMotion, states: Array) -> Array:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_it_agrees_with_another_solver(
-    example: tuple[float, float], method: Method, compiled: bool
-) -> None:
+def test_it_agrees_with_another_solver(example: tuple[float, float], method: Method) -> None:
     motion = EquationOfMotion(in_units(12, example))
     state, times = kicked(motion, 0.2), np.linspace(0, 40, 81)
-    found = solved(motion, state, times, compiled, method, rtol=0, atol=1e-13)
+    found = solved(motion, state, times, method, rtol=0, atol=1e-13)
     other = solve_ivp(motion, (0, 40), state, method=DOP853, t_eval=times, rtol=3e-14, atol=1e-14)
     np.testing.assert_allclose(found, other.y, rtol=0, atol=1e-10)
 
@@ -112,23 +106,21 @@ def three_rotors_in_thirty_digits(duration: int) -> tuple[float, ...]:
         return tuple(map(float, mpmath.odefun(derivative, 0, start, tol=1e-20)(duration)))
 
 
-def test_it_agrees_with_a_taylor_series_in_thirty_digits(method: Method, compiled: bool) -> None:
+def test_it_agrees_with_a_taylor_series_in_thirty_digits(method: Method) -> None:
     motion = EquationOfMotion(in_units(3))
-    found = solved(motion, kicked(motion, 0.3), [0, 2], compiled, method, rtol=0, atol=1e-15)
+    found = solved(motion, kicked(motion, 0.3), [0, 2], method, rtol=0, atol=1e-15)
     exact = three_rotors_in_thirty_digits(2)
     np.testing.assert_allclose(found[:, -1], exact, rtol=0, atol=2e-14)
 
 
-def test_the_error_is_below_the_sum_of_those_tolerated(method: Method, compiled: bool) -> None:
+def test_the_error_is_below_the_sum_of_those_tolerated(method: Method) -> None:
     motion = EquationOfMotion(in_units(12, SPINNER))
     state = kicked(motion, 0.3)
     fixed = {'first_step': 0.02, 'max_step': 0.02, 'atol': 1.0}
-    exact = solved(motion, state, [0, 50], compiled, **fixed)[:, -1]
+    exact = solved(motion, state, [0, 50], **fixed)[:, -1]
     tolerances, errors = 10.0 ** -np.arange(6, 13), []
     for tolerance in tolerances:
-        solver = method(
-            motion, 0.0, state, 50.0, rtol=0, atol=tolerance, together=1, compiled=compiled
-        )
+        solver = method(motion, 0.0, state, 50.0, rtol=0, atol=tolerance, together=1)
         steps = 0
         while solver.status == 'running':
             solver.step()
@@ -140,30 +132,26 @@ def test_the_error_is_below_the_sum_of_those_tolerated(method: Method, compiled:
     assert order / (order + 1) - 0.15 < slope < 1.1
 
 
-def test_the_way_back_leads_to_the_start(compiled: bool) -> None:
+def test_the_way_back_leads_to_the_start() -> None:
     motion = EquationOfMotion(in_units(15))
     state = kicked(motion)
-    forth = solved(motion, state, [0, 100], compiled, first_step=1.0, max_step=1.0, atol=1.0)
-    back = solved(motion, forth[:, -1], [100, 0], compiled, first_step=1.0, max_step=1.0, atol=1.0)
+    forth = solved(motion, state, [0, 100], first_step=1.0, max_step=1.0, atol=1.0)
+    back = solved(motion, forth[:, -1], [100, 0], first_step=1.0, max_step=1.0, atol=1.0)
     assert np.abs(forth[:, -1] - state).max() > 1
     np.testing.assert_allclose(back[:, -1], state, rtol=0, atol=1e-11)
 
 
-def test_the_energy_does_not_drift(compiled: bool) -> None:
-    if not compiled:
-        pytest.skip('takes too long without compiled loops')
+def test_the_energy_does_not_drift() -> None:
     motion = EquationOfMotion(in_units(10))
     state, times = kicked(motion), np.linspace(0, 40_000, 4001)
-    states = solved(motion, state, times, compiled, first_step=1.0, max_step=1.0, atol=1.0)
+    states = solved(motion, state, times, first_step=1.0, max_step=1.0, atol=1.0)
     errors = energy(motion, states) / energy(motion, state[:, np.newaxis]) - 1
     early, late = np.abs(errors[1:401]).max(), np.abs(errors[-400:]).max()
     assert 1e-10 < early < 1e-5
     assert late < 2 * early
 
 
-def test_vibrations_of_the_method_itself_do_not_get_out_of_hand(compiled: bool) -> None:
-    if not compiled:
-        pytest.skip('takes too long without compiled loops')
+def test_vibrations_of_the_method_itself_do_not_get_out_of_hand() -> None:
     motion = EquationOfMotion(in_units(10, SPINNER))
     state = kicked(motion, 0.3)
     solver = SymmetricMultistep(motion, 0.0, state, 10_000.0, rtol=0, atol=1e-8)
@@ -177,39 +165,39 @@ def test_vibrations_of_the_method_itself_do_not_get_out_of_hand(compiled: bool) 
     assert late < 10 * early < 1e-3
 
 
-def test_dissipated_energy_is_what_is_missing(compiled: bool) -> None:
+def test_dissipated_energy_is_what_is_missing() -> None:
     chain = in_units(10, damping=0.01)
     torques = np.zeros(10)
     motion = EquationOfMotion(chain, torques, Gravity(0.05, 0.3))
     state, times = kicked(motion, 0.3), np.linspace(0, 60, 200)
-    states = solved(motion, state, times, compiled, rtol=0, atol=1e-12)
+    states = solved(motion, state, times, rtol=0, atol=1e-12)
     total = energy(motion, states)
     assert states[-1, -1] > 0.3 * (0.3**2 / 2 * chain.moment_of_inertia)
     assert (np.diff(states[-1]) > 0).all()
     np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-10)
 
 
-def test_a_pendulum_swings_as_its_closed_form(method: Method, compiled: bool) -> None:
+def test_a_pendulum_swings_as_its_closed_form(method: Method) -> None:
     chain = in_units(2, stiffness=1e-9)
     gravity, amplitude = Gravity(1.0), 1.2
     motion = EquationOfMotion(chain, gravity=gravity)
     omega, modulus = math.sqrt(1.0 / chain.rotor_length), math.sin(amplitude / 2) ** 2
     state = motion.state(np.full(2, math.pi + amplitude), np.zeros(2))
     times = np.linspace(0, 20, 50)
-    found = solved(motion, state, times, compiled, method, rtol=0, atol=1e-12)[0] - math.pi
+    found = solved(motion, state, times, method, rtol=0, atol=1e-12)[0] - math.pi
     sine = ellipj(ellipk(modulus) - omega * times, modulus)[0]
     expected = 2 * np.arcsin(math.sqrt(modulus) * sine)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize('damping', [0.01, 10.0])
-def test_a_free_rotor_slows_down_as_its_closed_form(damping: float, compiled: bool) -> None:
+def test_a_free_rotor_slows_down_as_its_closed_form(damping: float) -> None:
     chain = in_units(2, stiffness=1e-9, damping=damping)
     motion = EquationOfMotion(chain)
     gamma = damping / chain.moment_of_inertia
     state = motion.state(np.array([0.3, -1.0]), np.array([0.5, 0.0]))
     times = np.linspace(0, 4 / gamma, 20)
-    found = solved(motion, state, times, compiled, rtol=0, atol=1e-13)
+    found = solved(motion, state, times, rtol=0, atol=1e-13)
     turned = 0.3 + 0.5 * (1 - np.exp(-gamma * times)) / gamma
     lost = chain.moment_of_inertia / 2 * 0.25 * (1 - np.exp(-2 * gamma * times))
     np.testing.assert_allclose(found[0], turned, rtol=0, atol=1e-6)
@@ -226,18 +214,18 @@ def test_a_free_rotor_slows_down_as_its_closed_form(damping: float, compiled: bo
     ],
 )
 def test_dense_output_is_of_the_order_of_the_steps(
-    method: Method, damping: float, orders: tuple[float, float], compiled: bool
+    method: Method, damping: float, orders: tuple[float, float]
 ) -> None:
     motion = EquationOfMotion(in_units(8, SPINNER, damping=damping))
     state = kicked(motion, 0.3)
     times = np.linspace(0, 8, 100)
-    exact = solved(motion, state, times, compiled, first_step=0.02, max_step=0.02, atol=1.0)
+    exact = solved(motion, state, times, first_step=0.02, max_step=0.02, atol=1.0)
     steps = np.array([0.5, 0.4, 0.25, 0.2])
     steps *= {SymplecticNystrom: 1, SymmetricMultistep: 0.5}[method]
     errors = []
     for step in steps:
         options = {'first_step': step, 'max_step': step, 'atol': 1.0}
-        found = solved(motion, state, times, compiled, method, **options)
+        found = solved(motion, state, times, method, **options)
         errors.append(np.linalg.norm(found - exact))
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert orders[0] < slope < orders[1]
@@ -245,12 +233,12 @@ def test_dense_output_is_of_the_order_of_the_steps(
 
 @pytest.mark.parametrize('steps_before', [0, 1, 4])
 def test_dense_output_meets_the_steps_and_is_smooth_in_between(
-    method: Method, steps_before: int, compiled: bool
+    method: Method, steps_before: int
 ) -> None:
     damping = {SymplecticNystrom: 0.02, SymmetricMultistep: 0.0}[method]
     motion = EquationOfMotion(in_units(8, damping=damping))
     options = {'first_step': 0.25, 'max_step': 0.25, 'atol': 1.0, 'together': 3}
-    solver = method(motion, 0.0, kicked(motion), 100.0, compiled=compiled, **options)
+    solver = method(motion, 0.0, kicked(motion), 100.0, **options)
     for _ in range(steps_before):
         solver.step()
     start = solver.y.copy()
@@ -266,11 +254,9 @@ def test_dense_output_meets_the_steps_and_is_smooth_in_between(
     np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7)
 
 
-def test_steps_keep_their_length_and_end_at_the_bound(method: Method, compiled: bool) -> None:
+def test_steps_keep_their_length_and_end_at_the_bound(method: Method) -> None:
     motion = EquationOfMotion(in_units(20))
-    solver = method(
-        motion, 5.0, kicked(motion), 205.3, rtol=0, atol=1e-8, together=1, compiled=compiled
-    )
+    solver = method(motion, 5.0, kicked(motion), 205.3, rtol=0, atol=1e-8, together=1)
     lengths = []
     while solver.status == 'running':
         assert solver.step() is None
@@ -281,20 +267,20 @@ def test_steps_keep_their_length_and_end_at_the_bound(method: Method, compiled: 
     assert changes.sum() <= 3
 
 
-def test_how_many_steps_go_together_makes_no_difference(method: Method, compiled: bool) -> None:
+def test_how_many_steps_go_together_makes_no_difference(method: Method) -> None:
     motion = EquationOfMotion(in_units(20))
     state, times = kicked(motion), np.linspace(0, 30, 7)
     options = {'first_step': 0.5, 'max_step': 0.5, 'atol': 1.0}
-    alone = solved(motion, state, times, compiled, method, together=1, **options)
-    many = solved(motion, state, times, compiled, method, together=50, **options)
+    alone = solved(motion, state, times, method, together=1, **options)
+    many = solved(motion, state, times, method, together=50, **options)
     np.testing.assert_allclose(alone, many, rtol=0, atol=1e-13)
 
 
-def test_a_chain_at_rest_takes_the_longest_step(method: Method, compiled: bool) -> None:
+def test_a_chain_at_rest_takes_the_longest_step(method: Method) -> None:
     chain = chain_of(FLIPPER, 6)
     motion = EquationOfMotion(chain)
     state = motion.state(chain.uniform_state(1), np.zeros(6))
-    solver = method(motion, 0.0, state, np.inf, together=1, compiled=compiled)
+    solver = method(motion, 0.0, state, np.inf, together=1)
     for _ in range(100):
         solver.step()
     longest = {
@@ -305,35 +291,53 @@ def test_a_chain_at_rest_takes_the_longest_step(method: Method, compiled: bool) 
     np.testing.assert_allclose(solver.y, state, rtol=0, atol=1e-11)
 
 
-def test_a_rotor_that_spins_fast_is_followed(method: Method, compiled: bool) -> None:
+def test_a_rotor_that_spins_fast_is_followed(method: Method) -> None:
     motion = EquationOfMotion(in_units(3, stiffness=1e-9))
     state = motion.state(np.zeros(3), np.array([0.0, 500.0, 0.0]))
-    found = solved(motion, state, [0, 1], compiled, method, rtol=0, atol=1e-3)
+    found = solved(motion, state, [0, 1], method, rtol=0, atol=1e-3)
     assert found[1, -1] == pytest.approx(500, abs=1e-3)
 
 
-def test_what_it_cannot_integrate_is_refused(method: Method, compiled: bool) -> None:
+def test_what_it_cannot_integrate_is_refused(method: Method) -> None:
     chain = in_units(4)
     motion, state = EquationOfMotion(chain), np.zeros(8)
     with pytest.raises(TypeError, match='take DOP853'):
         method(lambda t, y: y, 0.0, state, 1.0)
     damped = EquationOfMotion(dataclasses.replace(chain, damping=1.0))
     with pytest.raises(ValueError, match='which has 9'):
-        method(damped, 0.0, state, 1.0, compiled=compiled)
+        method(damped, 0.0, state, 1.0)
     with pytest.raises(ValueError, match='not both be 0'):
-        method(motion, 0.0, state, 1.0, rtol=0.0, atol=0.0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, rtol=0.0, atol=0.0)
     with pytest.raises(ValueError, match='must be 0 or more'):
-        method(motion, 0.0, state, 1.0, rtol=-1.0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, rtol=-1.0)
     with pytest.raises(ValueError, match='first_step'):
-        method(motion, 0.0, state, 1.0, first_step=0.0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, first_step=0.0)
     with pytest.raises(ValueError, match='together'):
-        method(motion, 0.0, state, 1.0, together=0, compiled=compiled)
+        method(motion, 0.0, state, 1.0, together=0)
 
 
-def test_tolerances_that_no_step_meets_are_reported(method: Method, compiled: bool) -> None:
+def test_tolerances_that_no_step_meets_are_reported(method: Method) -> None:
     motion = EquationOfMotion(in_units(10))
-    solver = method(motion, 0.0, kicked(motion), 10.0, rtol=0.0, atol=1e-19, compiled=compiled)
+    solver = method(motion, 0.0, kicked(motion), 10.0, rtol=0.0, atol=1e-19)
     while solver.status == 'running':
         complaint = solver.step()
     assert solver.status == 'failed'
     assert 'no step is short enough' in complaint
+
+
+def test_loaded_loops_leave_nothing_to_compile(method: Method) -> None:
+    method.load()
+    loops = [
+        loop
+        for module in (nystrom_loops, multistep_loops)
+        for loop in vars(module).values()
+        if isinstance(loop, Dispatcher)
+    ]
+    before = [len(loop.signatures) for loop in loops]
+    for motion in MOTIONS.values():
+        if not motion.damped or method.takes_damping:
+            solver = method(motion, 0.0, lively_state(motion), 10.0, rtol=1e-6, atol=1e-6)
+            while solver.status == 'running':
+                solver.step()
+                solver.dense_output()(solver.t)
+    assert [len(loop.signatures) for loop in loops] == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from chain_motions import MOTIONS, lively_state, unit_chain
+from naive_multistep import NaiveMultistep
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators.multistep_coefficients import (
@@ -20,34 +21,34 @@ from soliton_linkage.dynamics.integrators.multistep_coefficients import (
     STARTING_STEPS,
     interpolating,
 )
-from soliton_linkage.dynamics.integrators.multistep_steps import MultistepSteps, load_loops
-from soliton_linkage.dynamics.integrators.nystrom_steps import LARGEST_TURN, NumpySteps
+from soliton_linkage.dynamics.integrators.multistep_steps import MultistepSteps
+from soliton_linkage.dynamics.integrators.nystrom_steps import NystromSteps
+from soliton_linkage.dynamics.integrators.rotor_loops import LARGEST_TURN, ROTORS_IN_CACHE
 from soliton_linkage.linkage.chain import Array
 
 UNDAMPED = {name: motion for name, motion in MOTIONS.items() if not motion.damped}
 ANY_ERROR = 1e9
 
 
-@pytest.fixture(params=[False, True], ids=['numpy', 'compiled'])
-def compiled(request: pytest.FixtureRequest) -> bool:
-    if request.param:
-        pytest.importorskip('numba')
-    return bool(request.param)
-
-
 def tolerances(motion: EquationOfMotion, absolute: float = ANY_ERROR) -> tuple[Array, float]:
     return np.full(2 * motion.rotors, absolute), 0.0
 
 
-def begun(motion: EquationOfMotion, step: float, compiled: bool) -> tuple[MultistepSteps, Array]:
-    steps = MultistepSteps(motion, 50, compiled)
+def begun(motion: EquationOfMotion, step: float) -> tuple[MultistepSteps, Array]:
+    steps = MultistepSteps(motion, 50)
     states, _ = steps.begin(lively_state(motion), step, *tolerances(motion))
     assert len(states) == STARTING_STEPS + 1
     return steps, states[-1]
 
 
+def naively_begun(motion: EquationOfMotion, step: float) -> tuple[NaiveMultistep, Array]:
+    steps = NaiveMultistep(motion)
+    states, _ = steps.begin(lively_state(motion), step, *tolerances(motion))
+    return steps, states[-1]
+
+
 def exact(motion: EquationOfMotion, duration: float, finer: int = 400) -> Array:
-    return NumpySteps(motion).advance(lively_state(motion), duration / finer, finer)[0][-1]
+    return NystromSteps(motion).advance(lively_state(motion), duration / finer, finer)[0][-1]
 
 
 def test_the_coefficients_are_the_same_forth_and_back() -> None:
@@ -138,11 +139,10 @@ def test_what_the_method_vibrates_by_itself_is_not_told() -> None:
 
 
 @pytest.mark.parametrize('name', UNDAMPED)
-def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
-    pytest.importorskip('numba')
+def test_the_loops_take_the_steps_of_the_equations(name: str) -> None:
     motion = UNDAMPED[name]
     for step in (0.15, -0.15):
-        (fast, _), (plain, _) = begun(motion, step, True), begun(motion, step, False)
+        (fast, _), (plain, _) = begun(motion, step), naively_begun(motion, step)
         for count in (1, 7, 50):
             given = tolerances(motion, 1e-3)[0], 1e-3
             state, done, error = fast.advance(count, *given)
@@ -154,9 +154,8 @@ def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
 
 @pytest.mark.parametrize('beyond', [-8, -1, 0, 1, 700])
 def test_chains_that_are_taken_in_blocks_take_the_same_steps(beyond: int) -> None:
-    kernels = pytest.importorskip('soliton_linkage.dynamics.integrators.multistep_loops')
-    motion = EquationOfMotion(unit_chain(2 * kernels.ROTORS_IN_CACHE + beyond))
-    (fast, _), (plain, _) = begun(motion, 0.15, True), begun(motion, 0.15, False)
+    motion = EquationOfMotion(unit_chain(2 * ROTORS_IN_CACHE + beyond))
+    (fast, _), (plain, _) = begun(motion, 0.15), naively_begun(motion, 0.15)
     state, done, error = fast.advance(40, *tolerances(motion))
     expected, _, plain_error = plain.advance(40, *tolerances(motion))
     assert done == 40
@@ -164,37 +163,36 @@ def test_chains_that_are_taken_in_blocks_take_the_same_steps(beyond: int) -> Non
     np.testing.assert_allclose(state, expected, rtol=0, atol=1e-11)
 
 
-def test_compiled_loops_and_numpy_interpolate_alike() -> None:
-    pytest.importorskip('numba')
-    motion, found = UNDAMPED['deviating'], []
+def test_the_loops_interpolate_as_the_equations_have_it() -> None:
+    motion = UNDAMPED['deviating']
     places = np.array([0.0, 0.3, 1.0, 11.5, 20.0, 3.2])
-    for compiled in (True, False):
-        steps, start = begun(motion, 0.15, compiled)
-        state, _, _ = steps.advance(20, *tolerances(motion))
-        states = steps.recorded(start, 20).interpolated(places)
-        np.testing.assert_allclose(states[[0, 4]], [start, state], rtol=0, atol=2e-14)
-        found.append(states)
-    np.testing.assert_allclose(*found, rtol=0, atol=1e-11)
+    (fast, start), (plain, plain_start) = begun(motion, 0.15), naively_begun(motion, 0.15)
+    state, _, _ = fast.advance(20, *tolerances(motion))
+    plain.advance(20, *tolerances(motion))
+    states = fast.recorded(start, 20).interpolated(places)
+    np.testing.assert_allclose(states[[0, 4]], [start, state], rtol=0, atol=2e-14)
+    expected = plain.interpolated(plain_start, 20, places)
+    np.testing.assert_allclose(states, expected, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize('name', UNDAMPED)
-def test_a_step_is_of_order_ten(name: str, compiled: bool) -> None:
+def test_a_step_is_of_order_ten(name: str) -> None:
     motion = UNDAMPED[name]
     counts, errors = np.array([30, 40, 50]), []
     for count in counts:
-        steps, _ = begun(motion, 4.0 / count, compiled)
+        steps, _ = begun(motion, 4.0 / count)
         state, _, _ = steps.advance(int(count) - STARTING_STEPS, *tolerances(motion))
         errors.append(np.linalg.norm(state - exact(motion, 4.0)))
     slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert -13 < slope < -8.5
 
 
-def test_it_goes_back_to_where_the_error_was_small(compiled: bool) -> None:
+def test_it_goes_back_to_where_the_error_was_small() -> None:
     pushed = EquationOfMotion(UNDAMPED['flipper'].chain, 0.05 * np.eye(11)[5])
     start = lively_state(pushed, speed=0.0)
 
     def ends(count: int, absolute: float = ANY_ERROR) -> tuple[Array, int, float]:
-        steps = MultistepSteps(pushed, 100, compiled)
+        steps = MultistepSteps(pushed, 100)
         steps.begin(start, 0.2, *tolerances(pushed))
         return steps.advance(count, *tolerances(pushed, absolute))
 
@@ -208,20 +206,20 @@ def test_it_goes_back_to_where_the_error_was_small(compiled: bool) -> None:
     assert ends(60, 1e-15)[1] == 0
 
 
-def test_it_stops_before_a_rotor_turns_too_far(compiled: bool) -> None:
+def test_it_stops_before_a_rotor_turns_too_far() -> None:
     motion = UNDAMPED['flipper']
     state = lively_state(motion)
     state[motion.rotors + 2] = 1.01 * LARGEST_TURN / 0.3
-    steps = MultistepSteps(motion, 20, compiled)
+    steps = MultistepSteps(motion, 20)
     assert len(steps.begin(state, 0.3, *tolerances(motion))[0]) == 1
     assert len(steps.begin(state, 0.1, *tolerances(motion))[0]) == STARTING_STEPS + 1
 
 
-def test_a_turn_that_grows_too_far_ends_the_steps(compiled: bool) -> None:
+def test_a_turn_that_grows_too_far_ends_the_steps() -> None:
     motion = UNDAMPED['gravity and torques']
     state = lively_state(motion, speed=0.0)
     pushed = EquationOfMotion(motion.chain, 0.2 * np.eye(motion.rotors)[5])
-    steps = MultistepSteps(pushed, 200, compiled)
+    steps = MultistepSteps(pushed, 200)
     steps.begin(state, 0.2, *tolerances(motion))
     last, done, error = steps.advance(200, *tolerances(motion))
     assert 0 < done < 200
@@ -229,13 +227,11 @@ def test_a_turn_that_grows_too_far_ends_the_steps(compiled: bool) -> None:
     assert 0.2 * np.abs(last[motion.rotors :]).max() > 0.7 * LARGEST_TURN
 
 
-def test_compiled_loops_and_numpy_stop_alike_before_a_turn_too_far() -> None:
-    pytest.importorskip('numba')
+def test_the_loops_stop_as_the_equations_do_before_a_turn_too_far() -> None:
     motion, found = UNDAMPED['flipper'], []
     state = lively_state(motion, speed=0.0)
     state[5] += 2.0
-    for compiled in (True, False):
-        steps = MultistepSteps(motion, 200, compiled)
+    for steps in (MultistepSteps(motion, 200), NaiveMultistep(motion)):
         steps.begin(state, 0.25, *tolerances(motion))
         found.append(steps.advance(200, *tolerances(motion)))
     (fast, done, _), (plain, plain_done, _) = found
@@ -243,26 +239,15 @@ def test_compiled_loops_and_numpy_stop_alike_before_a_turn_too_far() -> None:
     np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-8)
 
 
-def test_a_fixed_rotor_does_not_move(compiled: bool) -> None:
+def test_a_fixed_rotor_does_not_move() -> None:
     motion = UNDAMPED['fixed']
-    steps, start = begun(motion, 0.2, compiled)
+    steps, start = begun(motion, 0.2)
     state, _, _ = steps.advance(50, *tolerances(motion))
     for rotor in motion.fixed:
         assert state[rotor] == start[rotor]
         assert state[motion.rotors + rotor] == 0
 
 
-def test_damping_is_refused(compiled: bool) -> None:
+def test_damping_is_refused() -> None:
     with pytest.raises(ValueError, match='take SymplecticNystrom'):
-        MultistepSteps(MOTIONS['damped'], 10, compiled)
-
-
-@pytest.mark.parametrize('name', UNDAMPED)
-def test_loaded_loops_leave_nothing_to_compile(name: str) -> None:
-    kernels = pytest.importorskip('soliton_linkage.dynamics.integrators.multistep_loops')
-    load_loops()
-    loops = kernels.begin, kernels.advance
-    before = [len(loop.signatures) for loop in loops]
-    steps, _ = begun(UNDAMPED[name], 0.1, True)
-    steps.advance(3, *tolerances(UNDAMPED[name]))
-    assert [len(loop.signatures) for loop in loops] == before
+        MultistepSteps(MOTIONS['damped'], 10)

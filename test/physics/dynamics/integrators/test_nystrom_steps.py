@@ -1,40 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import builtins
-from collections.abc import Sequence
-
 import mpmath
 import numpy as np
 import pytest
 from chain_motions import MOTIONS, lively_state, unit_chain
+from naive_nystrom import NaiveNystrom
 from scipy.linalg import expm
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators.nystrom_steps import (
-    DRIFTS,
-    KICKS,
+from soliton_linkage.dynamics.integrators.nystrom_coefficients import DRIFTS, KICKS, STABLE_STEP
+from soliton_linkage.dynamics.integrators.nystrom_steps import NystromSteps, steps_to_measure
+from soliton_linkage.dynamics.integrators.rotor_loops import (
     LARGEST_TURN,
-    STABLE_STEP,
+    ROTORS_IN_CACHE,
     Checks,
-    NumpySteps,
-    Steps,
-    load_loops,
-    steps_of,
+    tension,
 )
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
 
 
-@pytest.fixture(params=[False, True], ids=['numpy', 'compiled'])
-def compiled(request: pytest.FixtureRequest) -> bool:
-    if request.param:
-        pytest.importorskip('numba')
-    return bool(request.param)
-
-
-def steps(motion: EquationOfMotion, compiled: bool) -> Steps:
-    return steps_of(motion, compiled)
+def all_checked(state: Array, absolute: float = 1.0, relative: float = 0.0) -> Checks:
+    return Checks(np.full(len(state), absolute), relative, np.arange(1, 100))
 
 
 def test_a_step_is_a_palindrome_that_fills_its_time() -> None:
@@ -45,57 +33,53 @@ def test_a_step_is_a_palindrome_that_fills_its_time() -> None:
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_compiled_loops_and_numpy_take_the_same_steps(name: str) -> None:
-    pytest.importorskip('numba')
+def test_the_loops_take_the_steps_of_the_equations(name: str) -> None:
     motion = MOTIONS[name]
     state = lively_state(motion)
     for step in (0.4, -0.4):
-        fast, _ = steps_of(motion, True).advance(state, step, 10)
-        plain, _ = NumpySteps(motion).advance(state, step, 10)
+        fast, _ = NystromSteps(motion).advance(state, step, 10)
+        plain, _ = NaiveNystrom(motion).advance(state, step, 10)
         np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
 
 
 @pytest.mark.parametrize('beyond', [-1, 0, 1, 5, 700])
 def test_chains_that_are_taken_in_blocks_take_the_same_steps(beyond: int) -> None:
-    kernels = pytest.importorskip('soliton_linkage.dynamics.integrators.nystrom_loops')
-    motion = EquationOfMotion(unit_chain(2 * kernels.ROTORS_IN_CACHE + beyond))
+    motion = EquationOfMotion(unit_chain(2 * ROTORS_IN_CACHE + beyond))
     state = lively_state(motion)
-    fast, _ = steps_of(motion, True).advance(state, 0.4, 3)
-    plain, _ = NumpySteps(motion).advance(state, 0.4, 3)
+    fast, _ = NystromSteps(motion).advance(state, 0.4, 3)
+    plain, _ = NaiveNystrom(motion).advance(state, 0.4, 3)
     np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_compiled_loops_and_numpy_interpolate_alike(name: str) -> None:
-    pytest.importorskip('numba')
+def test_the_loops_interpolate_as_the_equations_have_it(name: str) -> None:
     motion = MOTIONS[name]
-    states, _ = NumpySteps(motion).advance(lively_state(motion), 0.4, 3)
+    states, _ = NaiveNystrom(motion).advance(lively_state(motion), 0.4, 3)
     places = np.array([0.0, 0.3, 0.5, 1.0, 2.9, 2.1, 3.0])
-    fast = steps_of(motion, True).interpolated(states, 0.4, places)
-    plain = NumpySteps(motion).interpolated(states, 0.4, places)
+    fast = NystromSteps(motion).interpolated(states, 0.4, places)
+    plain = NaiveNystrom(motion).interpolated(states, 0.4, places)
     np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-12)
     np.testing.assert_allclose(fast[[0, 3, 6]], states[[0, 1, 3]], rtol=0, atol=1e-14)
 
 
 def test_the_pull_of_a_spring_is_exact_but_for_rounding() -> None:
-    kernels = pytest.importorskip('soliton_linkage.dynamics.integrators.nystrom_loops')
     near_one = 1 + np.linspace(-0.3, 0.3, 2001)
     squares = np.concatenate([near_one, np.geomspace(1e-12, 1e12, 2001)])
     exact = [float(1 - 1 / mpmath.sqrt(square)) for square in squares]
-    errors = np.array([kernels.tension(square) for square in squares]) - exact
+    errors = np.array([tension(square) for square in squares]) - exact
     # Half a unit in the last place of 1 / sqrt(w), and of the result, twice over.
     assert (
         np.abs(errors) <= 2 * np.finfo(float).eps * (1 / np.sqrt(squares) + np.abs(exact))
     ).all()
     assert np.abs(errors[:2001]).max() < 3e-16
-    assert abs(kernels.tension(1.0)) < 1e-20
+    assert abs(tension(1.0)) < 1e-20
 
 
 def test_where_steps_are_split_does_not_matter_to_what_is_measured() -> None:
     def measured(*counts: int) -> list[int]:
         found, taken = [], 0
         for count in counts:
-            found += [taken + n for n in Checks(np.ones(1), 0.0, taken).measured(count)]
+            found += [taken + n for n in steps_to_measure(taken, count, 32)]
             taken += count
         return found
 
@@ -107,62 +91,59 @@ def test_where_steps_are_split_does_not_matter_to_what_is_measured() -> None:
 
 
 def test_errors_are_measured_alike_and_at_the_same_steps() -> None:
-    pytest.importorskip('numba')
     motion = MOTIONS['all at once']
     state = lively_state(motion)
-    for taken in (0, 2, 14, 27):
-        checks = Checks(np.full(len(state), 1e-4), 1e-5, taken)
-        fast, fast_error = steps_of(motion, True).advance(state, 0.9, 6, checks)
-        plain, plain_error = NumpySteps(motion).advance(state, 0.9, 6, checks)
+    for measured in ([1], [2], [2, 5]):
+        checks = Checks(np.full(len(state), 1e-4), 1e-5, np.array(measured))
+        fast, fast_error = NystromSteps(motion).advance(state, 0.9, 6, checks)
+        plain, plain_error = NaiveNystrom(motion).advance(state, 0.9, 6, checks)
         assert len(fast) == len(plain) == 7
         assert 0 < fast_error == pytest.approx(plain_error, rel=1e-5)
-    unmeasured = Checks(np.full(len(state), 1e-4), 1e-5, 4)
-    for steps_taken in (steps_of(motion, True), NumpySteps(motion)):
-        assert steps_taken.advance(state, 0.9, 6, unmeasured)[1] == 0
+    assert NystromSteps(motion).advance(state, 0.9, 6)[1] == 0
 
 
-def test_a_measured_step_is_the_same_as_one_that_is_not(compiled: bool) -> None:
+def test_a_measured_step_is_the_same_as_one_that_is_not() -> None:
     motion = MOTIONS['all at once']
     state = lively_state(motion)
-    checks = Checks(np.ones(len(state)), 0.0)
-    measured, _ = steps(motion, compiled).advance(state, 0.5, 5, checks)
-    plain, _ = steps(motion, compiled).advance(state, 0.5, 5)
+    checks = all_checked(state)
+    measured, _ = NystromSteps(motion).advance(state, 0.5, 5, checks)
+    plain, _ = NystromSteps(motion).advance(state, 0.5, 5)
     np.testing.assert_array_equal(measured, plain)
 
 
-def test_the_error_is_that_against_two_halves(compiled: bool) -> None:
+def test_the_error_is_that_against_two_halves() -> None:
     motion = MOTIONS['damped']
     state = lively_state(motion)
     absolute = np.linspace(1e-3, 2e-3, len(state))
-    taken = steps(motion, compiled)
-    whole, error = taken.advance(state, 1.0, 1, Checks(absolute, 0.01))
+    taken = NystromSteps(motion)
+    whole, error = taken.advance(state, 1.0, 1, Checks(absolute, 0.01, np.array([1])))
     halves, _ = taken.advance(state, 0.5, 2)
     scale = absolute + 0.01 * np.maximum(np.abs(state), np.abs(halves[-1]))
     expected = np.sqrt(np.mean(((whole[-1] - halves[-1]) / scale) ** 2))
     assert error == pytest.approx(expected, rel=1e-6)
 
 
-def test_it_stops_before_a_step_that_is_too_wrong(compiled: bool) -> None:
+def test_it_stops_before_a_step_that_is_too_wrong() -> None:
     motion = MOTIONS['flipper']
     state = lively_state(motion)
-    checks = Checks(np.full(len(state), 1e-14), 0.0, 13)
-    states, error = steps(motion, compiled).advance(state, 1.0, 8, checks)
+    checks = Checks(np.full(len(state), 1e-14), 0.0, np.array([3]))
+    states, error = NystromSteps(motion).advance(state, 1.0, 8, checks)
     assert len(states) == 3
     assert error > 1
 
 
-def test_it_stops_before_a_rotor_turns_too_far(compiled: bool) -> None:
+def test_it_stops_before_a_rotor_turns_too_far() -> None:
     motion = MOTIONS['flipper']
     state = lively_state(motion)
     state[motion.rotors + 2] = 1.01 * LARGEST_TURN / np.abs(DRIFTS).max()
-    assert len(steps(motion, compiled).advance(state, 1.0, 3)[0]) == 1
-    assert len(steps(motion, compiled).advance(state, 0.9, 1)[0]) == 2
+    assert len(NystromSteps(motion).advance(state, 1.0, 3)[0]) == 1
+    assert len(NystromSteps(motion).advance(state, 0.9, 1)[0]) == 2
 
 
 @pytest.mark.parametrize('name', ['flipper', 'spinner', 'deviating ring', 'all at once'])
 def test_the_error_is_of_order_six(name: str) -> None:
     motion = MOTIONS[name]
-    taken = NumpySteps(motion)
+    taken = NystromSteps(motion)
     counts = np.array([12, 16, 24])
     squares = np.zeros(len(counts))
     for seed in range(2):
@@ -175,19 +156,19 @@ def test_the_error_is_of_order_six(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', MOTIONS)
-def test_steps_back_undo_steps_forth(name: str, compiled: bool) -> None:
+def test_steps_back_undo_steps_forth(name: str) -> None:
     motion = MOTIONS[name]
     state = lively_state(motion)
-    taken = steps(motion, compiled)
+    taken = NystromSteps(motion)
     forth, _ = taken.advance(state, 0.7, 20)
     back, _ = taken.advance(forth[-1], -0.7, 20)
     assert np.abs(forth[-1] - state).max() > 0.1
     np.testing.assert_allclose(back, forth[::-1], rtol=0, atol=1e-10)
 
 
-def jacobian(motion: EquationOfMotion, state: Array, compiled: bool, step: float) -> Array:
+def jacobian(motion: EquationOfMotion, state: Array, step: float) -> Array:
     size = 2 * motion.rotors
-    taken, columns = steps(motion, compiled), []
+    taken, columns = NystromSteps(motion), []
     for place in range(size):
         shifted = []
         for shift in (2e-4, 1e-4, -1e-4, -2e-4):
@@ -199,20 +180,20 @@ def jacobian(motion: EquationOfMotion, state: Array, compiled: bool, step: float
 
 
 @pytest.mark.parametrize('name', ['flipper', 'deviating', 'gravity and torques', 'ring'])
-def test_a_step_is_symplectic_without_damping(name: str, compiled: bool) -> None:
+def test_a_step_is_symplectic_without_damping(name: str) -> None:
     motion = MOTIONS[name]
     number = motion.rotors
-    matrix = jacobian(motion, lively_state(motion), compiled, 1.3)
+    matrix = jacobian(motion, lively_state(motion), 1.3)
     inertias = np.diag(motion.chain.moments_of_inertia)
     form = np.block([[np.zeros((number, number)), inertias], [-inertias, np.zeros_like(inertias)]])
     np.testing.assert_allclose(matrix.T @ form @ matrix, form, rtol=0, atol=1e-9)
     assert np.abs(matrix - np.eye(2 * number)).max() > 0.5
 
 
-def test_damping_shrinks_areas_as_it_does_in_the_motion(compiled: bool) -> None:
+def test_damping_shrinks_areas_as_it_does_in_the_motion() -> None:
     motion = EquationOfMotion(unit_chain(6, damping=0.05))
     gamma = float(motion.decay_rates[0])
-    matrix = jacobian(motion, lively_state(motion), compiled, 1.1)
+    matrix = jacobian(motion, lively_state(motion), 1.1)
     inertia = motion.chain.moment_of_inertia
     form = inertia * np.block([[np.zeros((6, 6)), np.eye(6)], [-np.eye(6), np.zeros((6, 6))]])
     shrunk = np.exp(-gamma * 1.1) * form
@@ -233,33 +214,33 @@ def test_a_step_is_bounded_for_vibrations_up_to_the_stable_one() -> None:
     assert abs(trace(np.pi)) > 2
 
 
-def test_a_relaxed_chain_stays_at_rest(compiled: bool) -> None:
+def test_a_relaxed_chain_stays_at_rest() -> None:
     motion = EquationOfMotion(unit_chain(30))
     state = motion.state(motion.chain.uniform_state(-1), np.zeros(30))
-    states, _ = steps(motion, compiled).advance(state, 2.0, 200)
+    states, _ = NystromSteps(motion).advance(state, 2.0, 200)
     np.testing.assert_allclose(states[-1], state, rtol=0, atol=1e-13)
 
 
-def test_a_fixed_rotor_does_not_move(compiled: bool) -> None:
+def test_a_fixed_rotor_does_not_move() -> None:
     motion = MOTIONS['fixed']
-    states, _ = steps(motion, compiled).advance(lively_state(motion), 0.5, 50)
+    states, _ = NystromSteps(motion).advance(lively_state(motion), 0.5, 50)
     for rotor in motion.fixed:
         assert np.ptp(states[:, rotor]) == 0
         assert np.ptp(states[:, motion.rotors + rotor]) == 0
 
 
-def test_whole_turns_make_no_difference_to_the_motion(compiled: bool) -> None:
+def test_whole_turns_make_no_difference_to_the_motion() -> None:
     motion = MOTIONS['spinner']
     state = lively_state(motion)
     turned = state.copy()
     turned[3] += 200 * np.pi
-    plain, _ = steps(motion, compiled).advance(state, 0.5, 20)
-    far, _ = steps(motion, compiled).advance(turned, 0.5, 20)
+    plain, _ = NystromSteps(motion).advance(state, 0.5, 20)
+    far, _ = NystromSteps(motion).advance(turned, 0.5, 20)
     far[:, 3] -= 200 * np.pi
     np.testing.assert_allclose(far, plain, rtol=0, atol=1e-10)
 
 
-def test_small_vibrations_decay_as_the_linear_theory_has_it(compiled: bool) -> None:
+def test_small_vibrations_decay_as_the_linear_theory_has_it() -> None:
     motion = EquationOfMotion(unit_chain(5, damping=0.02), gravity=Gravity(0.05))
     number, at_rest = motion.rotors, np.full(5, np.pi)
     upside_down = EquationOfMotion(unit_chain(5, (0.1, 1.5), damping=0.02), gravity=Gravity(0.05))
@@ -267,7 +248,7 @@ def test_small_vibrations_decay_as_the_linear_theory_has_it(compiled: bool) -> N
     shift = 1e-6 * np.random.default_rng(3).normal(size=2 * number)
     linear = _linear(upside_down, rest)
     state = upside_down.state(rest + shift[:number], shift[number:])
-    states, _ = steps(upside_down, compiled).advance(state, 0.5, 20)
+    states, _ = NystromSteps(upside_down).advance(state, 0.5, 20)
     found = states[-1][: 2 * number] - np.concatenate([rest, np.zeros(number)])
     np.testing.assert_allclose(found, expm(10.0 * linear) @ shift, rtol=0, atol=1e-10)
 
@@ -292,38 +273,3 @@ def _linear(motion: EquationOfMotion, rest: Array) -> Array:
     return np.block(
         [[np.zeros((number, number)), np.eye(number)], [_stiffness(motion, rest), decay]]
     )
-
-
-@pytest.mark.parametrize('name', MOTIONS)
-def test_loaded_loops_leave_nothing_to_compile(name: str) -> None:
-    kernels = pytest.importorskip('soliton_linkage.dynamics.integrators.nystrom_loops')
-    load_loops()
-    loops = kernels.advance, kernels.interpolate
-    before = [len(loop.signatures) for loop in loops]
-    state = np.zeros(2 * MOTIONS[name].rotors + MOTIONS[name].damped)
-    steps = steps_of(MOTIONS[name], True)
-    states, _ = steps.advance(state, 1e-3, 2, Checks(np.ones(len(state)), 1e-3))
-    steps.interpolated(states, 1e-3, np.array([0.5, 1.5]))
-    assert [len(loop.signatures) for loop in loops] == before
-
-
-def test_numpy_steps_in_when_numba_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:
-    real_import = builtins.__import__
-
-    def without_kernels(
-        name: str,
-        globals_: object = None,
-        locals_: object = None,
-        fromlist: Sequence[str] = (),
-        level: int = 0,
-    ) -> object:
-        if 'nystrom_kernels' in (fromlist or ()):
-            raise ImportError('No module named numba')
-        return real_import(name, globals_, locals_, fromlist, level)
-
-    monkeypatch.setattr(builtins, '__import__', without_kernels)
-    with pytest.warns(RuntimeWarning, match='pip install numba'):
-        assert isinstance(steps_of(MOTIONS['flipper'], None), NumpySteps)
-    with pytest.raises(ImportError):
-        steps_of(MOTIONS['flipper'], True)
-    assert isinstance(steps_of(MOTIONS['flipper'], False), NumpySteps)

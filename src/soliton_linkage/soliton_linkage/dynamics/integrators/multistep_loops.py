@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of `multistep_steps`, which says what they compute; imports numba.
+"""Compiled loops of `multistep_steps`, which says what they compute.
 
-Rotors are carried as those of `nystrom_kernels` are. Kicks, turns and memory are rings of rows:
-instant n has row n & (rows - 1).
+Kicks, turns and memory are rings of rows: instant n has row n & (rows - 1).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,9 @@ from soliton_linkage.compiling import (
     arrays_do_not_overlap,
     compile_loop,
     take_widest_vectors,
+    unsigned,
 )
+from soliton_linkage.dynamics.integrators.forces import Forces, Numbers, PlainForces, Spring
 from soliton_linkage.dynamics.integrators.multistep_coefficients import (
     AHEAD,
     DIFFERENCE,
@@ -31,35 +33,58 @@ from soliton_linkage.dynamics.integrators.multistep_coefficients import (
     STARTING_STEPS,
 )
 from soliton_linkage.dynamics.integrators.nystrom_loops import (
+    HALF,
+    WHOLE,
+    PlainStep,
+    Step,
+    take_step,
+)
+from soliton_linkage.dynamics.integrators.rotor_loops import (
     ANGLES,
     COSINES,
+    KEPT,
+    LARGEST_TURN,
     ON_LEFT,
     ON_RIGHT,
     ONE,
     RATES,
     ROTORS_IN_CACHE,
     SINES,
-    Coefficients,
+    Before,
+    Checks,
+    PlainChecks,
+    Span,
     copy,
-    cross_and_pull,
+    difference,
     faster,
     inlined,
+    named,
     pull_all,
-    take_step,
+    pull_and_cross,
     turned,
 )
-from soliton_linkage.dynamics.integrators.nystrom_loops import (
-    error as difference,
-)
-from soliton_linkage.dynamics.integrators.nystrom_steps import LARGEST_TURN, Numbers
 from soliton_linkage.linkage.chain import Array
 
 Q1, Q2, Q3, Q4 = (float(q) for q in RECURSION[1:5])
 B0, B1, B2, B3, B4 = (float(b) for b in RESPONSE[:5])
 D0, D1, D2, D3, D4, D5 = (ERROR * float(d) for d in DIFFERENCE[:6])
 WRAP = MEMORY - 1
-KEPT = 7
-"""Row of work with angles to come back to."""
+"""Row n & WRAP of the memory has w_n."""
+
+
+class Rings(NamedTuple):
+    """What steps have left behind."""
+
+    kicks: Array
+    """Of some last instants, times the square of the step [rad], shape (rows, P)."""
+    turns: Array
+    """From these instants to the next [rad], shape (rows, P)."""
+    memory: Array
+    """The w of the last ones [rad], shape (16, P)."""
+
+
+PlainRings = tuple[Array, Array, Array]
+"""The fields of `Rings`."""
 
 
 def summing(function: Kernel) -> Kernel:
@@ -69,76 +94,56 @@ def summing(function: Kernel) -> Kernel:
 
 @inlined
 def pull_even(
-    work: Array,
-    start: int,
-    end: int,
-    number: int,
-    coefficients: Coefficients,
-    before: tuple[float, float],
-    kicks: Array,
-    row: int,
-) -> tuple[float, float]:
-    """Kicks of springs that are all alike, as `nystrom_kernels.kick_and_turn` has them."""
+    work: Array, span: Span, spring: Spring, before: Before, kicks: Array, row: int
+) -> Before:
+    """Kicks of springs that are all alike, as `nystrom_loops.kick_and_turn` has them."""
     take_widest_vectors()
     arrays_do_not_overlap()
+    last = unsigned(span.number - 1)
     f_before, q_before = before
-    for n in range(np.uintp(start), np.uintp(end)):
+    for n in range(unsigned(span.start), unsigned(span.end)):
         c, c_next = work[COSINES, n], work[COSINES, n + ONE]
         s, s_next = work[SINES, n], work[SINES, n + ONE]
-        f, q = cross_and_pull(c, s, c_next, s_next, coefficients)
-        f, q = (f, q) if n < np.uintp(number - 1) else (0.0, 0.0)
+        f, q = pull_and_cross(c, s, c_next, s_next, spring)
+        f, q = (f, q) if n < last else (0.0, 0.0)
         kicks[row, n] = (f - f_before) * c - (q - q_before)
         f_before, q_before = f, q
-    return f_before, q_before
+    return Before(f_before, q_before)
 
 
 @inlined
 def pull_each(
-    work: Array,
-    number: int,
-    springs: tuple[Coefficients, Array, bool],
-    field: Array,
-    square: float,
-    kicks: Array,
-    row: int,
+    work: Array, number: int, forces: Forces, square: float, kicks: Array, row: int
 ) -> None:
     """Kicks of springs that each have their own parameters, and of a field."""
-    pull_all(work, number, springs, field)
+    pull_all(work, number, forces)
     for n in range(number):
         kicks[row, n] = square * (work[ON_LEFT, n] + work[ON_RIGHT, n])
 
 
 @inlined
-def scaled(coefficients: Coefficients, square: float) -> Coefficients:
+def scaled(spring: Spring, square: float) -> Spring:
     """Coefficients of springs whose accelerations are to be kicks."""
-    offset, slope, product, lever, cross = coefficients
-    return offset, slope, product, square * lever, square * cross
+    lever, cross = square * spring.lever, square * spring.cross
+    return Spring(spring.offset, spring.slope, spring.product, lever, cross)
 
 
 @inlined
-def turn(
-    work: Array,
-    kicks: Array,
-    turns: Array,
-    memory: Array,
-    remembered: Array,
-    instant: int,
-    start: int,
-    end: int,
-) -> int:
+def turn(work: Array, rings: Rings, remembered: Array, instant: int, start: int, end: int) -> int:
     """Turn rotors as the kicks up to an instant ask for; return how many turn too far.
 
     Memory and what is remembered are one array, of which other rows are written than are read.
     """
     take_widest_vectors()
     arrays_do_not_overlap()
+    kicks, turns, memory = rings
     wrap = kicks.shape[0] - 1
     now, before = instant & wrap, (instant - 1) & wrap
     w0, w1, w2 = instant & WRAP, (instant - 1) & WRAP, (instant - 2) & WRAP
     w3, w4, w5 = (instant - 3) & WRAP, (instant - 4) & WRAP, (instant - 5) & WRAP
     w6, w7, w8 = (instant - 6) & WRAP, (instant - 7) & WRAP, (instant - 8) & WRAP
     too_far = 0
-    for n in range(np.uintp(start), np.uintp(end)):
+    for n in range(unsigned(start), unsigned(end)):
         first = remembered[w1, n] + remembered[w7, n]
         second = remembered[w2, n] + remembered[w6, n]
         third, fourth = remembered[w3, n] + remembered[w5, n], remembered[w4, n]
@@ -156,12 +161,7 @@ def turn(
 
 @inlined
 def take_even_steps(
-    work: Array,
-    number: int,
-    coefficients: Coefficients,
-    rings: tuple[Array, Array, Array],
-    last: int,
-    count: int,
+    work: Array, number: int, spring: Spring, rings: Rings, last: int, count: int
 ) -> int:
     """Take steps between springs that are all alike; return how many turn no rotor too far.
 
@@ -176,14 +176,12 @@ def take_even_steps(
         for step in range(count):
             start, stop = (block - step if block else 0), (end - step if end < places else places)
             turning = start + min(block, 1), min(stop + 1, places)
-            too_far += turn(work, kicks, turns, memory, memory, last + step, *turning)
+            too_far += turn(work, rings, memory, last + step, *turning)
             before[step] = pull_even(
                 work,
-                start,
-                stop,
-                number,
-                coefficients,
-                (before[step, 0], before[step, 1]),
+                Span(start, stop, number),
+                spring,
+                Before(before[step, 0], before[step, 1]),
                 kicks,
                 (last + step + 1) & wrap,
             )
@@ -208,38 +206,30 @@ def leave_before(work: Array, turns: Array, last: int, count: int) -> int:
 
 @inlined
 def take_uneven_steps(
-    work: Array,
-    number: int,
-    springs: tuple[Coefficients, Array, bool],
-    field: Array,
-    square: float,
-    rings: tuple[Array, Array, Array],
-    last: int,
-    count: int,
+    work: Array, number: int, forces: Forces, square: float, rings: Rings, last: int, count: int
 ) -> int:
     """Take steps between springs that each have their own parameters, as `take_even_steps`."""
     kicks, turns, memory = rings
     places, wrap = kicks.shape[1], kicks.shape[0] - 1
     for step in range(count):
-        if turn(work, kicks, turns, memory, memory, last + step, 0, places):
+        if turn(work, rings, memory, last + step, 0, places):
             return leave_before(work, turns, last, step + 1)
-        pull_each(work, number, springs, field, square, kicks, (last + step + 1) & wrap)
+        pull_each(work, number, forces, square, kicks, (last + step + 1) & wrap)
     return count
 
 
 @inlined
-def put_state(
-    angles: Array, kicks: Array, turns: Array, instant: int, step: float, state: Array
-) -> None:
+def put_state(angles: Array, rings: Rings, instant: int, step: float, state: Array) -> None:
     """Write down the angles, once they are smooth, and the rates of an instant."""
+    kicks, turns, _ = rings
     wrap, number = kicks.shape[0] - 1, state.size // 2
     for start in range(0, number, ROTORS_IN_CACHE):
-        rotors = np.uintp(start), np.uintp(min(start + ROTORS_IN_CACHE, number))
+        rotors = unsigned(start), unsigned(min(start + ROTORS_IN_CACHE, number))
         for n in range(*rotors):
             state[n] = angles[n]
-            state[np.uintp(number) + n] = 0.0
+            state[unsigned(number) + n] = 0.0
         for part in range(2):
-            scale, first = (1.0, 1 / step)[part], np.uintp(part * number)
+            scale, first = (1.0, 1 / step)[part], unsigned(part * number)
             for j in range(2 * AHEAD):
                 row, weight = (instant + j - AHEAD) & wrap, scale * OF_TURNS[part, j]
                 for n in range(*rotors):
@@ -259,21 +249,17 @@ def turn_back(angles: Array, turns: Array, row: int) -> None:
 
 @compile_loop
 def tell(
-    work: Array,
-    rings: tuple[Array, Array, Array],
-    told: int,
-    last: int,
-    step: float,
-    states: Array,
+    work: Array, plain_rings: PlainRings, told: int, last: int, step: float, states: Array
 ) -> None:
-    """Write down the states of instants up to that which is told."""
-    kicks, turns, _ = rings
+    """Write down the states of instants up to that which is told; angles are of the last one."""
+    rings = Rings(*plain_rings)
+    turns = rings.turns
     angles = work[ANGLES, : states.shape[1] // 2].copy()
     for instant in range(last - 1, told - len(states), -1):
         turn_back(angles, turns, instant & (turns.shape[0] - 1))
         row = len(states) - 1 + instant - told
         if row < len(states):
-            put_state(angles, kicks, turns, instant, step, states[row])
+            put_state(angles, rings, instant, step, states[row])
 
 
 @compile_loop
@@ -310,16 +296,10 @@ def combine(ends: Array, kicks: Array, weights: Array, output: Array, part: int)
 
 
 @summing
-def error(
-    work: Array,
-    kicks: Array,
-    turns: Array,
-    instant: int,
-    step: float,
-    absolute: Array,
-    relative: float,
-) -> float:
+def error(work: Array, rings: Rings, instant: int, step: float, checks: Checks) -> float:
     """Root mean square of what the step to an instant missed in units of what is tolerated."""
+    kicks, turns, _ = rings
+    absolute, relative, _ = checks
     wrap = kicks.shape[0] - 1
     before, k0, k1 = (instant - 1) & wrap, instant & wrap, (instant - 1) & wrap
     k2, k3, k4 = (instant - 2) & wrap, (instant - 3) & wrap, (instant - 4) & wrap
@@ -340,41 +320,42 @@ def error(
 @compile_loop
 def begin(
     work: Array,
-    springs: tuple[Coefficients, Array, bool],
-    field: Array,
-    stages: tuple[Array, Array],
-    step: float,
-    rings: tuple[Array, Array, Array],
-    tolerances: tuple[Array, float],
+    plain_forces: PlainForces,
+    plain_step: PlainStep,
+    length: float,
+    plain_rings: PlainRings,
+    plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Take steps of `nystrom_kernels` until the rings are filled; return how many, and the error.
+    """Take steps of `nystrom_loops` until the rings are filled; return how many, and the error.
 
     States are those of instants 0 to 9; it stops before a step that turns a rotor too far. The
     error is measured in the last step, against two halves.
     """
-    kicks, turns, memory = rings
-    number, even, found = states.shape[1] // 2, scaled(springs[0], step * step), 0.0
-    undamped = np.empty((2, 2, 1, 0)), np.empty(0)
+    forces, step, rings = named(plain_forces), Step(*plain_step), Rings(*plain_rings)
+    checks = Checks(*plain_checks)
+    kicks, turns, _ = rings
+    number, even, error = states.shape[1] // 2, scaled(forces.spring, length * length), 0.0
+    every_rotor = Span(0, kicks.shape[1], number)
     halves = np.empty(2 * number)
     for n in range(number):
         states[0, n], states[0, number + n] = work[ANGLES, n], work[RATES, n]
     for instant in range(STARTING_STEPS + 1):
-        if springs[1].size:
-            pull_each(work, number, springs, field, step * step, kicks, instant)
+        if forces.springs.size:
+            pull_each(work, number, forces, length * length, kicks, instant)
         else:
-            pull_even(work, 0, kicks.shape[1], number, even, (0.0, 0.0), kicks, instant)
-        if instant == STARTING_STEPS or faster(work, number, LARGEST_TURN / abs(step)):
+            pull_even(work, every_rotor, even, Before(0.0, 0.0), kicks, instant)
+        if instant == STARTING_STEPS or faster(work, number, LARGEST_TURN / abs(length)):
             break
         for n in range(number):
             work[ANGLES, n] = 0.0  # so that turns are not rounded as differences of angles are
         if instant == STARTING_STEPS - 1:
-            copy(work, 0, 7)
+            copy(work, ANGLES, KEPT)
             for _ in range(2):
-                take_step(work, number, springs, field, undamped, stages, 0)
+                take_step(work, number, forces, step, HALF)
             put_turned(work, states[instant], halves)
-            copy(work, 7, 0)
-        take_step(work, number, springs, field, undamped, stages, 1)
+            copy(work, KEPT, ANGLES)
+        take_step(work, number, forces, step, WHOLE)
         put_turned(work, states[instant], states[instant + 1])
         for n in range(number):
             turns[instant, n] = work[ANGLES, n]
@@ -382,9 +363,9 @@ def begin(
         work[ANGLES, n] = states[instant, n]
     if instant == STARTING_STEPS:
         before, whole = states[instant - 1], states[instant]
-        found = difference(before, whole, halves, tolerances[0], tolerances[1])
-        remember(kicks, turns, memory, number)
-    return instant, found
+        error = difference(before, whole, halves, checks.absolute, checks.relative)
+        remember(rings, number)
+    return instant, error
 
 
 @inlined
@@ -397,8 +378,9 @@ def put_turned(work: Array, before: Array, after: Array) -> None:
 
 
 @inlined
-def remember(kicks: Array, turns: Array, memory: Array, number: int) -> None:
+def remember(rings: Rings, number: int) -> None:
     """Put w_1 to w_8 into the memory."""
+    kicks, turns, memory = rings
     for row in range(1, STARTING_STEPS):
         for n in range(number):
             memory[row, n] = 0.0
@@ -413,49 +395,45 @@ def remember(kicks: Array, turns: Array, memory: Array, number: int) -> None:
 @compile_loop
 def advance(
     work: Array,
-    springs: tuple[Coefficients, Array, bool],
-    field: Array,
-    rings: tuple[Array, Array, Array],
-    instants: tuple[int, int, int],
+    plain_forces: PlainForces,
+    plain_rings: PlainRings,
+    instants: tuple[int, int],
+    count: int,
     step: float,
-    tolerances: tuple[Array, float],
-    measured: Numbers,
-    states: Array,
+    plain_checks: PlainChecks,
+    state: Array,
 ) -> tuple[int, int, float]:
-    """Take steps and write down what is told; return its instant, the last, and the error.
+    """Take steps and write down what is told; return its instant, the last, and largest error.
 
-    Springs and field are those of `nystrom_kernels.advance`; rings are kicks, turns and memory;
-    instants are that told, the last one, and how many steps to take. Tolerances are those of
-    `error`, measured after the steps whose numbers are given. States have one row.
+    Instants are those before. Where an error exceeds 1, the last state is told whose error was
+    good. State has the shape (1, 2N).
     """
-    kicks, turns, _ = rings
-    told, last, count = instants
-    number = states.shape[1] // 2
-    even = scaled(springs[0], step * step)
-    largest, good, done, next_measured = 0.0, told, 0, 0
+    forces, rings, checks = named(plain_forces), Rings(*plain_rings), Checks(*plain_checks)
+    told, last = instants
+    good, number = told, state.shape[1] // 2
+    even = scaled(forces.spring, step * step)
+    largest, done, next_measured = 0.0, 0, 0
     while done < count:
-        checked = next_measured < measured.size and measured[next_measured] <= count
-        until = measured[next_measured] if checked else count
+        measured = next_measured < checks.measured.size and checks.measured[next_measured] <= count
+        until = checks.measured[next_measured] if measured else count
         for n in range(number):
             work[KEPT, n] = work[ANGLES, n]
-        if springs[1].size:
-            taken = take_uneven_steps(
-                work, number, springs, field, step * step, rings, last, until - done
-            )
+        if forces.springs.size:
+            taken = take_uneven_steps(work, number, forces, step * step, rings, last, until - done)
         else:
             taken = take_even_steps(work, number, even, rings, last, until - done)
         done += taken
         last += taken
         if done < until:
             break
-        if checked:
+        if measured:
             next_measured += 1
-            found = error(work, kicks, turns, last, step, tolerances[0], tolerances[1])
+            found = error(work, rings, last, step, checks)
             largest = max(largest, found)
             if not found <= 1:
-                tell(work, rings, good, last, step, states)
+                tell(work, plain_rings, good, last, step, state)
                 return good, last, found
             good = max(good, last - AHEAD)
     told = max(told, last - AHEAD)
-    tell(work, rings, told, last, step, states)
+    tell(work, plain_rings, told, last, step, state)
     return told, last, largest

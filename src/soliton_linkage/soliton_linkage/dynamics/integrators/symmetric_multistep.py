@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest solver for chains of springs without damping, beside those of scipy.
 
-    motion = ChainMotion(chain)
+    motion = EquationOfMotion(chain)
     solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymmetricMultistep)
 
 It takes the steps of `multistep_steps`.
@@ -17,25 +17,24 @@ from scipy.integrate import DenseOutput
 
 from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
 from soliton_linkage.dynamics.integrators.multistep_coefficients import (
+    AHEAD,
     ORDER,
+    REMEMBERED,
     STABLE_STEP,
     STARTING_STEPS,
 )
 from soliton_linkage.dynamics.integrators.multistep_steps import MultistepSteps, Recorded
-from soliton_linkage.dynamics.integrators.nystrom import NystromOutput
-from soliton_linkage.dynamics.integrators.nystrom_steps import KICKS, LARGEST_TURN
-from soliton_linkage.dynamics.integrators.nystrom_steps import ORDER as ORDER_OF_STARTING_STEPS
+from soliton_linkage.dynamics.integrators.nystrom_coefficients import KICKS
+from soliton_linkage.dynamics.integrators.nystrom_coefficients import (
+    ORDER as ORDER_OF_STARTING_STEPS,
+)
+from soliton_linkage.dynamics.integrators.rotor_loops import LARGEST_TURN
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import NystromOutput
 from soliton_linkage.linkage.chain import Array
-
-_SAFETY = 0.8
-_AIM = 0.3
-_AIM_ANEW = 0.02
-_WORTH_GROWING = 1.25
-_WORTH_BEGINNING = 400
 
 
 class SymmetricMultistep(ChainSolver):
-    """Symmetric multistep method of order 10, one force a step, for undamped `ChainMotion`.
+    """Symmetric multistep method of order 10, one force a step, for undamped `EquationOfMotion`.
 
     The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
     abs(y), and then kept, because every change costs nine steps of another method. The error is
@@ -48,12 +47,13 @@ class SymmetricMultistep(ChainSolver):
     Options and errors are those of `ChainSolver`; a motion with damping is refused by ValueError.
     """
 
-    # With what is around them they fill 64 instants.
-    fewest_together = 44
+    fewest_together = 64 - REMEMBERED - 2 * AHEAD
+    """With what is around them they fill rings of 64 instants."""
+    takes_damping = False
 
-    def _prepare(self, compiled: bool | None) -> None:
+    def _prepare(self) -> None:
         self._capacity = max(self.together, self._together_by_default())
-        self._steps = MultistepSteps(self._motion, self._capacity, compiled)
+        self._steps = MultistepSteps(self._motion, self._capacity, self._settings)
         self._begun = False
         self._since_begin = 0
         self._left = math.inf
@@ -62,7 +62,7 @@ class SymmetricMultistep(ChainSolver):
 
     def _longest_from(self, state: Array) -> float:
         """Longest step that is stable and turns no rotor too far [s]."""
-        turning = self._fastest(state) / (_SAFETY * LARGEST_TURN)
+        turning = self._fastest(state) / (self._settings.safety * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
         return min(self._max_step, 1 / limit)
 
@@ -87,7 +87,11 @@ class SymmetricMultistep(ChainSolver):
         step, tolerances = self.direction * length, (self._absolute, self._relative)
         states, error = self._steps.begin(self.y, step, *tolerances)
         if not error <= 1 or len(states) <= STARTING_STEPS:
-            aim = (_AIM / error) ** (1 / (ORDER_OF_STARTING_STEPS + 1)) if error > 1 else 0.5
+            aim = (
+                (self._settings.aim / error) ** (1 / (ORDER_OF_STARTING_STEPS + 1))
+                if error > 1
+                else 0.5
+            )
             self.length *= max(0.2, min(aim, 0.9))
             return False
         self.nfev += (STARTING_STEPS + 2) * len(KICKS) + STARTING_STEPS + 1
@@ -113,8 +117,15 @@ class SymmetricMultistep(ChainSolver):
 
     def _may_grow(self, error: float) -> bool:
         """Whether much longer steps would do, for long enough to be worth beginning anew."""
-        worth = self._left > _WORTH_BEGINNING and self.length < self._longest / _WORTH_GROWING
-        return worth and error > 0 and self._better(error) > _WORTH_GROWING * self.length
+        worth = (
+            self._left > self._settings.worth_beginning
+            and self.length < self._longest / self._settings.worth_growing
+        )
+        return (
+            worth
+            and error > 0
+            and self._better(error) > self._settings.worth_growing * self.length
+        )
 
     def _arrive(self, state: Array, done: int) -> None:
         self._since_begin += done
@@ -128,7 +139,7 @@ class SymmetricMultistep(ChainSolver):
             return self.length / 4
         if error == 0:
             return self.length
-        aim = _AIM if error <= 1 else _AIM_ANEW
+        aim = self._settings.aim if error <= 1 else self._settings.aim_anew
         factor = max(0.2, min(float((aim / error) ** (1 / (ORDER + 1))), 4.0))
         return min(self.length * factor, self._longest)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fast solver for chains of springs, beside those of scipy.
 
-    motion = ChainMotion(chain)
+    motion = EquationOfMotion(chain)
     solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
 
 It takes the steps of `nystrom_steps`.
@@ -16,28 +16,22 @@ import numpy as np
 from scipy.integrate import DenseOutput
 
 from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
-from soliton_linkage.dynamics.integrators.nystrom_steps import (
+from soliton_linkage.dynamics.integrators.nystrom_coefficients import (
     DRIFTS,
     KICKS,
-    LARGEST_TURN,
     ORDER,
     STABLE_STEP,
-    Checks,
-    Steps,
-    steps_of,
 )
+from soliton_linkage.dynamics.integrators.nystrom_steps import NystromSteps, steps_to_measure
+from soliton_linkage.dynamics.integrators.rotor_loops import LARGEST_TURN, Checks
 from soliton_linkage.linkage.chain import Array
 
-_LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-_SAFETY = 0.8
-_AIM = 0.3
-_WORTH_GROWING = 1.25
-_WORTH_SHRINKING = 0.95
-_TRIED = 4
+LONGEST_DRIFT = float(np.abs(DRIFTS).max())
+"""Of those of a step, over its length."""
 
 
 class SymplecticNystrom(ChainSolver):
-    """Symplectic Runge-Kutta-Nystrom method of order 6 for `ChainMotion`.
+    """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
     The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
     abs(y), and then kept: a step of constant length has a bounded error of the energy, which is
@@ -50,8 +44,11 @@ class SymplecticNystrom(ChainSolver):
     and its middle, degree 8 in the angles. Options and errors are those of `ChainSolver`.
     """
 
-    def _prepare(self, compiled: bool | None) -> None:
-        self._steps = steps_of(self._motion, compiled)
+    _tried = 4
+    """Steps of the first length after which it is no longer on trial; the fourth is measured."""
+
+    def _prepare(self) -> None:
+        self._steps = NystromSteps(self._motion, self._settings)
         self._trying = True
         self._since_change = 0
         self._even_from, self._even_steps = float(self.t), 0
@@ -62,7 +59,7 @@ class SymplecticNystrom(ChainSolver):
         remaining = abs(self.t_bound - self.t)
         count, last = self.together, False
         if self._trying:
-            count = min(count, _TRIED)
+            count = min(count, self._tried)
         if remaining <= count * self.length * (1 + 1e-9):
             count, last = max(1, math.ceil(remaining / self.length * (1 - 1e-9))), True
             self._start_evenly()
@@ -78,7 +75,7 @@ class SymplecticNystrom(ChainSolver):
             self.t = self.t_bound if last and done == count else evenly
         if error != 0:
             self._adapt(error)
-        self._trying = self._trying and self._since_change < _TRIED
+        self._trying = self._trying and self._since_change < self._tried
         return done > 0
 
     def _dense_output_impl(self) -> DenseOutput:
@@ -86,26 +83,28 @@ class SymplecticNystrom(ChainSolver):
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
         """States and largest error of steps, up to the last good one that was measured."""
-        checks = Checks(self._absolute, self._relative, self._since_change)
+        every = self._settings.measured_every
+        measured = steps_to_measure(self._since_change, count, every)
+        checks = Checks(self._absolute, self._relative, measured)
         states, error = self._steps.advance(self.y, step, count, checks)
         good = error <= 1
         taken = min(count, len(states) - good)
-        measured = checks.measured(taken)
+        measured = measured[measured <= taken]
         self.nfev += len(KICKS) * (taken + 2 * len(measured))
         return states if good else states[: 1 + sum(measured[-2:-1])], error
 
     def _adapt(self, error: float) -> None:
         """Change the length of steps where an error that was measured asks for it."""
         better = self._better(error)
-        worth = better < _WORTH_SHRINKING * self.length and self._trying
-        if not error <= 1 or worth or better > _WORTH_GROWING * self.length:
+        worth = better < self._settings.worth_shrinking * self.length and self._trying
+        if not error <= 1 or worth or better > self._settings.worth_growing * self.length:
             self._change_to(better)
 
     def _better(self, error: float) -> float:
         """Length of step that an error asks for [s]."""
         if not math.isfinite(error):
             return self.length / 4
-        factor = min(4.0, (_AIM / error) ** (1 / (ORDER + 1))) if error else 4.0
+        factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
         if error > 1:
             factor = max(0.2, min(factor, 0.9))
         return min(self.length * factor, self._longest)
@@ -121,7 +120,7 @@ class SymplecticNystrom(ChainSolver):
 
     def _longest_from(self, state: Array) -> float:
         """Longest step that is stable and turns no rotor too far in a drift [s]."""
-        turning = _LONGEST_DRIFT * self._fastest(state) / (_SAFETY * LARGEST_TURN)
+        turning = LONGEST_DRIFT * self._fastest(state) / (self._settings.safety * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
         return min(self._max_step, 1 / limit)
 
@@ -129,7 +128,7 @@ class SymplecticNystrom(ChainSolver):
 class NystromOutput(DenseOutput):
     """Interpolation between the states of steps of one length."""
 
-    def __init__(self, t_old: float, t: float, states: Array, steps: Steps) -> None:
+    def __init__(self, t_old: float, t: float, states: Array, steps: NystromSteps) -> None:
         super().__init__(t_old, t)
         self._states, self._steps = states, steps
         self.length = (t - t_old) / (len(states) - 1)
