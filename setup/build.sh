@@ -39,15 +39,10 @@ if ! run colcon --log-level error build --base-paths src --merge-install \
 fi
 mv install/building install/built
 
-# Compiled now, once, rather than when the first node starts; without numba there is nothing to do.
+# Loops are compiled as they are imported: now, once, rather than when the first node starts.
 . setup/environment.sh
-if python3 -c 'import numba' 2>/dev/null; then
-    echo 'Compiling loops.'
-    python3 -c '
-from soliton_linkage.estimation.loops import filter_arrays
-from soliton_linkage.estimation.loops import frame_arrays
-from soliton_linkage.dynamics.integrators import multistep_steps
-from soliton_linkage.estimation.loops import tail_arrays
-multistep_steps.load_loops(), filter_arrays.filter_loops(), frame_arrays.frame_loops()
-tail_arrays.tail_loops()'
-fi
+echo 'Compiling loops.'
+python3 -c '
+import soliton_linkage.estimation.analyser
+from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
+[solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'

@@ -417,7 +417,7 @@ def test_several_walls_are_all_reported() -> None:
 def test_a_chain_without_a_cycle_is_analysed_frame_by_frame() -> None:
     ring = Chain(number_of_rotors=16, periodic=True)
     analyser = Analyser(ring)
-    assert 'periodic ends has no cycle' in analyser.limitation
+    assert 'periodic ends has no orbit' in analyser.limitation
     found = analyser.analyse(EPOCH, ring.uniform_state(1))
     assert found is not None
     assert found.solitons == ()

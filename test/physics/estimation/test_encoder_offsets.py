@@ -8,15 +8,17 @@ import pytest
 from scipy import stats
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
+from soliton_linkage.estimation.settings import OffsetSettings
 
 NOISE, REST = 0.05, 0.03
+SETTINGS = OffsetSettings(rest_angle_deviation=REST)
 
 
 def test_offsets_are_those_of_a_least_squares_fit_with_priors() -> None:
     random = np.random.default_rng(1)
     residuals = random.normal(0.2, NOISE, (30, 1))
     sides = random.choice([-1, 0, 1], (30, 1))
-    offsets = EncoderOffsets(1, REST)
+    offsets = EncoderOffsets(1, SETTINGS)
     for each, side in zip(residuals, sides, strict=True):
         offsets.update(each, side, NOISE**2)
     seen = sides[:, 0] != 0
@@ -32,7 +34,7 @@ def test_offsets_are_those_of_a_least_squares_fit_with_priors() -> None:
 def test_an_offset_is_told_from_a_rest_angle_once_the_wall_has_passed(passed: bool) -> None:
     random, rotors, frames = np.random.default_rng(2), 400, 100
     true, rest = random.normal(0, 0.3, rotors), random.normal(0, REST, rotors)
-    offsets = EncoderOffsets(rotors, REST)
+    offsets = EncoderOffsets(rotors, SETTINGS)
     for frame in range(frames):
         side = -1 if passed and frame >= frames // 2 else 1
         noisy = true + side * rest + random.normal(0, NOISE, rotors)
@@ -54,7 +56,7 @@ def test_unknown_angles_and_rotors_about_the_wall_teach_nothing() -> None:
 
 
 def test_only_sure_offsets_are_corrected() -> None:
-    random, offsets = np.random.default_rng(3), EncoderOffsets(50, REST)
+    random, offsets = np.random.default_rng(3), EncoderOffsets(50, SETTINGS)
     true = np.zeros(50)
     true[7] = 0.5
     for frame in range(200):

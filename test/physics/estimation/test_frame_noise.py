@@ -30,7 +30,7 @@ def test_the_nearest_point_leaves_nothing_along_the_tangent() -> None:
     assert view.information == pytest.approx(np.sum(TANGENT[used] ** 2))
     assert view.left[used] == pytest.approx(about - ahead * TANGENT[used])
     assert view.left[2] == 0
-    assert view.freedoms == 3
+    assert view.degrees_of_freedom == 3
     assert view.residuals[FIRST : FIRST + 5][used] == pytest.approx(view.left[used])
     assert np.isnan(view.residuals).nonzero()[0].tolist() == [0, 5]
 
@@ -78,7 +78,7 @@ def test_a_noise_that_is_given_too_small_is_overruled() -> None:
     for _ in range(500):
         noise.update(view_of(0.02 * random.standard_normal(ROTORS)), 0.001)
     assert noise.deviation == pytest.approx(0.02, rel=0.1)
-    assert noise.freedoms > 1000
+    assert noise.degrees_of_freedom > 1000
 
 
 def test_the_misfit_is_of_the_last_quarter_of_a_second() -> None:

@@ -21,13 +21,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.estimation.loops.tail_loops import next_deviation
 from soliton_linkage.estimation.motion_class import (
     NO_EVIDENCE,
     MotionEvidence,
     MotionObserver,
     motion_evidence,
-    next_deviation,
-    slope_of_next,
 )
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
@@ -53,6 +52,13 @@ def walls(example: tuple[float, float], rotors: int = ROTORS) -> list[Array]:
     ]
 
 
+def next_deviations(inner: Array, rest_angle: float, ratio: float) -> tuple[Array, Array]:
+    """Deviations F of outer neighbours on bars of a ratio lambda, and their slopes."""
+    pitch = 2 * math.sin(rest_angle) * (1 + ratio) / (1 - ratio)
+    found = [next_deviation(each, rest_angle, pitch) for each in inner.tolist()]
+    return np.array([each for each, _ in found]), np.array([slope for _, slope in found])
+
+
 def ratio_of(example: tuple[float, float]) -> float:
     d = chain_of(example, 4).lean_ratio
     return (1 - d) / (1 + d)
@@ -66,7 +72,9 @@ def test_a_bar_has_its_length_between_a_rotor_and_its_next(
     assume(lean_ratio * math.sin(rest_angle) < 1.98)
     chain = Chain(2, 1.0, lean_ratio / (2 * math.sin(rest_angle)), rest_angle)
     inner = np.array([deviation])
-    theta = rest_angle + np.array([float(next_deviation(inner, rest_angle, ratio)[0]), deviation])
+    theta = rest_angle + np.array(
+        [float(next_deviations(inner, rest_angle, ratio)[0][0]), deviation]
+    )
     # On the left of a wall the outer neighbour comes first; it leans right.
     limit = 1e-13 * (chain.spacing + 2 * chain.rotor_length) ** 2 / chain.rest_length
     assert abs(float(chain.spring_extensions(staggered(theta))[0])) < limit
@@ -76,8 +84,9 @@ def test_a_bar_has_its_length_between_a_rotor_and_its_next(
 def test_the_slope_at_rest_is_the_tail_ratio(rest_angle: float, lean_ratio: float) -> None:
     ratio, zero = (1 - lean_ratio) / (1 + lean_ratio), np.zeros(1)
     assume(lean_ratio * math.sin(rest_angle) < 1.98)
-    assert abs(float(next_deviation(zero, rest_angle, ratio)[0])) < 1e-7
-    assert slope_of_next(zero, rest_angle, ratio)[0] == pytest.approx(ratio, abs=1e-5)
+    deviations, slopes = next_deviations(zero, rest_angle, ratio)
+    assert abs(float(deviations[0])) < 1e-7
+    assert slopes[0] == pytest.approx(ratio, abs=1e-5)
 
 
 @given(st.floats(0.1, 1.4), st.floats(0.1, 1.5), st.floats(-0.9, -0.1))
@@ -86,9 +95,8 @@ def test_the_slope_is_that_of_a_finite_difference(
 ) -> None:
     ratio, step = (1 - lean_ratio) / (1 + lean_ratio), 1e-5
     there = share * rest_angle + np.array([-step, 0.0, step])
-    before, _, after = next_deviation(there, rest_angle, ratio)
-    slope = slope_of_next(there, rest_angle, ratio)[1]
-    assert slope == pytest.approx((after - before) / (2 * step), abs=1e-4)
+    (before, _, after), slopes = next_deviations(there, rest_angle, ratio)
+    assert slopes[1] == pytest.approx((after - before) / (2 * step), abs=1e-4)
 
 
 @given(st.floats(0.05, 1.5), st.floats(0.1, 2.0), st.floats(-1, -0.01))
@@ -99,7 +107,7 @@ def test_leaning_over_beyond_rest_takes_a_ratio_below_0(
     assume(lean_ratio * math.sin(rest_angle) < 1.98)
     ratio = (1 - lean_ratio) / (1 + lean_ratio)
     deviations = share * rest_angle * np.linspace(1e-3, 1, 400)
-    over = next_deviation(deviations, rest_angle, ratio).max()
+    over = next_deviations(deviations, rest_angle, ratio)[0].max()
     assert (over > 0) == (ratio < 0)
 
 
@@ -110,7 +118,7 @@ def test_rotors_of_a_wall_at_rest_follow_each_other_as_bars_demand(
     chain = chain_of(example, ROTORS)
     theta = staggered(static_wall(chain, ROTORS / 2 + 0.3))
     deviations = wrapped(theta[1 : ROTORS // 2 + 1] - chain.rest_angle)[::-1]
-    expected = next_deviation(deviations[:-1], chain.rest_angle, ratio_of(example))
+    expected, _ = next_deviations(deviations[:-1], chain.rest_angle, ratio_of(example))
     assert deviations[1:] == pytest.approx(expected, abs=1e-9)
 
 

@@ -8,10 +8,12 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation import arc_filter as cycle_motion
+from soliton_linkage.estimation.loops.filter_loops import COVARIANCE
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.linkage.chain import Array
 
+STATE = ('arc', 'rate', 'bias')
 PERIOD, RATE, SITE_ARC = 1e-3, 9.6, 0.99
 
 
@@ -24,7 +26,7 @@ def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[Multiple
     motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
     for arc in arcs[1:].tolist():
         motion.predict(PERIOD, at_edge)
-        motion.correct(arc, noise**2)
+        motion.update(arc, noise**2)
     return motion, motion.kicks
 
 
@@ -56,29 +58,33 @@ class Twin:
 
 
 @pytest.mark.parametrize('at_edge', [False, True])
-def test_filters_are_those_of_kalman(monkeypatch: pytest.MonkeyPatch, at_edge: bool) -> None:
+def test_filters_are_those_of_kalman(at_edge: bool) -> None:
     # Nothing ever contradicts the steady filter so much that the other one counts.
-    monkeypatch.setattr(cycle_motion, '_SHARES', (0.02,))
-    monkeypatch.setattr(cycle_motion, '_ERRORS', (0.01,))
-    monkeypatch.setattr(cycle_motion, '_TRUST', 600.0)
-    monkeypatch.setattr(cycle_motion, '_TRUST_AT_EDGES', 600.0)
-    monkeypatch.setattr(cycle_motion, '_MOST_TRUST', 600.0)
+    settings = FilterSettings(
+        rate_changes=(0.02,),
+        biases=(0.01,),
+        odds_of_doubt=600.0,
+        least_odds=-600.0,
+        least_odds_at_edges=-600.0,
+        first_odds=-600.0,
+    )
     arcs = measured(200, 0.02, 1)
-    motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC)
-    motion._against = -600.0
+    motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC, settings)
     twins = [Twin(0.0, 4e-4, 0.0, 0.0), Twin(0.0, 4e-4, 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC)]
     for arc in arcs[1:].tolist():
         speed = abs(motion.rate)
         motion.predict(PERIOD, at_edge)
-        motion.correct(arc, 4e-4)
+        motion.update(arc, 4e-4)
         for twin in twins:
             twin.predict(PERIOD, speed)
             twin.correct(arc, 4e-4)
     rows, columns = np.triu_indices(3)
     for number, twin in enumerate(twins):
-        assert motion._states[:, number] == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
+        found = motion.filters[number]
+        state, covariance = (found[list(names)].tolist() for names in (STATE, COVARIANCE))
+        assert state == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
         expected = twin.spread[rows, columns]
-        assert motion._spreads[:, number] == pytest.approx(expected, rel=1e-8, abs=1e-14)
+        assert covariance == pytest.approx(expected, rel=1e-8, abs=1e-14)
 
 
 def test_of_a_steady_wall_all_measurements_count() -> None:
@@ -128,7 +134,7 @@ def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
         scores = []
         for frame, arc in enumerate(arcs[1:].tolist(), start=1):
             motion.predict(PERIOD, False)
-            motion.correct(arc, noise**2)
+            motion.update(arc, noise**2)
             scores.append((motion.arc - true[frame]) / motion.arc_deviation)
         assert np.abs(scores[599 + rotor :]).max() < 6
         assert motion.kicks == 1
@@ -141,7 +147,7 @@ def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> N
         motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
         for frame, arc in enumerate(arcs[1:].tolist(), start=1):
             motion.predict(PERIOD, False)
-            motion.correct(arc, noise**2)
+            motion.update(arc, noise**2)
             if frame > 100:
                 ratios.append(motion.arc_deviation / (2 * noise / math.sqrt(frame + 1)))
         assert motion.kicks == 0

@@ -85,7 +85,7 @@ def test_the_whole_record_of_a_steady_wall_counts(
     assert slope < estimate.rate_deviation < 1.05 * slope
     assert np.abs(normalised(estimate, stream)).max() < 4.5
     assert estimate.place_deviation < 0.005
-    assert estimate.velocity_deviation < 1e-3 * abs(estimate.velocity)
+    assert estimate.place_rate_deviation < 1e-3 * abs(estimate.place_rate)
     assert estimate.place == pytest.approx(
         stream.orbit.place(stream.arc(estimate.time)), abs=4.5 * estimate.place_deviation
     )
@@ -171,13 +171,13 @@ def test_phase_and_cycles_go_on_evenly_through_reflections(
     phases, legs = [], []
     for time in times.tolist():
         estimate = tracker.update(time, stream.frame(time))
-        phases.append(2 * math.pi * estimate.orbits + estimate.phase)
+        phases.append(2 * math.pi * estimate.completed_cycles + estimate.phase)
         legs.append(estimate.leg)
         assert 0 <= estimate.phase < 2 * math.pi
     turns = 2 * math.pi / stream.orbit.length
     assert phases == pytest.approx(turns * stream.arc(times), abs=turns * 0.06)
     assert set(legs) == set(range(stream.orbit.number_of_legs))
-    assert tracker.estimate.orbits == 1
+    assert tracker.estimate.completed_cycles == 1
 
 
 def test_a_gap_is_coasted_over_with_the_uncertainty_of_the_rate() -> None:

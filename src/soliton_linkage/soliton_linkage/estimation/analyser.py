@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the frames of a chain show, one after the other: the analyser, as it runs live and offline.
 
-Where the frames show one wall that costs nothing it is placed on the cycle of the chain, by all
+Where the frames show one wall that costs nothing it is placed on the orbit of the chain, by all
 frames so far. Other walls, of which a frame may show several, are placed one by one by a fit to
 that frame alone.
 """
@@ -20,7 +20,7 @@ from soliton_linkage.estimation.completed_frame import (
     on_orbit,
     whole_frame,
 )
-from soliton_linkage.estimation.loops.frame_arrays import frame_loops
+from soliton_linkage.estimation.loops.frame_loops import all_within
 from soliton_linkage.estimation.motion_class import MotionClass, MotionObserver
 from soliton_linkage.estimation.orbit_filter import (
     OrbitEstimate,
@@ -29,6 +29,7 @@ from soliton_linkage.estimation.orbit_filter import (
     lost,
 )
 from soliton_linkage.estimation.rate_noise import RateNoise
+from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.state_report import (
     ArcRate,
     EdgeRotors,
@@ -47,88 +48,92 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage.solitons.tanh_fit import Soliton, find_solitons
 
-CLOCK_LIMIT = 1.0
-_INSIDE = 0.5
 _NANOSECOND = 1e-9
-_FASTEST = 1e9
-_FINEST = 1e-6
-
-NO_WIDTH = Width(math.nan, math.nan, math.nan, math.nan, math.nan)
+"""Unit of stamps [s]."""
+_NO_WIDTH = Width(math.nan, math.nan, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class AnalysedSoliton:
-    """One wall; a quantity that cannot be told is NaN, and so is its standard deviation."""
+    """One wall; a quantity that cannot be told is NaN, and so is its standard deviation.
+
+    rotor: centre in rotor spacings from rotor 0.
+    position: centre [m] from the pivot of rotor 0.
+    velocity: of the centre [m/s], positive towards the last rotor.
+    width: width w of tanh(x / w) [m]; NaN in chains with deviations.
+    theory_width: width that the continuum theory gives a wall of this velocity [m].
+    charge: +1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite.
+    position_deviation: standard deviation of the position [m].
+    velocity_deviation: standard deviation of the velocity [m/s].
+    width_deviation: standard deviation of the width [m].
+    """
 
     rotor: float
-    """Centre in rotor spacings from rotor 0."""
     position: float
-    """Centre [m] from the pivot of rotor 0."""
     velocity: float
-    """Of the centre [m/s], positive towards the last rotor."""
     width: float
-    """Width w of tanh(x / w) [m]; NaN in chains with deviations."""
     theory_width: float
-    """Width that the continuum theory gives a wall of this velocity [m]."""
     charge: int
-    """+1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite."""
     position_deviation: float
-    """Standard deviation of the position [m]."""
     velocity_deviation: float
-    """Standard deviation of the velocity [m/s]."""
     width_deviation: float
-    """Standard deviation of the width [m]."""
 
 
 @dataclass(frozen=True)
 class CyclePhase:
-    """Where a chain is on its cycle, in phase; NaN, and leg -1, where it is not known."""
+    """Where a chain is on its orbit, as a phase; NaN, and leg -1, where it is not known.
+
+    phase: from 0 to 2 pi over a whole cycle [rad].
+    rate: rate of the phase [rad/s].
+    phase_deviation: standard deviation of the phase [rad].
+    rate_deviation: standard deviation of the rate [rad/s].
+    completed: whole cycles since the start, with which the phase grows without jumps.
+    leg: leg of the cycle: as the phase grows, the wall leaves rotor 0 in even legs.
+    """
 
     phase: float
-    """From 0 to 2 pi over a whole cycle [rad]."""
     rate: float
-    """Rate of the phase [rad/s]."""
     phase_deviation: float
-    """Standard deviation of the phase [rad]."""
     rate_deviation: float
-    """Standard deviation of the rate [rad/s]."""
     completed: int
-    """Whole cycles since the start, with which the phase grows without jumps."""
     leg: int
-    """Leg of the cycle: as the phase grows, the wall leaves rotor 0 in even legs."""
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """What a frame shows, in the light of those before; None and NaN for what cannot be told."""
+    """What a frame shows, in the light of those before; None and NaN for what cannot be told.
+
+    motion: how a wall moves, by the chain's parameters or, where they are not known, by the
+        angles.
+    measured_motion: the same by the angles alone.
+    estimate: where the chain is on its orbit.
+    cycle: the same in phase.
+    solitons: walls half a spacing or more from the edges, in the order of their place.
+    topology: of the whole state.
+    edge_rotors: of the whole state.
+    energies: of the whole state.
+    wobble: beside the wall that is on the orbit.
+    unseen: number of rotors that the frame did not show.
+    """
 
     motion: Motion | None
-    """How a wall moves, by the chain's parameters or, where they are not known, by the angles."""
     measured_motion: MotionClass
-    """The same by the angles alone."""
     estimate: OrbitEstimate
-    """Where the chain is on its cycle."""
     cycle: CyclePhase
-    """The same in phase."""
     solitons: tuple[AnalysedSoliton, ...]
-    """Walls half a spacing or more from the edges, in the order of their place."""
     topology: Topology | None
-    """Of the whole state."""
     edge_rotors: EdgeRotors | None
-    """Of the whole state."""
     energies: Energies | None
-    """Of the whole state."""
     wobble: Wobble | None
-    """Beside the wall that is on the cycle."""
     unseen: int
-    """Number of rotors that the frame did not show."""
 
 
 class FrameClock:
     """Takes the stamps of frames, and refuses those that are late."""
 
-    def __init__(self) -> None:
-        """Begin at the first stamp."""
+    def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
+        """Begin at the first stamp; one that goes back by more than the limit [s] starts anew."""
+        self._limit = limit
         self.time = -math.inf
         """Instant of the last frame that was taken, from the first on [s]."""
         self.late = 0
@@ -138,11 +143,11 @@ class FrameClock:
         self._epoch: int | None = None
 
     def advance(self, stamp: int) -> bool:
-        """Go on to a stamp [ns]; False where it is not later than the last, by up to a second."""
+        """Go on to a stamp [ns]; False where it is not later than the last, by up to the limit."""
         if self._epoch is None:
             self._epoch = stamp
         time = (stamp - self._epoch) * _NANOSECOND
-        if -CLOCK_LIMIT <= time - self.time <= 0:
+        if -self._limit <= time - self.time <= 0:
             self.late += 1
             return False
         self.restarted = time < self.time
@@ -153,33 +158,38 @@ class FrameClock:
 class Analyser:
     """Analyses the frames of a chain in the order of their time.
 
-    The deviations of the chain are taken for known. Where a chain has no cycle, as `limitation`
+    The deviations of the chain are taken for known. Where a chain has no orbit, as `limitation`
     says, walls are placed by a fit to each frame alone.
     """
 
-    def __init__(self, chain: Chain, noise: float | None = None) -> None:
-        """Work out the cycle of the chain, which may take seconds where it has deviations.
+    def __init__(
+        self,
+        chain: Chain,
+        noise: float | None = None,
+        settings: EstimationSettings = DEFAULTS,
+    ) -> None:
+        """Work out the orbit of the chain, which may take seconds where it has deviations.
 
         The noise is the standard deviation of the angles [rad], None to have it estimated.
         """
         self.chain = chain
+        self._settings = settings
         self.limitation = ''
         self._filter: OrbitFilter | None = None
         try:
-            self._filter = OrbitFilter(orbit_of(chain), noise, CLOCK_LIMIT)
+            self._filter = OrbitFilter(orbit_of(chain), noise, settings)
         except (ValueError, ArithmeticError) as error:
             self.limitation = str(error)
-        self._observer = MotionObserver()
-        self._reporter = StateReporter(chain)
+        self._observer = MotionObserver(settings.motion)
+        self._reporter = StateReporter(chain, settings.report)
         self._widths: WidthReporter | None = None
         if self._filter is not None and chain.deviations == NO_DEVIATIONS:
-            self._widths = WidthReporter(chain)
-        self._wobbles = WobbleReporter(chain)
-        self._rate_noise = RateNoise(chain)
+            self._widths = WidthReporter(chain, settings.width)
+        self._wobbles = WobbleReporter(chain, settings.wobble)
+        self._rate_noise = RateNoise(chain, settings.noise)
         self._theory = wall_theory(chain)
         self._unwrapper = Unwrapper(chain.number_of_rotors)
-        self._clock = FrameClock()
-        self._loops = frame_loops()
+        self._clock = FrameClock(settings.tracking.clock_limit)
 
     @property
     def offsets(self) -> Array:
@@ -202,7 +212,7 @@ class Analyser:
 
     @property
     def starts(self) -> int:
-        """How often the chain was found anew on its cycle."""
+        """How often the chain was found anew on its orbit."""
         return 0 if self._filter is None else self._filter.starts
 
     def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
@@ -248,8 +258,9 @@ class Analyser:
         """Estimate where the chain is, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
         if rates is not None:
-            if not self._loops.all_within(rates, _FASTEST):
-                rates = np.where(np.abs(rates) < _FASTEST, rates, np.nan)
+            fastest = self._settings.report.fastest
+            if not all_within(rates, fastest):
+                rates = np.where(np.abs(rates) < fastest, rates, np.nan)
             self._rate_noise.update(self._clock.time, rates)
         if self._filter is None:
             estimate = lost(self._clock.time)
@@ -286,11 +297,11 @@ class Analyser:
     def _followed(
         self, estimate: OrbitEstimate, frame: CompletedFrame
     ) -> tuple[AnalysedSoliton, ...]:
-        """The wall on the cycle, unless it is at an edge."""
-        chain, place = self.chain, estimate.place
-        if not _INSIDE <= place <= chain.number_of_rotors - 1 - _INSIDE:
+        """The wall on the orbit, unless it is at an edge."""
+        chain, place, inside = self.chain, estimate.place, self._settings.report.inside
+        if not inside <= place <= chain.number_of_rotors - 1 - inside:
             return ()
-        velocity = estimate.velocity * chain.spacing
+        velocity = estimate.place_rate * chain.spacing
         width = self._width(estimate, frame, velocity)
         return (
             AnalysedSoliton(
@@ -301,19 +312,19 @@ class Analyser:
                 theory_width=width.theory,
                 charge=1,
                 position_deviation=estimate.place_deviation * chain.spacing,
-                velocity_deviation=estimate.velocity_deviation * chain.spacing,
+                velocity_deviation=estimate.place_rate_deviation * chain.spacing,
                 width_deviation=width.deviation,
             ),
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame, velocity: float) -> Width:
-        """Width of the wall on the cycle, by the rotors that were seen."""
+        """Width of the wall on the orbit, by the rotors that were seen."""
         angles = frame.seen
         if estimate.upside_down:
             angles = math.pi - angles
         if frame.others or self._widths is None:
-            return NO_WIDTH
-        noise = max(estimate.noise, _FINEST)
+            return _NO_WIDTH
+        noise = max(estimate.noise, self._settings.width.least_noise)
         return self._widths.update(angles, estimate.place, estimate.leg, velocity, noise)
 
     def _solitons(
@@ -322,7 +333,7 @@ class Analyser:
         estimate: OrbitEstimate,
         followed: tuple[AnalysedSoliton, ...],
     ) -> tuple[AnalysedSoliton, ...]:
-        """Walls of a frame, of which the one on the cycle is placed there."""
+        """Walls of a frame, of which the one on the orbit is placed there."""
         on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
         if frame.number_filled == len(frame.filled) or (on_it and not frame.others):
             return followed
@@ -434,7 +445,7 @@ class UnknownChainAnalyser:
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Phase of an estimate on a cycle.
+    """Phase of the cycle that an estimate is in.
 
     Of spinners that were assembled upside down it runs against the arc, so that in either family
     the wall that leaves rotor 0 from the left-leaning state does so in leg 0, forwards.

@@ -8,30 +8,28 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soliton_linkage.estimation.frame_noise import FrameView
-from soliton_linkage.estimation.loops.frame_arrays import frame_loops
+from soliton_linkage.estimation.loops import frame_loops
+from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.orbit_filter import OrbitEstimate
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.orbit.orbit import Orbit, Stretch
-
-Flags = NDArray[np.bool_]
 
 
 class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame."""
 
     angles: Array
-    """Actual angles [rad], shape (N,); all NaN where no rotor was seen, nor the cycle known."""
+    """Actual angles [rad], shape (N,); all NaN where no rotor was seen, nor the orbit known."""
     rates: Array | None
     """Rates [rad/s], shape (N,); None where they are not known."""
     filled: Flags
     """Rotors that were not seen or could not be where they said, shape (N,)."""
     placed: bool
-    """Whether the filled ones are where the cycle has them, rather than like their neighbours."""
+    """Whether the filled ones are where the orbit has them, rather than like their neighbours."""
     others: bool
-    """Whether rotors side by side are further from the cycle than half of what they turn."""
+    """Whether rotors side by side are further from the orbit than half of what they turn."""
 
     number_filled: int
     """Number of rotors that were filled in."""
@@ -44,7 +42,7 @@ class CompletedFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class OnOrbit:
-    """Where a cycle has the rotors of a frame, each of shape (N,)."""
+    """Where an orbit has the rotors of a frame, each of shape (N,)."""
 
     angles: Array
     """Actual angles [rad], up to whole turns."""
@@ -53,7 +51,7 @@ class OnOrbit:
     residuals: Array
     """Angles of the frame less these [rad], from -pi to pi, NaN where they are not known."""
     about: Stretch
-    """Rotors about the wall, in the orientation of the cycle."""
+    """Rotors about the wall, in the orientation of the orbit."""
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, view: FrameView | None) -> OnOrbit:
@@ -88,17 +86,17 @@ class Unwrapper:
         """Angles [rad], shape (N,), NaN where they are not finite or too large to be any."""
         seen = np.empty_like(self._last)
         read = np.ascontiguousarray(angles, dtype=np.float64)
-        frame_loops().unwrap(read, self._last, self._turns, seen)
+        frame_loops.unwrap(read, self._last, self._turns, seen)
         return seen
 
 
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Fill in what a frame lacks, from the cycle or, without one, from neighbours.
+    """Fill in what a frame lacks, from the orbit or, without one, from neighbours.
 
     Angles [rad] and rates [rad/s] of shape (N,), NaN where they are not known, and the last
-    angles of each rotor, which tell its turns. One rotor alone that the cycle has elsewhere, by
+    angles of each rotor, which tell its turns. One rotor alone that the orbit has elsewhere, by
     more than half of what a rotor turns as a wall passes, is taken for not seen.
     """
     unseen = ~np.isfinite(angles)
@@ -135,10 +133,10 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, view: FrameView | None
 ) -> CompletedFrame | None:
-    """A frame in which all is known and as the cycle has it, by its view; None for any other."""
+    """A frame in which all is known and as the orbit has it, by its view; None for any other."""
     if view is None or not view.largest <= _half_swing(chain):
         return None
-    if rates is not None and not frame_loops().all_within(rates, math.inf):
+    if rates is not None and not frame_loops.all_within(rates, math.inf):
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
 

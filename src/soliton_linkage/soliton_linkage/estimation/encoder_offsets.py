@@ -14,43 +14,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.estimation.loops.filter_arrays import BEYOND_CHANCE, LEAST_TIMES, filter_loops
-from soliton_linkage.estimation.loops.frame_arrays import median
+from soliton_linkage.estimation.loops import offset_loops
+from soliton_linkage.estimation.robust import DEVIATION_PER_MEDIAN, median, robust_deviation
+from soliton_linkage.estimation.settings import DEFAULTS, OffsetSettings
 from soliton_linkage.linkage.chain import Array
-
-_WIDEST = 2.0
-_BLOCK = 16
-_MOST_BY_CHANCE = 3.0
-_DEVIATION_PER_MEDIAN = 1.4826
-_WAVES = 10.0
-_LEAST_STRONG = 4.0
-_FEW_LARGEST = 0.1
-_LEAST_ERROR = 3e-4
-_LEAST_DOUBTED = 0.01
-_FEW = 0.2
-_SHARE_OF_WAVES = 0.05
 
 
 class EncoderOffsets:
     """Offset of each encoder: the likeliest for normal priors of offsets and rest angles."""
 
-    def __init__(self, number_of_rotors: int, rest_angle_deviation: float = 0.05) -> None:
-        """Begin with nothing known, rest angles deviating by about so much [rad]."""
-        self._trust = rest_angle_deviation**-2
-        self.solution = np.zeros((5, number_of_rotors))
-        """Offsets and differences of rest angles with their covariances, as `solve` tells them."""
-        self.weights = np.zeros((2, number_of_rotors))
-        """Of the residuals of each rotor before the wall and beyond it [1/rad^2], shape (2, N)."""
-        self._sums = np.zeros((2, number_of_rotors))
-        self._times = np.zeros(number_of_rotors)
-        self._loops = filter_loops()
+    def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
+        """Begin with nothing known but the priors."""
+        self.settings = settings
+        self.encoders = np.zeros(number_of_rotors, offset_loops.ENCODER)
+        """What is known of each encoder and the rest angle of its rotor, records of shape (N,)."""
         nothing = np.full(number_of_rotors, np.nan)
         self.update(nothing, np.zeros(number_of_rotors), 1.0)
 
     @property
     def values(self) -> Array:
         """Likeliest offset of each encoder [rad], shape (N,)."""
-        return np.asarray(self.solution[0])
+        return np.asarray(self.encoders['offset'])
 
     @property
     def deviations(self) -> Array:
@@ -69,12 +53,13 @@ class EncoderOffsets:
         It is that of rest angles, where most rotors or springs differ from the chain's; 0 where
         chance may have done it.
         """
-        means, chances = np.empty((2, self.weights.size))
-        known = self._loops.lasting_residuals(self.weights, self._sums, means, chances)
+        means, chances = np.empty((2, 2 * len(self.encoders)))
+        known = offset_loops.lasting_residuals(self.encoders, means, chances)
         if not known:
             return 0.0
-        typical = _DEVIATION_PER_MEDIAN * median(means[:known])
-        return typical if typical > _MOST_BY_CHANCE * median(chances[:known]) else 0.0
+        typical = robust_deviation(means[:known])
+        by_chance = self.settings.chance_ratio * median(chances[:known])
+        return typical if typical > by_chance else 0.0
 
     def update(
         self, residuals: Array, sides: Array, variance: float, repeated: float = 0.0
@@ -85,26 +70,22 @@ class EncoderOffsets:
         it, shape (N,); the variance is that of the noise [rad^2], and that of the error which
         is the same in all frames so far is the repeated.
         """
-        self._deviations: Array = np.empty(len(self._times))
-        self._corrections: Array = np.empty(len(self._times))
-        self._loops.learn(
-            self.weights,
-            self._sums,
-            self._times,
-            np.ascontiguousarray(residuals, dtype=np.float64),
-            np.ascontiguousarray(sides, dtype=np.float64),
-            variance,
-            repeated,
-            _WIDEST**-2,
-            self._trust,
-            self.solution,
-            self._deviations,
-            self._corrections,
+        given = self.settings
+        residuals = np.ascontiguousarray(residuals, dtype=np.float64)
+        sides = np.ascontiguousarray(sides, dtype=np.float64)
+        offset_loops.add_residuals(self.encoders, residuals, sides, variance)
+        priors = given.offset_deviation**-2, given.rest_angle_deviation**-2
+        offset_loops.solve(self.encoders, *priors)
+        self._deviations: Array = np.empty(len(self.encoders))
+        self._corrections: Array = np.empty(len(self.encoders))
+        offset_loops.find_sure(
+            self.encoders, given.record, repeated, self._deviations, self._corrections
         )
 
     def doubt(self, rotors: NDArray[np.bool_]) -> None:
         """Let rotors, shape (N,), that are not what they were before have to show it again."""
-        self._times[rotors] = np.minimum(self._times[rotors], LEAST_TIMES) - 1
+        means = np.minimum(self.encoders['means'][rotors], self.settings.fewest_means)
+        self.encoders['means'][rotors] = means - 1
 
 
 class FarRotors:
@@ -125,8 +106,8 @@ class FarRotors:
         self._margin = margin
         self._time_unit = time_unit
         self._strong = strong
-        rotors = len(offsets.values)
-        self._loops = filter_loops()
+        self._settings = offsets.settings
+        rotors = len(offsets.encoders)
         self._sums = np.zeros(rotors)
         self._read = np.full(rotors, np.nan)
         self._apart = np.zeros(rotors)
@@ -150,7 +131,7 @@ class FarRotors:
         self._lowest, self._highest = min(self._lowest, place), max(self._highest, place)
         self._time += elapsed
         self._frames += 1
-        return self._frames == _BLOCK
+        return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
         """Learn from the block, begin a new one.
@@ -158,36 +139,35 @@ class FarRotors:
         The residuals are of angles less corrections, or with a sign of -1 their opposites; the
         variance is that of the noise of an angle [rad^2].
         """
-        offsets = self._offsets
+        offsets, given = self._offsets, self._settings
         sides, found = np.empty(len(self._sums)), np.empty((6, len(self._sums)))
-        known, passed = self._loops.surprise(
-            offsets.weights,
-            offsets.solution,
-            self._sums,
-            offsets.corrections,
-            sign / self._frames,
-            self._lowest - self._margin,
-            self._highest + self._margin,
-            sides,
-            found,
+        known, passed = offset_loops.compare_means(
+            encoders=offsets.encoders,
+            sums=self._sums,
+            corrections=offsets.corrections,
+            share=sign / self._frames,
+            before=self._lowest - self._margin,
+            beyond=self._highest + self._margin,
+            sides=sides,
+            found=found,
         )
-        means, surprises, unsure, squares, unexpected, common = found
+        means, innovations, unsure, squares, unexpected, common = found
         noise = variance / self._frames
-        if _most(squares[:known]) > self._strong + _LEAST_STRONG * noise:
+        if self._most(squares[:known]) > self._strong + given.strong_waves * noise:
             self.forget()
             return
-        of_waves = max(_typical(unexpected[:known]) ** 2 - noise, 0.0)
-        repeats = max(_WAVES * self._time_unit / self._time, 1.0)
+        of_waves = max(robust_deviation(unexpected[:known]) ** 2 - noise, 0.0)
+        repeats = max(given.wave_time * self._time_unit / self._time, 1.0)
         noise += of_waves * repeats
         self._waves = max(self._waves, of_waves)
-        repeated = _LEAST_ERROR**2 + _SHARE_OF_WAVES**2 * self._waves
+        repeated = given.least_error**2 + given.wave_share**2 * self._waves
         # Where most seem to have an offset, rotors and springs are not equal.
-        repeated += _typical(common[:passed]) ** 2
-        strange = np.abs(surprises) > BEYOND_CHANCE * (unsure + math.sqrt(noise))
+        repeated += robust_deviation(common[:passed]) ** 2
+        strange = np.abs(innovations) > given.beyond_chance * (unsure + math.sqrt(noise))
         means[strange] = np.nan
         offsets.update(means, sides, noise, repeated)
         offsets.doubt(strange)
-        self._loops.stand_apart(offsets.solution, sides, repeated, self._apart)
+        offset_loops.beyond_chance(offsets.encoders, given.record, sides, repeated, self._apart)
         self.forget()
 
     def look_for_doubtful(self, read: Array, outlying: NDArray[np.bool_]) -> None:
@@ -197,21 +177,17 @@ class FarRotors:
         stuck until they read anything else. Those that differ from the orbit by far more than
         most do have an offset, but one that is known only once the wall has passed.
         """
-        self._loops.find_stuck(read, self._read, outlying, self.stuck, _FEW)
-        limit = BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * median(self._apart.copy())
-        far_off = self._apart > limit + _LEAST_DOUBTED
+        given = self._settings
+        offset_loops.find_stuck(read, self._read, outlying, self.stuck, given.stuck_share)
+        limit = given.beyond_chance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
+        far_off = self._apart > limit + given.least_doubted
         self.doubtful = self.stuck | (far_off & (self._offsets.corrections == 0))
 
-
-def _most(squares: Array) -> float:
-    """Mean of all squares but the few largest, which may be of offsets [rad^2]."""
-    count = len(squares) - max(2, math.ceil(_FEW_LARGEST * len(squares)))
-    if count <= 0:
-        return 0.0
-    squares.partition(count)
-    return float(squares[:count].mean())
-
-
-def _typical(sizes: Array) -> float:
-    """Robust root mean square of errors, by their sizes [rad]; 0 of none."""
-    return _DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
+    def _most(self, squares: Array) -> float:
+        """Mean of all squares but the few largest, which may be of offsets [rad^2]."""
+        few = max(2, math.ceil(self._settings.largest_share * len(squares)))
+        count = len(squares) - few
+        if count <= 0:
+            return 0.0
+        squares.partition(count)
+        return float(squares[:count].mean())

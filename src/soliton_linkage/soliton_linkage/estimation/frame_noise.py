@@ -6,27 +6,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from soliton_linkage.estimation.loops.filter_arrays import filter_loops
-from soliton_linkage.estimation.loops.frame_arrays import frame_loops, median
+from soliton_linkage.estimation.loops import frame_loops
+from soliton_linkage.estimation.loops.frame_loops import Flags
+from soliton_linkage.estimation.robust import robust_deviation
+from soliton_linkage.estimation.settings import DEFAULTS, NoiseSettings
 from soliton_linkage.linkage.chain import Array
 
-Flags = NDArray[np.bool_]
-BEYOND_CHANCE = 5.0
-
-_MEMORY = 4000
-_FRAMES_OF_LATE = 20
-_TIME_OF_LATE = 0.25
-_LEAST_NOISE = 1e-5
-_DEVIATION_PER_MEDIAN = 1.4826
-_SIGNIFICANT = 4.0
-_LEAST_SHARE = 0.2
-_NO_FLAGS = np.zeros(0, dtype=np.bool_)
+_NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
+"""Of a chain of which no rotor is doubtful."""
 
 
 class FrameView:
-    """What a frame looks like from a point of the orbit, in the orientation of the cycle."""
+    """What a frame looks like from a point of the orbit, in the orientation of the orbit."""
 
     arc: float
     """Arc of the nearest point of the orbit, to first order in the residuals [rad]."""
@@ -58,6 +50,7 @@ class FrameView:
         limit: float = math.inf,
         spread: float = 0.0,
         doubtful: Flags | None = None,
+        settings: NoiseSettings = DEFAULTS.noise,
     ) -> None:
         """Compare; rotors that differ too much or are doubtful, shape (N,), do not count.
 
@@ -70,22 +63,23 @@ class FrameView:
         self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
         self.used = np.empty(len(tangent), dtype=np.bool_)
         self.left = np.empty(len(tangent))
-        counts, self.any_outlying, sums, self.largest = frame_loops().look(
-            differences,
-            first,
-            tangent,
-            limit,
-            BEYOND_CHANCE**2 * spread,
-            _LEAST_SHARE,
-            _NO_FLAGS if doubtful is None else doubtful,
-            self.outlying,
-            self.used,
-            self.left,
+        self._beyond_chance = settings.beyond_chance
+        counts, self.any_outlying, sums, self.largest = frame_loops.find_arc(
+            differences=differences,
+            first=first,
+            tangent=tangent,
+            limit=limit,
+            spread=settings.beyond_chance**2 * spread,
+            least_share=settings.least_share,
+            doubtful=_NO_FLAGS if doubtful is None else doubtful,
+            outlying=self.outlying,
+            used=self.used,
+            left=self.left,
         )
         known, excluded, used = counts
         self.information, ahead, self.squares = sums
         self.share_of_outliers = excluded / max(known, 1)
-        self.freedoms = max(used - 1, 1)
+        self.degrees_of_freedom = max(used - 1, 1)
         self.arc = arc + ahead
 
     @property
@@ -93,13 +87,12 @@ class FrameView:
         """Squared residual beyond chance, by the median of them all [rad^2]."""
         if not self.used.any():
             return math.inf
-        typical = median(np.abs(self.left[self.used]))
-        return (BEYOND_CHANCE * _DEVIATION_PER_MEDIAN * typical) ** 2
+        return (self._beyond_chance * robust_deviation(np.abs(self.left[self.used]))) ** 2
 
     @property
     def mean_square(self) -> float:
         """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
-        return float(self.squares / self.freedoms)
+        return float(self.squares / self.degrees_of_freedom)
 
     @property
     def mean_square_of_all(self) -> float:
@@ -116,10 +109,12 @@ class FrameNoise:
     c_0 = (4 c_1 - c_2) / 3.
     """
 
-    def __init__(self, given: float | None) -> None:
+    def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
+        """Begin without frames, with the standard deviation that is given [rad]."""
+        self._settings = settings
         self._given = 0.0 if given is None else given**2
         self._squares = self._freedoms = 0.0
-        self._squares_of_late = self._freedoms_of_late = 0.0
+        self._recent_squares = self._recent_freedoms = 0.0
         self.variance = self._given
         self._earlier: list[FrameView] = []
         self.forget_what_lasted()
@@ -130,19 +125,19 @@ class FrameNoise:
         return math.sqrt(self.variance)
 
     @property
-    def freedoms(self) -> float:
+    def degrees_of_freedom(self) -> float:
         """Degrees of freedom of the variance; infinite where it is given."""
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
     def update(self, view: FrameView, elapsed: float) -> None:
         """Take in what is left of a frame, a time [s] after the last."""
-        squares = view.squares
-        fade = 1 - 1 / _MEMORY
+        squares, settings = view.squares, self._settings
+        fade = 1 - 1 / settings.memory
         self._squares = fade * self._squares + squares
-        self._freedoms = fade * self._freedoms + view.freedoms
-        recent = math.exp(-min(elapsed / _TIME_OF_LATE, 1 / _FRAMES_OF_LATE))
-        self._squares_of_late = recent * self._squares_of_late + squares
-        self._freedoms_of_late = recent * self._freedoms_of_late + view.freedoms
+        self._freedoms = fade * self._freedoms + view.degrees_of_freedom
+        recent = math.exp(-min(elapsed / settings.recent_time, 1 / settings.recent_frames))
+        self._recent_squares = recent * self._recent_squares + squares
+        self._recent_freedoms = recent * self._recent_freedoms + view.degrees_of_freedom
         if len(self._earlier) == 2:
             self._pair(self._earlier[0], self._earlier[1], view, fade)
         self._earlier = [*self._earlier[-1:], view]
@@ -159,18 +154,19 @@ class FrameNoise:
     def _pair(self, oldest: FrameView, older: FrameView, view: FrameView, fade: float) -> None:
         low = max(oldest.first, older.first, view.first)
         high = max(min(oldest.end, older.end, view.end), low)
-        whole, wall, free, chance = filter_loops().products_in_time(
-            oldest.left,
-            older.left,
-            view.left,
-            view.tangent,
-            low - oldest.first,
-            low - older.first,
-            low - view.first,
-            high - low,
+        whole, wall, free, chance = frame_loops.products_in_time(
+            oldest=oldest.left,
+            older=older.left,
+            left=view.left,
+            tangent=view.tangent,
+            in_oldest=low - oldest.first,
+            in_older=low - older.first,
+            begin=low - view.first,
+            count=high - low,
         )
         self._products = fade * self._products + whole
-        freedoms = min(high - low - 1, oldest.freedoms, older.freedoms, view.freedoms)
+        of_each = [each.degrees_of_freedom for each in (oldest, older, view)]
+        freedoms = min(high - low - 1, *of_each)
         self._pairs = fade * self._pairs + max(freedoms, 0)
         self._wall = fade * self._wall + wall
         self._wall_share = fade * self._wall_share + free
@@ -178,18 +174,18 @@ class FrameNoise:
 
     def _estimate(self) -> None:
         whole = self._squares / self._freedoms if self._freedoms else 0.0
-        of_late = self._freedoms_of_late
-        self.scatter = self._squares_of_late / of_late if of_late else 0.0
-        sure = self._products > _by_chance(whole, self._pairs, 1.0) > 0
+        recent = self._recent_freedoms
+        self.scatter = self._recent_squares / recent if recent else 0.0
+        sure = self._products > self._by_chance(whole, self._pairs, 1.0) > 0
         self.lasting = self._products / self._pairs if sure else 0.0
-        sure = self._wall > _by_chance(whole, self._wall_chance, 0.25)
+        sure = self._wall > self._by_chance(whole, self._wall_chance, 0.25)
         self.excess = self._wall / self._wall_share if sure else 0.0
-        white = max(whole - self.lasting, _LEAST_NOISE**2)
-        doubt = 1 + _SIGNIFICANT * math.sqrt(2 / max(self._freedoms, 1.0))
+        white = max(whole - self.lasting, self._settings.least_noise**2)
+        doubt = 1 + self._settings.significance * math.sqrt(2 / max(self._freedoms, 1.0))
         self.variance = white if white > self._given * doubt else self._given
 
-
-def _by_chance(square: float, squared_weights: float, largest: float) -> float:
-    """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""
-    deviation = _SIGNIFICANT * math.sqrt(17 / 9 * squared_weights)
-    return square * (deviation + _SIGNIFICANT**2 / 2 * largest)
+    def _by_chance(self, square: float, squared_weights: float, largest: float) -> float:
+        """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""
+        significance = self._settings.significance
+        deviation = significance * math.sqrt(17 / 9 * squared_weights)
+        return square * (deviation + significance**2 / 2 * largest)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a frame tells the leg of the cycle, or only the place of the wall.
+"""Whether a frame tells the leg of the orbit, or only the place of the wall.
 
 Legs of a flipper differ, with the wall at the same place, in whether either edge rotor has
 toggled. Which leg it is, is known once both have been seen.
@@ -10,17 +10,17 @@ from __future__ import annotations
 import numpy as np
 
 from soliton_linkage.estimation.frame_noise import FrameView
+from soliton_linkage.estimation.settings import DEFAULTS, TrackingSettings
 from soliton_linkage.linkage.chain import Motion, wrapped
 from soliton_linkage.orbit.orbit import Orbit
-
-_ENOUGH = 12.0
 
 
 class LegEvidence:
     """Logarithm of how much likelier each edge rotor is on the leg followed than toggled."""
 
-    def __init__(self, orbit: Orbit) -> None:
+    def __init__(self, orbit: Orbit, settings: TrackingSettings = DEFAULTS.tracking) -> None:
         """Begin with neither edge rotor seen."""
+        self._enough = settings.leg_evidence
         self._spinner = orbit.chain.motion is Motion.SPINNER
         edges = []
         for leg in range(orbit.number_of_legs):
@@ -33,7 +33,7 @@ class LegEvidence:
     @property
     def known(self) -> bool:
         """Whether no other leg is likely; of spinners the wall itself tells it."""
-        return self._spinner or min(self._evidence) > _ENOUGH
+        return self._spinner or min(self._evidence) > self._enough
 
     def forget(self) -> None:
         """Begin anew."""

@@ -8,7 +8,8 @@ sign; those of a spinner turn over, theta_right = theta_left + pi, and they have
 
 A flipper that wobbles leans over by more than its angle at rest beside the wall. Outwards from
 one rotor to the next its deviation e from rest goes over, for bars of fixed length and d = 1,
-into F(e), `next_deviation`, which has a maximum of 0 at e = 0; for any d the slope there is
+into F(e), `tail_loops.next_deviation`, which has a maximum of 0 at e = 0; for any d the slope
+there is
 
     lambda = (1 - d) / (1 + d),    e' = F(e) + lambda e + ...,
 
@@ -24,56 +25,63 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.estimation.loops import tail_arrays
-from soliton_linkage.estimation.loops.frame_arrays import FrameSines, sines_of
-from soliton_linkage.estimation.loops.tail_arrays import tail_loops
+from soliton_linkage.estimation.loops import tail_loops
+from soliton_linkage.estimation.loops.frame_loops import FrameSines, sines_of
+from soliton_linkage.estimation.settings import DEFAULTS, MotionSettings
 from soliton_linkage.linkage.chain import Array, Motion
-
-_SURE = 0.95
 
 
 @dataclass(frozen=True)
 class MotionClass:
-    """Class of motion that the angles speak for."""
+    """Class of motion that the angles speak for.
+
+    motion: none where the data cannot tell: there is no wall, or too much noise.
+    confidence: probability of the likeliest class, 0 to 1; the three are equally likely without
+        data.
+    spinning: probability that the rotors spin, 0 to 1.
+    tail_ratio: deviation of a rotor over that of its inner neighbour, lambda [1]; NaN where
+        unknown.
+    tail_ratio_deviation: standard deviation of lambda [1], infinite where it is unknown.
+    """
 
     motion: Motion | None
-    """None where the data cannot tell: there is no wall, or too much noise."""
     confidence: float
-    """Probability of the likeliest class, 0 to 1; the three are equally likely without data."""
     spinning: float
-    """Probability that the rotors spin, 0 to 1."""
     tail_ratio: float
-    """Deviation of a rotor over that of its inner neighbour, lambda [1]; NaN where unknown."""
     tail_ratio_deviation: float
-    """Standard deviation of lambda [1], infinite where it is unknown."""
 
 
 @dataclass(frozen=True)
 class MotionEvidence:
-    """What frames say of the motion; evidence of independent frames adds."""
+    """What frames say of the motion; evidence of independent frames adds.
+
+    place: where u changes its sign [rotor spacings], in the last frame; NaN without a wall.
+    flipping: log likelihood of a flipper less that of a spinner [1].
+    rest_angle: mean angle that the uniform parts lean by [rad]; NaN without a wall.
+    tails: sums of products of (e, e^2, e' - F(e)) over their variance, left and right, (2, 3, 3).
+    """
 
     place: float
-    """Where u changes its sign [rotor spacings], in the last frame; NaN without a wall."""
     flipping: float
-    """Log likelihood of a flipper less that of a spinner [1]."""
     rest_angle: float
-    """Mean angle that the uniform parts lean by [rad]; NaN without a wall."""
     tails: Array
-    """Sums of products of (e, e^2, e' - F(e)) over their variance, left and right, (2, 3, 3)."""
 
-    def __add__(self, other: MotionEvidence) -> MotionEvidence:
+    def plus(
+        self, other: MotionEvidence, settings: MotionSettings = DEFAULTS.motion
+    ) -> MotionEvidence:
         """Return the evidence of both, other being the later; whoever contradicts is heard.
 
         The sum of log likelihoods is limited, for errors that stay the same in all frames.
         """
         sums = np.empty((2, 3, 3))
-        flipping, rest_angle = tail_loops().add_evidence(
+        flipping, rest_angle = tail_loops.add_evidence(
             self.flipping,
             self.rest_angle,
             self.tails,
             other.flipping,
             other.rest_angle,
             other.tails,
+            settings.strongest,
             sums,
         )
         return MotionEvidence(other.place, flipping, rest_angle, sums)
@@ -83,9 +91,9 @@ class MotionEvidence:
         tails = self.tails[::-1].copy()
         return MotionEvidence(self.place, self.flipping, self.rest_angle, tails)
 
-    def verdict(self) -> MotionClass:
-        """Return the class; unknown where none of the three has a probability of 0.95."""
-        ratio, deviation = self.tail_ratio()
+    def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
+        """Return the class; unknown where none of the three is sure."""
+        ratio, deviation = self.tail_ratio(settings)
         scaled = ratio / deviation if math.isfinite(ratio) else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
         spinning = 1 / (1 + 2 * math.exp(self.flipping))
@@ -94,20 +102,20 @@ class MotionEvidence:
             share, motion = (1 - spinning) * wobbling, Motion.WOBBLING_FLIPPER
         if spinning > share:
             share, motion = spinning, Motion.SPINNER
-        known = motion if share >= _SURE else None
+        known = motion if share >= settings.sure else None
         return MotionClass(known, share, spinning, ratio, deviation)
 
-    def tail_ratio(self) -> tuple[float, float]:
+    def tail_ratio(self, settings: MotionSettings = DEFAULTS.motion) -> tuple[float, float]:
         """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
 
         Mean of both sides. Where they differ by more than they should, the deviation is as much
-        larger. What springs in motion may do to it counts as 0.01.
+        larger. What springs in motion may do to it counts as the neglected.
         """
-        found: tuple[float, float] = tail_loops().tail_ratio(self.tails, self.rest_angle)
-        return found
+        return tail_loops.tail_ratio(settings.record, self.tails, self.rest_angle)
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)))
+"""Of a frame that says nothing."""
 
 
 class MotionObserver:
@@ -116,7 +124,9 @@ class MotionObserver:
     Of a wall that moves the sides are those ahead of it and behind it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
+        """Begin without any frame."""
+        self._settings = settings
         self.restart()
 
     def restart(self) -> None:
@@ -127,21 +137,24 @@ class MotionObserver:
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add a frame to the evidence and return the class; arguments as `motion_evidence`."""
-        return self._add(motion_evidence(angles, noise))
+        return self._add(motion_evidence(angles, noise, self._settings))
 
     def observe_sines(self, frame: FrameSines, noise: float) -> MotionClass:
         """The same of a frame whose sines and cosines are known."""
-        return self._add(evidence_of(frame, noise))
+        return self._add(evidence_of(frame, noise, self._settings))
 
     def _add(self, frame: MotionEvidence) -> MotionClass:
         if math.isfinite(frame.place) and not abs(frame.place - self._anchor) < 1:
             self._forwards = frame.place > self._anchor
             self._anchor = frame.place
-        self.evidence += frame.swapped() if self._forwards else frame
-        return self.evidence.verdict()
+        later = frame.swapped() if self._forwards else frame
+        self.evidence = self.evidence.plus(later, self._settings)
+        return self.evidence.verdict(self._settings)
 
 
-def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
+def motion_evidence(
+    angles: Array, noise: float = 0.0, settings: MotionSettings = DEFAULTS.motion
+) -> MotionEvidence:
     """Evidence of one frame of angles [rad], shape (N,), NaN where unknown, whole turns apart.
 
     The noise [rad], where it is known, is a lower bound of what the uniform parts show. A frame
@@ -154,36 +167,17 @@ def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
     if not (math.isfinite(noise) and noise >= 0):
         raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
     frame = sines_of(np.ascontiguousarray(angles, dtype=np.float64))
-    return evidence_of(frame, noise)
+    return evidence_of(frame, noise, settings)
 
 
-def evidence_of(frame: FrameSines, noise: float) -> MotionEvidence:
+def evidence_of(
+    frame: FrameSines, noise: float, settings: MotionSettings = DEFAULTS.motion
+) -> MotionEvidence:
     """The same, with sines and cosines."""
     tails = np.zeros((2, 3, 3))
-    place, flipping, rest_angle = tail_loops().evidence(
-        frame.angles, frame.sines, frame.cosines, noise, tails
+    place, flipping, rest_angle = tail_loops.evidence(
+        settings.record, frame.angles, frame.sines, frame.cosines, noise, tails
     )
     if math.isnan(place):
         return NO_EVIDENCE
     return MotionEvidence(place, flipping, rest_angle, tails)
-
-
-def next_deviation(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
-    """Deviation from rest of the outer neighbour of a rotor on relaxed bars [rad], shape (...).
-
-    With alpha = theta_bar + e the angle by which a rotor leans, alpha' that of its neighbour
-    further from the wall and k = a / r, the bar between them has its length where
-    cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda says
-    k = 2 sin(theta_bar) / d; F(e) is for lambda = 0.
-    """
-    return tail_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[0]
-
-
-def slope_of_next(deviations: Array, rest_angle: float, ratio: float = 0.0) -> Array:
-    """Derivative of `next_deviation` by the deviation [1], lambda at 0, shape (...)."""
-    return tail_arrays.next_deviation(deviations, rest_angle, _pitch(rest_angle, ratio))[1]
-
-
-def _pitch(rest_angle: float, ratio: float) -> float:
-    """Return k = a / r = 2 sin(theta_bar) (1 + lambda) / (1 - lambda)."""
-    return 2 * math.sin(rest_angle) * (1 + ratio) / (1 - ratio)

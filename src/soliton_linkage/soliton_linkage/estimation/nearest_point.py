@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where on its cycle a chain is, from one frame of noisy angles: the nearest point of the orbit.
+"""Where on its orbit a chain is, from one frame of noisy angles: the nearest point of the orbit.
 
 With independent noise of standard deviation sigma in every angle the likeliest arc length s is
 that whose configuration Phi(s) is nearest, sum_n (phi_n - Phi_n(s))^2 least, and no unbiased
@@ -11,79 +11,89 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from soliton_linkage.estimation.settings import DEFAULTS, SearchSettings
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, check_shape
+from soliton_linkage.linkage.chain import Array, check_shape, wrapped
 from soliton_linkage.orbit.orbit import Orbit, Stretch
-
-_ITERATIONS = 20
-_ENOUGH = 1e-8
-_LONGEST_STEP = 0.5
-_LEAST_SLOPE = 0.3
-_UNSEEN = 1e-6
-_SEARCH_STEP = 0.2
-_SAME = 1e-3
 
 
 @dataclass(frozen=True)
 class NearestPoint:
-    """The nearest point of the orbit to a frame."""
+    """The nearest point of the orbit to a frame.
+
+    arc: arc length from the start of the orbit [rad]; NaN where no rotor at all is known.
+    information: information on the arc in units of that of a noise of 1 rad [1]: 1 if all rotors
+        are seen. The standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6
+        the arc is not fitted, but is where it was looked for.
+    misfit: root mean square of what is left of the rotors about the wall [rad], NaN for one or
+        none. It estimates sigma: the sum of squares is divided by one less than the number of
+        rotors.
+    lead: how much likelier the arc is than the next best one elsewhere on the orbit [1]. It is the
+        difference of sum_n cos(phi_n - Phi_n); divided by sigma^2, the logarithm of the odds. A
+        flipper whose edge rotor is not seen may have toggled it or not: then it is near 0.
+        Infinite where nothing else comes close; NaN from `fit_near`, which does not look
+        elsewhere.
+    """
 
     arc: float
-    """Arc length from the start of the cycle [rad]; NaN where no rotor at all is known."""
     information: float
-    """Information on the arc in units of that of a noise of 1 rad [1]: 1 if all rotors are seen.
-
-    The standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6 the arc is
-    not fitted, but is where it was looked for.
-    """
     misfit: float
-    """Root mean square of what is left of the rotors about the wall [rad], NaN for one or none.
-
-    It estimates sigma: the sum of squares is divided by one less than the number of rotors.
-    """
     lead: float = math.nan
-    """How much likelier the arc is than the next best one elsewhere on the cycle [1].
 
-    It is the difference of sum_n cos(phi_n - Phi_n); divided by sigma^2, the logarithm of the
-    odds. A flipper whose edge rotor is not seen may have toggled it or not: then it is near 0.
-    Infinite where nothing else comes close; NaN from `fit_near`, which does not look elsewhere.
+
+class Recognition(NamedTuple):
+    """Which point of the orbit, or of its image upside down, a frame shows.
+
+    arc: arc length from the start of the orbit [rad]; NaN where no rotor tells it.
+    upside_down: whether it is the image phi -> pi - phi.
+    misfit: root mean square of what is left of all rotors that are known [rad]; else infinite.
     """
 
+    arc: float
+    upside_down: bool
+    misfit: float
 
-def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
+
+def fit_near(
+    orbit: Orbit, angles: Array, arc: float, settings: SearchSettings = DEFAULTS.search
+) -> NearestPoint:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
 
     Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
     with differences counted from -pi to pi; after the first step divided by the slope that the
     last one met, which the curvature of the orbit makes other than 1 in a frame off the orbit.
-    The arc may leave the range of one cycle, so that a series of fits counts cycles. Raises
+    The arc may leave the range of one round, so that a series of fits counts cycles. Raises
     ValueError for angles of another shape or infinite ones, and for an arc that is not finite.
     """
     if not math.isfinite(arc):
         raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
-    return _fit_near(orbit, _checked(orbit, angles), arc)
+    return _fit_near(orbit, _checked(orbit, angles), arc, settings)
 
 
-def fit_anywhere(orbit: Orbit, angles: Array) -> NearestPoint:
+def fit_anywhere(
+    orbit: Orbit, angles: Array, settings: SearchSettings = DEFAULTS.search
+) -> NearestPoint:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
 
     Finds the largest likeness sum_n cos(phi_n - Phi_n(s)), which is blind to whole turns, along
-    the cycle, and refines it and the next largest. Where the wall is, to within what a wall is
+    the orbit, and refines it and the next largest. Where the wall is, to within what a wall is
     wide, is first told by the rotors that are uniform on either side of it: O(N). The arc is
-    from 0 to that of the whole cycle; of frames without any known angle it is NaN, and the
+    from 0 to that of the whole orbit; of frames without any known angle it is NaN, and the
     information 0. Raises ValueError for angles of another shape or infinite ones.
     """
     frame = _checked(orbit, angles)
     if np.isnan(frame).all():
         return NearestPoint(math.nan, 0.0, math.nan)
-    search = _Search(orbit, frame)
+    search = _Search(orbit, frame, settings)
     fits: list[NearestPoint] = []
     for arc in search.peaks():
-        fit = _fit_near(orbit, frame, arc)
-        if not any(abs(math.remainder(fit.arc - it.arc, orbit.length)) < _SAME for it in fits):
+        fit = _fit_near(orbit, frame, arc, settings)
+        apart = [abs(math.remainder(fit.arc - it.arc, orbit.length)) for it in fits]
+        if not any(each < settings.same_arc for each in apart):
             fits.append(fit)
         if len(fits) == 2:
             break
@@ -93,20 +103,56 @@ def fit_anywhere(orbit: Orbit, angles: Array) -> NearestPoint:
     return replace(fits[best], arc=fits[best].arc % orbit.length, lead=lead)
 
 
-def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
+def recognise(
+    orbit: Orbit,
+    angles: Array,
+    upside_down: tuple[bool, ...] = (False, True),
+    settings: SearchSettings = DEFAULTS.search,
+) -> Recognition:
+    """Search the orbit and its image upside down, or one of them, for a frame as `fit_anywhere`.
+
+    Angles [rad], shape (N,), NaN where unknown.
+    """
+    found = [_searched(orbit, angles, each, settings) for each in upside_down]
+    return min(found, key=lambda each: each.misfit)
+
+
+def misfit_of_all(orbit: Orbit, angles: Array, arc: float) -> float:
+    """Root mean square of what the orbit leaves of all rotors that are known [rad]."""
+    left = wrapped(angles - orbit.configuration(arc))
+    return math.sqrt(float(np.nanmean(left**2)))
+
+
+def righted(angles: Array, upside_down: bool) -> Array:
+    """Angles of the chain as it would be if assembled as its orbit is [rad], shape (N,)."""
+    return math.pi - angles if upside_down else angles
+
+
+def _searched(
+    orbit: Orbit, angles: Array, upside_down: bool, settings: SearchSettings
+) -> Recognition:
+    shown = righted(angles, upside_down)
+    fit = fit_anywhere(orbit, shown, settings)
+    if fit.information == 0:
+        return Recognition(math.nan, upside_down, math.inf)
+    return Recognition(fit.arc, upside_down, misfit_of_all(orbit, shown, fit.arc))
+
+
+def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:
+    longest, least_slope = settings.longest_step, settings.least_slope
     ahead_before, step = 0.0, 0.0
-    for _ in range(_ITERATIONS):
+    for _ in range(settings.iterations):
         difference, tangent = _compared(frame, orbit.stretch(arc))
         information = float(tangent @ tangent)
-        if information < _UNSEEN:
+        if information < settings.least_information:
             break
         ahead = float(tangent @ difference) / information
         slope = (ahead_before - ahead) / step if step else 1.0
-        step = ahead / min(max(slope, _LEAST_SLOPE), 1 / _LEAST_SLOPE)
-        step = min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        step = ahead / min(max(slope, least_slope), 1 / least_slope)
+        step = min(max(step, -longest), longest)
         arc += step
         ahead_before = ahead
-        if abs(step) < _ENOUGH:
+        if abs(step) < settings.close:
             break
     squares, known = float(difference @ difference), len(difference)
     return NearestPoint(
@@ -142,10 +188,11 @@ def _checked(orbit: Orbit, angles: Array) -> Array:
 
 
 class _Search:
-    """Likeness of a frame to the configurations of a cycle."""
+    """Likeness of a frame to the configurations of an orbit."""
 
-    def __init__(self, orbit: Orbit, frame: Array) -> None:
+    def __init__(self, orbit: Orbit, frame: Array, settings: SearchSettings) -> None:
         self._orbit = orbit
+        self._longest_step = settings.search_step
         self._frame = frame
         self._before, self._beyond = [], []
         for leg in range(orbit.number_of_legs):
@@ -176,7 +223,7 @@ class _Search:
         sums = np.array(self._before) + np.array(self._beyond)
         place = int(np.argmax(sums.max(axis=0))) - 0.5
         depth = penetration_depth(orbit.chain) / orbit.chain.spacing
-        step = min(_SEARCH_STEP, max(depth, 1.0) * orbit.site_arc)
+        step = min(self._longest_step, max(depth, 1.0) * orbit.site_arc)
         arcs = []
         for leg in range(orbit.number_of_legs):
             begin, end = orbit.leg_arcs(leg)

@@ -7,15 +7,11 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation.loops.filter_arrays import filter_loops
-from soliton_linkage.estimation.loops.frame_arrays import median
+from soliton_linkage.estimation.loops import frame_loops
+from soliton_linkage.estimation.robust import DEVIATION_PER_MEDIAN, median
+from soliton_linkage.estimation.settings import DEFAULTS, NoiseSettings
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
-
-_MEMORY = 1000
-_SLOWEST_FRAMES = 0.5
-_UNEVEN = 0.1
-_DEVIATION_PER_MEDIAN = 1.4826
 
 
 class RateNoise:
@@ -28,10 +24,10 @@ class RateNoise:
     phonons: then it is taken to be 0.
     """
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
         """Begin without any frame."""
-        self._loops = filter_loops()
-        self._longest = _SLOWEST_FRAMES / band_edges(chain)[1]
+        self._settings = settings
+        self._longest = settings.slowest_frames / band_edges(chain)[1]
         self.restart()
 
     def restart(self) -> None:
@@ -43,7 +39,7 @@ class RateNoise:
     @property
     def deviation(self) -> float:
         """Standard deviation of the noise [rad/s], 0 where it cannot be told."""
-        return _DEVIATION_PER_MEDIAN / math.sqrt(6) * self._median
+        return DEVIATION_PER_MEDIAN / math.sqrt(6) * self._median
 
     def update(self, time: float, rates: Array) -> None:
         """Take in the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
@@ -52,11 +48,12 @@ class RateNoise:
         if before is None or self._before is None:
             return
         first, second = self._before[0] - before[0], time - self._before[0]
-        if max(first, second) > self._longest or abs(first - second) > _UNEVEN * first:
+        uneven = abs(first - second) > self._settings.unevenness * first
+        if uneven or max(first, second) > self._longest:
             return
         changes = np.empty_like(row)
-        known = self._loops.known_changes(before[1], self._before[1], row, changes)
+        known = frame_loops.known_changes(before[1], self._before[1], row, changes)
         if known == 0:
             return
-        self._frames = min(self._frames + 1, _MEMORY)
+        self._frames = min(self._frames + 1, self._settings.rate_memory)
         self._median += (median(changes[:known]) - self._median) / self._frames

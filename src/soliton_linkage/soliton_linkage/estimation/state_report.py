@@ -12,35 +12,38 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from soliton_linkage.estimation.loops.frame_arrays import frame_loops, sines_of
+from soliton_linkage.estimation.loops import state_loops
+from soliton_linkage.estimation.loops.frame_loops import Flags, sines_of
+from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
 
-Flags = NDArray[np.bool_]
-
-_REACH_IN_DEPTHS = 8
-_REACH_BESIDE = 3
-_DOMAIN = 0.5
 _LEAST_LOGARITHM = -600.0
+"""Logarithm of a square of the zero mode [1], over the largest, below which it is as good as 0."""
 _TINY = float(np.finfo(np.float64).tiny)
+"""Smallest number that is not subnormal [1], which keeps quotients finite."""
 
 
 @dataclass(frozen=True)
 class Energies:
-    """Where the energy of a state is [J]; NaN for all that takes rates where they are unknown."""
+    """Where the energy of a state is [J]; NaN for all that takes rates where they are unknown.
+
+    kinetic: energy of the rotors that move.
+    elastic: energy of the springs.
+    kinetic_wake: part of the kinetic energy that is out of reach of every wall.
+    elastic_wake: part of the elastic energy that is out of reach of every wall.
+    kinetic_deviation: standard deviation of the kinetic energy, from noise and what is hidden.
+    elastic_deviation: standard deviation of the elastic energy, from noise and what is hidden.
+    """
 
     kinetic: float
     elastic: float
     kinetic_wake: float
-    """Part of the kinetic energy that is out of reach of every wall."""
     elastic_wake: float
-    """Part of the elastic energy that is out of reach of every wall."""
     kinetic_deviation: float
-    """Standard deviation of the kinetic energy, from noise and what is hidden."""
     elastic_deviation: float
-    """Standard deviation of the elastic energy, from noise and what is hidden."""
 
     @property
     def whole(self) -> float:
@@ -60,50 +63,59 @@ class Energies:
 
 @dataclass(frozen=True)
 class Topology:
-    """Polarisations, winding numbers, charge and zero mode of a state."""
+    """Polarisations, winding numbers, charge and zero mode of a state.
+
+    polarisations: means before the first wall and beyond the last, +1 leaning right, -1 leaning
+        left.
+    winding_numbers: of the uniform states that these sides are in; they differ by the charge.
+    charge: walls of charge +1 less those of -1.
+    mode_centre: where the zero mode sits [rotor spacings].
+    """
 
     polarisations: tuple[float, float]
-    """Means before the first wall and beyond the last, +1 leaning right, -1 leaning left."""
     winding_numbers: tuple[int, int]
-    """Of the uniform states that these sides are in; they differ by the charge."""
     charge: int
-    """Walls of charge +1 less those of -1."""
     mode_centre: float
-    """Where the zero mode sits [rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class EdgeRotors:
-    """States of the first and the last rotor."""
+    """States of the first and the last rotor.
+
+    toggled: whether each has toggled, against the left-leaning state; None for spinners.
+    turns: turns that each has made from a uniform state [1]; NaN for flippers.
+    """
 
     toggled: tuple[bool, bool] | None
-    """Whether each has toggled, against the left-leaning state; None for spinners."""
     turns: tuple[float, float]
-    """Turns that each has made from a uniform state [1]; NaN for flippers."""
 
 
 @dataclass(frozen=True)
 class FrameErrors:
-    """What is known of the errors of a frame."""
+    """What is known of the errors of a frame.
+
+    noise: standard deviation of the angles [rad].
+    rate_noise: standard deviation of the rates [rad/s].
+    lasting: root mean square of what the orbit leaves of the angles beside the noise [rad].
+    unseen: rotors that were not seen, whose angles and rates are the orbit's, shape (N,).
+    """
 
     noise: float = 0.0
-    """Standard deviation of the angles [rad]."""
     rate_noise: float = 0.0
-    """Standard deviation of the rates [rad/s]."""
     lasting: float = 0.0
-    """Root mean square of what the orbit leaves of the angles beside the noise [rad]."""
     unseen: Flags | None = None
-    """Rotors that were not seen, whose angles and rates are the orbit's, shape (N,)."""
 
 
 @dataclass(frozen=True)
 class ArcRate:
-    """How fast a chain goes along its orbit, for want of the rates of its rotors."""
+    """How fast a chain goes along its orbit, for want of the rates of its rotors.
+
+    rate: of the arc length [rad/s].
+    deviation: standard deviation of the rate [rad/s].
+    """
 
     rate: float
-    """Of the arc length [rad/s]."""
     deviation: float = 0.0
-    """Standard deviation of the rate [rad/s]."""
 
 
 EXACT = FrameErrors()
@@ -120,7 +132,7 @@ class FrameState:
         self.sines = sines_of(self.angles)
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
-        self.twists, self.upright = frame_loops().springs(
+        self.twists, self.upright = state_loops.springs(
             self.sines.sines,
             self.sines.cosines,
             chain.spring_parameters,
@@ -159,14 +171,15 @@ class FrameState:
         return np.asarray(modes / modes.sum())
 
 
-def energy_reach(chain: Chain) -> float:
+def energy_reach(chain: Chain, settings: ReportSettings = DEFAULTS.report) -> float:
     """Distance from a wall beyond which energy is its wake [rotor spacings], 8 ell / a + 3.
 
     The energy of a moving wall falls as the square of its tails, e^(-2 x / ell), or faster where
     speed has contracted it: no more than e^-16 is beyond. Near d = 1, where ell vanishes, the
     core alone is wider; 3 spacings hold it.
     """
-    return _REACH_IN_DEPTHS * penetration_depth(chain) / chain.spacing + _REACH_BESIDE
+    depth = penetration_depth(chain) / chain.spacing
+    return settings.reach_in_depths * depth + settings.reach_beside
 
 
 class StateReporter:
@@ -175,16 +188,16 @@ class StateReporter:
     Places of walls are in rotor spacings, of shape () or (W,), NaN or empty without a wall.
     """
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, settings: ReportSettings = DEFAULTS.report) -> None:
         """Work out what all states have in common."""
         self.chain = chain
-        self._reach = energy_reach(chain)
+        self._reach = energy_reach(chain, settings)
+        self._domain = settings.domain
         self._half_stiffnesses = 0.5 * chain.stiffnesses
         self._half_inertias = 0.5 * chain.moments_of_inertia
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
-        self._loops = frame_loops()
         self._last_sign = 1 if chain.number_of_rotors % 2 else -1
 
     def energies(
@@ -231,8 +244,8 @@ class StateReporter:
         first, last = (min(walls), max(walls)) if walls else (math.inf, -math.inf)
         before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
         beyond = math.ceil(max(min(last - 0.5, bonds - 1.0), 0.0))
-        left, right, at_first, at_last, centre = self._loops.topology(
-            state.springs, before, beyond, _DOMAIN * self._uniform
+        left, right, at_first, at_last, centre = state_loops.topology(
+            state.springs, before, beyond, self._domain * self._uniform
         )
         means = left / (before * self._uniform), right / ((bonds - beyond) * self._uniform)
         windings = self._windings[means[0] > 0], self._windings[means[1] > 0]
@@ -287,7 +300,7 @@ class StateReporter:
             hidden = float(noisy[unseen].sum()) * errors.rate_noise**2
             noisy = np.where(unseen, 0.0, noisy)
         variance = errors.rate_noise**2
-        whole, wake, known, squares = self._loops.kinetic(
+        whole, wake, known, squares = state_loops.kinetic(
             self._half_inertias, noisy, measured, variance, walls, self._reach
         )
         if not math.isfinite(whole):
@@ -310,7 +323,7 @@ class StateReporter:
             seen = ~unseen
             left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
         variance = errors.noise**2
-        whole, wake, squares, pulling = self._loops.elastic(
+        whole, wake, squares, pulling = state_loops.elastic(
             state.springs, half, left, right, self.chain.periodic, variance, walls, self._reach
         )
         excess = max(pulling - variance * squares, 0.0)

@@ -20,48 +20,27 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from soliton_linkage.estimation.loops.frame_arrays import frame_loops
+from soliton_linkage.estimation.loops.width_loops import contraction_sums
+from soliton_linkage.estimation.settings import DEFAULTS, WidthSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage.solitons.static_wall import static_wall
 
-_DEPTHS_BESIDE = 14
-_ROTORS_BESIDE = 6
-_SAMPLES = 32
-_STEPS = 128
-_DEGREE = 5
-_SPAN = 6
-_CLEAR = 2
-_ITERATIONS = 12
-_CLOSE = 0.02
-_CLOSEST = 1e-5
-_LONGEST_STEP = 0.5
-_STRONGEST = math.log(8)
-_DEGENERATE = 1e-12
-_COARSEST = math.log(1.5)
-_ROUGH = 0.03
-_FINEST = 1e-6
-_FADE = math.exp(-1 / 5)
-_LONG_FADE = math.exp(-1 / 30)
-_FEWEST = 2.5
-_TYPICAL = 0.01
-_SIGNIFICANT = 2.5
-_CONTRADICTION = 6.0
-_MOST_ALIKE = 0.95
-_WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-
 
 class Contraction(NamedTuple):
-    """How many times narrower a wall is than at rest; NaN where it cannot be told."""
+    """How many times narrower a wall is than at rest; NaN where it cannot be told.
+
+    logarithm: of the contraction gamma [1].
+    deviation: standard deviation of the logarithm, the relative one of gamma [1]; infinite if
+        unknown.
+    place: place of the wall that goes with it [rotor spacings].
+    """
 
     logarithm: float
-    """Of the contraction gamma [1]."""
     deviation: float
-    """Standard deviation of the logarithm, the relative one of gamma [1]; infinite if unknown."""
     place: float
-    """Place of the wall that goes with it [rotor spacings]."""
 
     @property
     def factor(self) -> float:
@@ -73,18 +52,21 @@ UNTOLD = Contraction(math.nan, math.inf, math.nan)
 
 
 class Width(NamedTuple):
-    """Width w of a wall tanh(x / w); NaN where it cannot be told."""
+    """Width w of a wall tanh(x / w); NaN where it cannot be told.
+
+    measured: width at rest in the continuum over the measured contraction [m]; NaN from d = 2 to
+        d_c.
+    deviation: standard deviation of what is measured [m].
+    theory: width of the continuum theory at the wall's speed [m]; NaN from the speed of sound on.
+    contraction: how many times narrower than at rest the wall is, gamma [1].
+    contraction_deviation: standard deviation of the contraction [1].
+    """
 
     measured: float
-    """Width at rest in the continuum over the measured contraction [m]; NaN from d = 2 to d_c."""
     deviation: float
-    """Standard deviation of what is measured [m]."""
     theory: float
-    """Width of the continuum theory at the wall's speed [m]; NaN from the speed of sound on."""
     contraction: float
-    """How many times narrower than at rest the wall is, gamma [1]."""
     contraction_deviation: float
-    """Standard deviation of the contraction [1]."""
 
 
 class WallFamily:
@@ -93,43 +75,44 @@ class WallFamily:
     Deviations of the chain do not count. Raises ValueError as `static_wall` does.
     """
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
         """Tabulate the wall at rest, for even and odd rotors and every way of turning over."""
         self.chain = chain
+        self.settings = settings
         depth = penetration_depth(chain) / chain.spacing
         self._scale = max(depth, 1.0)
-        self._clear = _CLEAR * max(depth, chain.wall_width / chain.spacing)
-        self._step = self._scale / _STEPS
-        self._half = math.floor((_DEPTHS_BESIDE * depth + _ROTORS_BESIDE) / self._step)
+        self._clear = settings.clear * max(depth, chain.wall_width / chain.spacing)
+        self._step = self._scale / settings.steps
+        beside = settings.depths_beside * depth + settings.rotors_beside
+        self._half = math.floor(beside / self._step)
         legs = 2 if chain.motion is Motion.SPINNER else 1
         self._tables = [self._table(leg) for leg in range(legs)]
-        self._loops = frame_loops()
-        odd = np.arange(chain.number_of_rotors) % 2
-        self._offsets = (self._half + odd * (2 * self._half + 1)).astype(np.float64)
 
     def fit(
         self, angles: Array, place: float, leg: int, noise: float, logarithm: float = 0.0
     ) -> Contraction:
         """Contraction of the wall of one frame, near a place and a logarithm of gamma.
 
-        Angles [rad] are those of a chain as the cycle has it, shape (N,), NaN where unknown,
-        with independent noise [rad]; the leg is that of the cycle. Gauss and Newton's method.
+        Angles [rad] are those of a chain as the orbit has it, shape (N,), NaN where unknown,
+        with independent noise [rad]; the leg is that of the orbit. Gauss and Newton's method.
         Nothing is told of a wall that is nearer to an edge than two of its widths or decay
         lengths, nor where the standard deviation would be more than a factor of 1.5.
         """
-        centre, last, share = place, 0.0, 1.0
-        for _ in range(_ITERATIONS):
+        settings = self.settings
+        centre, last, share, longest = place, 0.0, 1.0, settings.longest_step
+        for _ in range(settings.iterations):
             step = self.step(angles, centre, leg, logarithm)
-            if not noise * step.deviation < _COARSEST:
+            if not noise * step.deviation < settings.coarsest:
                 return UNTOLD
             # Where steps go to and fro they are too long.
             share *= 0.6 if step.contracted * last < -0.5 * last**2 else 1.0
             last = step.contracted
-            centre += share * min(max(step.ahead, -_LONGEST_STEP), _LONGEST_STEP)
-            logarithm += share * min(max(step.contracted, -_LONGEST_STEP), _LONGEST_STEP)
-            if abs(centre - place) > 1 + self._scale or abs(logarithm) > _STRONGEST:
+            centre += share * min(max(step.ahead, -longest), longest)
+            logarithm += share * min(max(step.contracted, -longest), longest)
+            if abs(centre - place) > 1 + self._scale or abs(logarithm) > settings.strongest:
                 return UNTOLD
-            if abs(step.contracted) <= max(_CLOSE * noise * step.deviation, _CLOSEST):
+            close = max(settings.close * noise * step.deviation, settings.closest)
+            if abs(step.contracted) <= close:
                 return Contraction(logarithm, noise * step.deviation, centre)
         return UNTOLD
 
@@ -141,21 +124,19 @@ class WallFamily:
         last = self.chain.number_of_rotors - 1
         if not self._clear <= centre <= last - self._clear:
             return _NO_STEP
-        span = _SPAN * self._scale + 2
+        span = self.settings.span * self._scale + 2
         gamma = math.exp(logarithm)
-        places, both, logs, of_place, of_log = self._loops.contraction_sums(
+        places, both, logs, of_place, of_log = contraction_sums(
             np.ascontiguousarray(angles, dtype=np.float64),
             self._tables[leg % len(self._tables)],
-            self._offsets,
             max(math.ceil(centre - span), 1),
             min(math.floor(centre + span) + 1, last),
             centre,
             gamma,
             self._step,
-            self._half,
         )
         determinant = places * logs - both * both
-        if not determinant > _DEGENERATE * places * logs:
+        if not determinant > self.settings.degenerate * places * logs:
             return _NO_STEP
         return ContractionStep(
             ahead=(logs * of_place - both * of_log) / (determinant * gamma),
@@ -169,7 +150,7 @@ class WallFamily:
         window = replace(
             self.chain, number_of_rotors=2 * beside + 6, periodic=False, deviations=NO_DEVIATIONS
         )
-        count = max(round(2 * _SAMPLES / self._scale), 1)
+        count = max(round(2 * self.settings.samples / self._scale), 1)
         places = beside + 2 + 2 * (np.arange(count) + 0.5) / count - 1
         walls = np.array([static_wall(window, float(place), leg) for place in places])
         grid = self._step * np.arange(-self._half, self._half + 1)
@@ -179,7 +160,7 @@ class WallFamily:
             distances = (places[:, None] - rotors).ravel()
             order = np.argsort(distances)
             angles = np.unwrap(walls[:, rotors].ravel()[order])
-            spline = make_interp_spline(distances[order], angles, k=_DEGREE)
+            spline = make_interp_spline(distances[order], angles, k=self.settings.degree)
             halves.append(np.array([spline(grid, nu=nu) for nu in range(3)]))
         return np.ascontiguousarray(np.concatenate(halves, axis=1))
 
@@ -196,6 +177,7 @@ class ContractionStep(NamedTuple):
 
 
 _NO_STEP = ContractionStep(0.0, 0.0, math.inf)
+"""Of a frame that tells nothing."""
 
 
 class ContractionMean:
@@ -210,7 +192,9 @@ class ContractionMean:
     def __init__(self, family: WallFamily) -> None:
         """Wait for the first frame."""
         self._family = family
-        self._scatter = PassageScatter()
+        self._settings = family.settings
+        self._fade = math.exp(-1 / self._settings.memory)
+        self._scatter = PassageScatter(self._settings)
         self.restart()
 
     def restart(self) -> None:
@@ -235,15 +219,15 @@ class ContractionMean:
             self._pass()
             self._anchor = place
         mean = self.mean
-        if mean.deviation > _ROUGH:
+        if mean.deviation > self._settings.rough:
             fit = self._family.fit(angles, place, leg, noise)
             value, deviation = fit.logarithm, fit.deviation
         else:
             step = self._family.step(angles, place, leg, mean.logarithm)
             value, deviation = mean.logarithm + step.contracted, noise * step.deviation
-        if not deviation < _COARSEST:
+        if not deviation < self._settings.coarsest:
             return UNTOLD
-        self._passage.add(value, max(deviation, _FINEST))
+        self._passage.add(value, max(deviation, self._settings.least_deviation))
         self._mean = None
         found = self.mean
         return Contraction(found.logarithm, found.deviation, place)
@@ -273,11 +257,11 @@ class ContractionMean:
         if self._before.weight:
             noise = 1 / done.weight + self._before.noise_variance
             allowed = noise + (1 + self._before.share) * self._scatter.variance
-            if (done.mean - self._before.mean) ** 2 > _CONTRADICTION**2 * allowed:
+            if (done.mean - self._before.mean) ** 2 > self._settings.contradiction**2 * allowed:
                 self._before = _NOTHING
                 self._scatter.restart()
         self._scatter.update(done)
-        self._before = self._before.faded(_FADE).plus(done.mean, done.weight)
+        self._before = self._before.faded(self._fade).plus(done.mean, done.weight)
 
 
 class RotorPassage:
@@ -350,6 +334,7 @@ class _Sums(NamedTuple):
 
 
 _NOTHING = _Sums(0.0, 0.0, 0.0, 0.0)
+"""Of no passage."""
 
 
 class PassageScatter:
@@ -362,11 +347,13 @@ class PassageScatter:
 
     What repeats with every rotor, and so in every passage, makes means with and without weights
     disagree. Either counts where it is more than chance; until three passages are over tau is
-    taken for 0.01.
+    taken for a typical one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: WidthSettings = DEFAULTS.width) -> None:
         """Begin without passages."""
+        self._settings = settings
+        self._fade = math.exp(-1 / settings.long_memory)
         self._excess = self._product = self._shares = self._ratio = self._count = 0.0
         self._disagreement = self._disagreement_variance = self._passages = 0.0
         self.restart()
@@ -382,18 +369,18 @@ class PassageScatter:
         if self._slow.weight:
             apart = done.mean - self._slow.mean
             noise = 1 / done.weight + self._slow.noise_variance
-            self._excess = _LONG_FADE * self._excess + apart**2 - noise
-            self._product = _LONG_FADE * self._product + apart * self._last
-            self._shares = _LONG_FADE * self._shares + 1 + self._slow.share
-            self._ratio = _LONG_FADE * self._ratio + apart**2 / noise
-            self._count = _LONG_FADE * self._count + 1
+            self._excess = self._fade * self._excess + apart**2 - noise
+            self._product = self._fade * self._product + apart * self._last
+            self._shares = self._fade * self._shares + 1 + self._slow.share
+            self._ratio = self._fade * self._ratio + apart**2 / noise
+            self._count = self._fade * self._count + 1
             self._last = apart
-        self._disagreement = _LONG_FADE * self._disagreement + done.disagreement
+        self._disagreement = self._fade * self._disagreement + done.disagreement
         self._disagreement_variance = (
-            _LONG_FADE**2 * self._disagreement_variance + done.disagreement_variance
+            self._fade**2 * self._disagreement_variance + done.disagreement_variance
         )
-        self._passages = _LONG_FADE * self._passages + 1
-        self._slow = self._slow.faded(_LONG_FADE).plus(done.mean, done.weight)
+        self._passages = self._fade * self._passages + 1
+        self._slow = self._slow.faded(self._fade).plus(done.mean, done.weight)
         self._summarise()
 
     def variance_of_mean(self, share: float) -> float:
@@ -408,22 +395,25 @@ class PassageScatter:
         self._repeated = self._in_all()
 
     def _variance(self) -> float:
-        if self._count < _FEWEST:
-            return _TYPICAL**2
-        if self._ratio < self._count + _SIGNIFICANT * math.sqrt(2 * self._count):
+        settings = self._settings
+        if self._count < settings.fewest_passages:
+            return settings.typical_scatter**2
+        if self._ratio < self._count + settings.significance * math.sqrt(2 * self._count):
             return 0.0
         return max(self._excess / self._shares, 0.0)
 
     def _together(self) -> float:
         """Number of passages that go together, (1 + rho) / (1 - rho)."""
-        if self._count < _FEWEST or self._product <= 0:
+        if self._count < self._settings.fewest_passages or self._product <= 0:
             return 1.0
-        rho = min(self._product / max(self._excess, self._product), _MOST_ALIKE)
+        rho = self._product / max(self._excess, self._product)
+        rho = min(rho, self._settings.most_alike)
         return (1 + rho) / (1 - rho)
 
     def _in_all(self) -> float:
         """Square of the disagreement of means with and without weights, beyond chance."""
-        if self._disagreement**2 <= _SIGNIFICANT**2 * self._disagreement_variance:
+        by_chance = self._settings.significance**2 * self._disagreement_variance
+        if self._disagreement**2 <= by_chance:
             return 0.0
         return (self._disagreement / self._passages) ** 2
 
@@ -431,13 +421,13 @@ class PassageScatter:
 class WidthReporter:
     """Reports the width of the wall of a chain, frame by frame, beside that of the theory."""
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
         """Tabulate the walls; raises ValueError as `static_wall` does."""
         theory = wall_theory(chain)
         self._speed_of_sound = theory.speed_of_sound
-        self._mean = ContractionMean(WallFamily(chain))
+        self._mean = ContractionMean(WallFamily(chain, settings))
         undefined = chain.motion is not Motion.SPINNER
-        undefined &= chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
+        undefined &= chain.lean_ratio >= settings.widest_lean_ratio
         self._at_rest = math.nan if undefined else theory.width()
 
     def restart(self) -> None:

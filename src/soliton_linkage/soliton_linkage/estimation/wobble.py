@@ -8,56 +8,49 @@ for its noise.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soliton_linkage.estimation.loops.tail_arrays import tail_loops
-from soliton_linkage.estimation.state_report import energy_reach
+from soliton_linkage.estimation.loops import wobble_loops
+from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings
 from soliton_linkage.linkage.chain import Array, Chain, Motion
-from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.solitons.continuum import exact_tail
-from soliton_linkage.solitons.static_wall import static_wall
-
-_FLAT = 1e-3
-_ROUNDING = 1e-12
-_CERTAIN = 3.0
-_COARSEST = 0.2
+from soliton_linkage.solitons.tail import exact_tail
 
 
 @dataclass(frozen=True)
 class Wobble:
-    """How rotors beside a wall deviate from the uniform states; NaN where it cannot be told."""
+    """How rotors beside a wall deviate from the uniform states; NaN where it cannot be told.
+
+    amplitudes: overshoot of |u| beyond ub [m] before the wall and beyond it, each of one rotor. It
+        is the rotor that leans the most where the wall is at rest; without wobble, d <= 1, the
+        nearest that is at rest to within the noise.
+    amplitude_deviations: standard deviations of the amplitudes [m].
+    rest_amplitudes: the same overshoots for a wall at rest [m].
+    tail_ratio: deviation of a rotor over that of its inner neighbour in the tails [1].
+    tail_ratio_deviation: standard deviation of the ratio [1].
+    decay_length: distance over which the tails fall by e [m].
+    decay_length_deviation: standard deviation of the decay length [m].
+    wavelength: twice the distance of the zeros of the tails [m]; NaN where they do not change
+        sign.
+    wavelength_deviation: standard deviation of the wavelength [m].
+    exact_decay_length: theory's decay length, the penetration depth ell [m].
+    exact_wavelength: theory's wavelength [m]: 2 a for d > 1, else infinite.
+    """
 
     amplitudes: tuple[float, float]
-    """Overshoot of |u| beyond ub [m] before the wall and beyond it, each of one rotor.
-
-    It is the rotor that leans the most where the wall is at rest; without wobble, d <= 1, the
-    nearest that is at rest to within the noise.
-    """
     amplitude_deviations: tuple[float, float]
-    """Standard deviations of the amplitudes [m]."""
     rest_amplitudes: tuple[float, float]
-    """The same overshoots for a wall at rest [m]."""
     tail_ratio: float
-    """Deviation of a rotor over that of its inner neighbour in the tails [1]."""
     tail_ratio_deviation: float
-    """Standard deviation of the ratio [1]."""
     decay_length: float
-    """Distance over which the tails fall by e [m]."""
     decay_length_deviation: float
-    """Standard deviation of the decay length [m]."""
     wavelength: float
-    """Twice the distance of the zeros of the tails [m]; NaN where they do not change sign."""
     wavelength_deviation: float
-    """Standard deviation of the wavelength [m]."""
     exact_decay_length: float
-    """Theory's decay length, the penetration depth ell [m]."""
     exact_wavelength: float
-    """Theory's wavelength [m]: 2 a for d > 1, else infinite."""
 
     @property
     def amplitude(self) -> float:
@@ -86,53 +79,23 @@ class RestingWall(NamedTuple):
     first: int
     """Number of the first rotor."""
     angles: Array
-    """Actual angles [rad], shape (n,), up to whole turns; as the cycle has them, which the state
+    """Actual angles [rad], shape (n,), up to whole turns; as the orbit has them, which the state
     may be upside down."""
     place: float
     """Place of the wall [rotor spacings]."""
 
 
-def wall_at(chain: Chain, place: float) -> RestingWall:
-    """RestingWall at rest at a place [rotor spacings], half a spacing or more from both ends.
-
-    Without deviations, and with edge rotors that have not toggled. Raises ValueError for a place
-    nearer to an end, and as `static_wall` does.
-    """
-    last_place = chain.number_of_rotors - 1.5
-    if not 0.5 <= place <= last_place:
-        raise ValueError(
-            f'place = {place} must lie from 0.5 to the number of rotors less 1.5 = {last_place}; '
-            'take the wall at an edge from the cycle'
-        )
-    beside = math.ceil(energy_reach(chain))
-    nearest = round(place)
-    first, last = max(nearest - beside, 0), min(nearest + beside, chain.number_of_rotors - 1)
-    window = replace(
-        chain, number_of_rotors=2 * beside + 4, periodic=False, deviations=NO_DEVIATIONS
-    )
-    before = beside + 1 + (nearest - beside - 1) % 2
-    angles = static_wall(window, place - nearest + before)
-    shift = before - nearest
-    return RestingWall(first, angles[first + shift : last + shift + 1], place)
-
-
-def wall_on_orbit(orbit: UniformOrbit, arc: float) -> RestingWall:
-    """RestingWall at rest at an arc length [rad] of a cycle."""
-    about = orbit.stretch(arc)
-    return RestingWall(about.first, about.angles, orbit.place(arc))
-
-
 class WobbleReporter:
     """Reports the wobble of the states of a chain; what all have in common is kept."""
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, settings: WobbleSettings = DEFAULTS.wobble) -> None:
         """Work out what all states have in common."""
         self.chain = chain
+        self._settings = settings
         tail = exact_tail(chain)
         self._exact_decay_length = tail.decay_length
         self._exact_wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
         self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
-        self._loops = tail_loops()
 
     def wobble(
         self, angles: ArrayLike, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
@@ -152,23 +115,21 @@ class WobbleReporter:
     def of_frame(self, angles: Array, wall: RestingWall, noise: float, lasting: float) -> Wobble:
         """The same of angles that are known to be finite, contiguous and one a rotor."""
         chain, rest = self.chain, self.chain.rest_angle
-        noise = max(noise, _ROUNDING)
+        noise = max(noise, self._settings.least_noise)
         low = max(wall.first, 1)
         high = min(wall.first + len(wall.angles), chain.number_of_rotors - 1)
-        before, beyond, tails, zeros = self._loops.wobble(
+        middle = min(max(math.floor(wall.place) + 1, low), high)
+        spins = chain.motion is Motion.SPINNER
+        before, beyond, tails, zeros = wobble_loops.wobble(
+            self._settings.record,
             angles,
             np.ascontiguousarray(wall.angles),
-            wall.first,
-            low,
-            min(max(math.floor(wall.place) + 1, low), high),
-            high,
-            chain.motion is Motion.SPINNER,
-            rest,
-            chain.rotor_length,
-            chain.spacing / chain.rotor_length,
-            0.0 if chain.lean_ratio > 1 else max(noise, _FLAT * rest),
-            noise,
-            math.hypot(noise, lasting),
+            wobble_loops.Beside(wall.first, low, middle, high, spins),
+            rest_angle=rest,
+            length=chain.rotor_length,
+            k=chain.spacing / chain.rotor_length,
+            calm=0.0 if chain.lean_ratio > 1 else max(noise, self._settings.calm * rest),
+            errors=wobble_loops.AngleErrors(noise, math.hypot(noise, lasting)),
         )
         ratio, ratio_deviation = self._ratio + tails[0], tails[1]
         decay, decay_deviation = self._decay_length(ratio, ratio_deviation)
@@ -193,9 +154,9 @@ class WobbleReporter:
         no part in the choice.
         """
         known = abs(self._ratio)
-        if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
+        if not (known > self._settings.certain * deviation and 0 < abs(ratio) < 1):
             return math.nan, math.nan
-        if deviation > _COARSEST * known * abs(math.log(known)):
+        if deviation > self._settings.coarsest * known * abs(math.log(known)):
             return math.nan, math.nan
         length = -self.chain.spacing / math.log(abs(ratio))
         return length, length**2 * deviation / (self.chain.spacing * abs(ratio))

@@ -1,60 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tails of a wall tell, in numpy; `tail_kernels` compiles it.
-
-The functions of both modules are the same but for rounding. Frames are actual angles [rad],
-shape (N,), NaN where unknown, with their sines and cosines. Deviations e are those of the angle
-by which a rotor leans from that of the uniform state [rad].
-"""
+"""Naive twins, in numpy, of the loops over the tails of a wall: same arguments."""
 
 from __future__ import annotations
 
 import math
-from functools import cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from soliton_linkage.estimation.loops.tail_loops import Records
+from soliton_linkage.estimation.loops.wobble_loops import AngleErrors, Beside, Overshoot
 from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
 LEAST_LEVER = 1e-9
-FEWEST = 4
-LEANING = 3.0
-FINEST = 1e-6
-STRONGEST_FRAME = 10.0
-STRONGEST = 30.0
-FLAT = 0.02
-FLAT_IN_NOISE = 2.0
-NOISIEST = 0.15
-FREEDOM_OF_BEND = 0.1
-SPREAD = 1.2
-NEGLECTED = 0.01
-ABOVE_NOISE = 4.0
-LARGEST = 0.5
-BEND = 0.3
 NO_EVIDENCE = (math.nan, 0.0, math.nan)
 NOT_TOLD = (math.nan, math.nan, math.nan)
 
-_Overshoot = tuple[float, float, float]
-
-
-@cache
-def tail_loops() -> Any:
-    """Return the module `tail_kernels` or, where numba is absent, this one."""
-    try:
-        from soliton_linkage.estimation.loops import tail_kernels
-    except ImportError:
-        from soliton_linkage.estimation.loops import tail_arrays
-
-        return tail_arrays
-    return tail_kernels
-
 
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
-
-    There the means of sin(theta) before and beyond differ the most.
-    """
     known = np.where(np.isfinite(sines), sines, 0.0)
     if not len(known):
         return 0, 0.0, 0.0
@@ -68,11 +31,6 @@ def bond_of_wall(sines: Array) -> tuple[int, float, float]:
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> tuple[int, float, float, float, float]:
-    """Outer half of the rotors from the nearest to a wall to that at an edge, which is left out.
-
-    Returns how many of them are known, the sums of sin(theta) and cos(theta), their mean angle
-    theta [rad] and the sum of squares of what they differ from it [rad^2].
-    """
     way = 1 if edge > nearest else -1
     inner, outer = sorted((nearest + way * (abs(edge - nearest) // 2), edge - way))
     half = slice(inner, outer + 1)
@@ -95,11 +53,6 @@ def tail_products(
     flat: float,
     sums: Array,
 ) -> None:
-    """Add up products of (e, e^2, e' - F(e)) outwards from a wall, shape (3, 3).
-
-    The deviation e of a rotor is handed (theta - mean) [rad]; they count from the middle of the
-    wall on, as far as they are not flat, in the inner half of the rotors up to an edge.
-    """
     way, half = (1 if edge > nearest else -1), abs(edge - nearest) // 2
     first, last = sorted((nearest, nearest + way * half))
     theta = staggered(angles)[first : last + 1][::way]
@@ -119,20 +72,12 @@ def tail_products(
 def beside_wall(
     angles: Array,
     at_rest: Array,
-    first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
+    beside: Beside,
     rest_angle: float,
     expected: Array,
     measured: Array,
 ) -> None:
-    """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
-
-    They are of the rotors from low to high, before and beyond the middle, where the wall at
-    rest, with the angles of its rotors from the first on, has them and as they are measured.
-    """
+    first, low, middle, high, spins = beside
     rotors = np.arange(low, high)
     odd, beyond = rotors % 2, rotors >= middle
     handed = (1.0 - 2.0 * odd) * np.where(beyond & (not spins), -1.0, 1.0)
@@ -146,10 +91,6 @@ def beside_wall(
 
 
 def next_deviation(inner: Array, rest_angle: float, k: float) -> tuple[Array, Array]:
-    """Deviation F of the outer neighbour on relaxed bars [rad], k = a / r, and its slope [1].
-
-    See `motion_class.next_deviation`.
-    """
     lean, up = np.sin(rest_angle + inner), np.cos(rest_angle + inner)
     across = k + lean
     cosine = (math.cos(2 * rest_angle) - k * lean) / np.hypot(up, across)
@@ -162,7 +103,6 @@ def next_deviation(inner: Array, rest_angle: float, k: float) -> tuple[Array, Ar
 
 
 def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
-    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
     sizes = np.abs(expected)
     inside = (sizes > large).nonzero()[0]
     begin = int(inside[-1]) + 1 if len(inside) else 0
@@ -171,10 +111,6 @@ def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]
 
 
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
-
-    Without wobble, for calm > 0, it is the last rotor where none is calm.
-    """
     if calm == 0:
         return int(np.sin(rest_angle + expected).argmax())
     at_rest = np.abs(expected) < calm
@@ -184,7 +120,6 @@ def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
-    """Sums over a tail of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e times e before."""
     e, outer = measured[begin:end], measured[begin + 1 : end + 1]
     following, slopes = next_deviation(e, rest_angle, k)
     shares = slopes * e
@@ -198,32 +133,29 @@ def tail_sums(
 
 
 def evidence(
-    angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
+    settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Place, flipping and angle at rest of `MotionEvidence` of one frame; see there.
-
-    The noise is a lower bound [rad]. Tails, shape (2, 3, 3), are 0, and are set.
-    """
-    rotors = len(angles)
+    given = settings[0]
+    rotors, fewest = len(angles), given['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
-    if not FEWEST < bond < rotors - FEWEST:
+    if not fewest < bond < rotors - fewest:
         return NO_EVIDENCE
     left = uniform_part(angles, sines, cosines, bond - 1, 0)
     right = uniform_part(angles, sines, cosines, bond, rotors - 1)
     if min(left[0], right[0]) < 2:
         return NO_EVIDENCE
     spread = math.sqrt((left[4] + right[4]) / (left[0] + right[0] - 2))
-    noise = max(noise, spread, FINEST)
+    noise = max(noise, spread, given['least_noise'])
     leans = [math.sin(each[3]) * math.sqrt(each[0]) / noise for each in (left, right)]
-    if not (leans[0] * leans[1] < 0 and min(map(abs, leans)) > LEANING):
+    if not (leans[0] * leans[1] < 0 and min(map(abs, leans)) > given['leaning']):
         return NO_EVIDENCE
-    handed = _handed(left[1], left[2]), _handed(right[1], right[2])
-    _add_tail(angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
-    _add_tail(angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1])
-    lean = math.pi / 2 - (_steepness(left[3]) + _steepness(right[3])) / 2
+    handed = handed_of(left[1], left[2]), handed_of(right[1], right[2])
+    add_tail_of(given, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
+    add_tail_of(given, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1])
+    lean = math.pi / 2 - (steepness_of(left[3]) + steepness_of(right[3])) / 2
     crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left[0] + 1 / right[0])
-    return crossing, _flipping(left[3], right[3], variance), lean
+    return crossing, flipping_of(left[3], right[3], variance, given['strongest_frame']), lean
 
 
 def add_evidence(
@@ -233,44 +165,31 @@ def add_evidence(
     other_flipping: float,
     other_rest_angle: float,
     other_tails: Array,
+    strongest: float,
     sums: Array,
 ) -> tuple[float, float]:
-    """Flipping and angle at rest of two evidences together, and the sums of their tails.
-
-    Angles, NaN where unknown, weigh as much as the tails tell; never quite nothing.
-    """
     sums[:] = tails + other_tails
     each = ((tails, rest_angle), (other_tails, other_rest_angle))
     known = [(1e-300 + float(t[0, 0, 0] + t[1, 0, 0]), a) for t, a in each if math.isfinite(a)]
     whole = sum(weight for weight, _ in known)
     mean = sum(weight * angle for weight, angle in known) / whole if known else math.nan
-    return min(max(flipping + other_flipping, -STRONGEST), STRONGEST), mean
+    return min(max(flipping + other_flipping, -strongest), strongest), mean
 
 
-def tail_ratio(tails: Array, rest_angle: float) -> tuple[float, float]:
-    """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
-
-    Mean of both sides. Where they differ by more than they should, the deviation is as much
-    larger. What springs in motion may do to it counts as 0.01.
-    """
+def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
     sums: list[list[list[float]]] = tails.tolist()
-    sides = [_solved(each, rest_angle) for each in sums if each[0][0] > 0]
+    sides = [solved_of(each, rest_angle, settings[0]['bend']) for each in sums if each[0][0] > 0]
     if not sides:
         return math.nan, math.inf
     variance = 1 / sum(1 / of_side for _, of_side in sides)
     ratio = variance * sum(each / of_side for each, of_side in sides)
     apart = sum((each - ratio) ** 2 / of_side for each, of_side in sides)
-    return ratio, math.sqrt(variance * max(1.0, apart) + NEGLECTED**2)
+    return ratio, math.sqrt(variance * max(1.0, apart) + settings[0]['neglected'] ** 2)
 
 
 def half_wavelength(
-    measured: Array, begin: int, end: int, rest_angle: float, error: float
+    measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Distance of the zeros of a tail [rotor spacings] and its variance; NaN for none.
-
-    The tail is drawn straight from rotor to rotor, where it changes its sign at each. Weights
-    are those of the noise and of how far a large deviation moves a zero, 0.3 e / theta_bar.
-    """
     e: list[float] = measured[begin:end].tolist()
     start = max(len(e) - 1, 0)
     while start > 0 and e[start - 1] * e[start] < 0:
@@ -281,60 +200,52 @@ def half_wavelength(
     for n, (inner, outer) in enumerate(pairwise(e[start:])):
         step = inner - outer
         by_inner, by_outer = -outer / step**2, inner / step**2
-        bend = (BEND * inner / rest_angle) ** 2
-        weight = 1 / (error**2 * (by_inner**2 + by_outer**2) + bend)
-        zeros.append((n, n + inner / step, by_inner, by_outer, bend, weight))
+        bent = (bend * inner / rest_angle) ** 2
+        weight = 1 / (error**2 * (by_inner**2 + by_outer**2) + bent)
+        zeros.append((n, n + inner / step, by_inner, by_outer, bent, weight))
     whole = sum(weight for *_, weight in zeros)
     centre = sum(n * weight for n, *_, weight in zeros) / whole
     distance = scale = variance = of_rotor = 0.0
-    for n, zero, by_inner, by_outer, bend, weight in zeros:
+    for n, zero, by_inner, by_outer, bent, weight in zeros:
         share = (n - centre) * weight
         distance += share * zero
         scale += share * (n - centre)
-        variance += (error * (of_rotor + share * by_inner)) ** 2 + share**2 * bend
+        variance += (error * (of_rotor + share * by_inner)) ** 2 + share**2 * bent
         of_rotor = share * by_outer
     variance += (error * of_rotor) ** 2
     return distance / scale, variance / scale**2
 
 
 def wobble(
+    settings: Records,
     angles: Array,
     at_rest: Array,
-    first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
+    beside: Beside,
     rest_angle: float,
     length: float,
     k: float,
     calm: float,
-    noise: float,
-    error: float,
-) -> tuple[_Overshoot, _Overshoot, tuple[float, float], tuple[float, float]]:
-    """Overshoots, ratio of the tails and distance of their zeros; see `WobbleReporter.wobble`.
-
-    The wall is that of `beside_wall`; noise and error, with what lasts, are those of the angles
-    [rad], rotors have a length [m] and the pitch k = a / r. Overshoots are, before and beyond,
-    that measured, its deviation, and that at rest [m], NaN of spinners and of no rotor. Of the
-    ratio it is what it differs from the exact one, with its deviation [1]; zeros [rotor
-    spacings] are half a wavelength apart, also with a deviation. NaN where they are not told.
-    """
-    expected, measured = np.empty(high - low), np.empty(high - low)
-    beside_wall(angles, at_rest, first, low, middle, high, spins, rest_angle, expected, measured)
+    errors: AngleErrors,
+) -> tuple[Overshoot, Overshoot, tuple[float, float], tuple[float, float]]:
+    given, (noise, error) = settings[0], errors
+    _, low, middle, high, spins = beside
+    expected, measured = np.empty((2, high - low))
+    beside_wall(angles, at_rest, beside, rest_angle, expected, measured)
     overshoots = []
     square = product = variance = weight = distance = 0.0
     for of_side in (slice(0, middle - low), slice(middle - low, high - low)):
         there, seen = expected[of_side], measured[of_side]
         told = not spins and len(there) > 0
-        found = _overshoot(there, seen, rest_angle, length, calm, error) if told else NOT_TOLD
+        found = overshoot_of(there, seen, rest_angle, length, calm, error) if told else NOT_TOLD
         overshoots.append(found)
-        begin, end = tail_of_side(there, LARGEST * rest_angle, ABOVE_NOISE * noise)
+        begin, end = tail_of_side(
+            there, given['largest'] * rest_angle, given['above_noise'] * noise
+        )
         sums = tail_sums(seen, begin, min(end, len(seen) - 1), rest_angle, k)
         square += sums[0]
         product += sums[1] + sums[2] * noise**2
         variance += sums[0] + sums[3] - 2 * sums[4]
-        half, of_half = half_wavelength(seen, begin, end, rest_angle, error)
+        half, of_half = half_wavelength(seen, begin, end, rest_angle, error, given['bend'])
         if math.isfinite(half):
             weight += 1 / of_half
             distance += half / of_half
@@ -347,9 +258,9 @@ def wobble(
     return before, beyond, tails, zeros
 
 
-def _overshoot(
+def overshoot_of(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
-) -> _Overshoot:
+) -> Overshoot:
     at = overshooting(expected, rest_angle, calm)
     seen, there = rest_angle + float(measured[at]), rest_angle + float(expected[at])
     lean = length * math.sin(rest_angle)
@@ -360,16 +271,16 @@ def _overshoot(
     )
 
 
-def _handed(sine: float, cosine: float) -> float:
+def handed_of(sine: float, cosine: float) -> float:
     return 1.0 if (sine > 0) == (cosine > 0) else -1.0
 
 
-def _steepness(mean: float) -> float:
-    """Angle of a uniform part above or below the horizontal [rad]."""
+def steepness_of(mean: float) -> float:
     return abs(math.asin(math.cos(mean)))
 
 
-def _add_tail(
+def add_tail_of(
+    given: np.void,
     angles: Array,
     nearest: int,
     edge: int,
@@ -379,31 +290,24 @@ def _add_tail(
     noise: float,
     sums: Array,
 ) -> None:
-    """Add products of (e, e^2, e' - F(e)) over the variance of e', shape (3, 3)."""
-    rest_angle = math.pi / 2 - _steepness(mean)
-    if noise > NOISIEST * rest_angle:
+    rest_angle = math.pi / 2 - steepness_of(mean)
+    if noise > given['noisiest'] * rest_angle:
         return
-    flat = max(FLAT_IN_NOISE * noise, FLAT * rest_angle)
+    flat = max(given['flat_in_noise'] * noise, given['flat'] * rest_angle)
     tail_products(angles, nearest, edge, mean, handed, rest_angle, flat, sums)
-    sums /= noise**2 * (SPREAD + 1 / count)
+    sums /= noise**2 * (given['spread'] + 1 / count)
 
 
-def _flipping(left: float, right: float, variance: float) -> float:
-    """Log likelihood of theta_right = -theta_left less that of theta_left + pi, for a frame.
-
-    Where neither is met to within the noise, as in a wake or with deviations, the variance is
-    what the better of the two needs.
-    """
+def flipping_of(left: float, right: float, variance: float, strongest: float) -> float:
     flipped = math.remainder(right + left, 2 * math.pi) ** 2
     spun = math.remainder(right - left - math.pi, 2 * math.pi) ** 2
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
-    return float(min(max(likelihood, -STRONGEST_FRAME), STRONGEST_FRAME))
+    return float(min(max(likelihood, -strongest), strongest))
 
 
-def _solved(sums: list[list[float]], rest_angle: float) -> tuple[float, float]:
-    """Ratio lambda [1] and its variance, with the term in e^2 at most about 0.1 / theta_bar."""
+def solved_of(sums: list[list[float]], rest_angle: float, bend: float) -> tuple[float, float]:
     first, both = sums[0][0] + 1, sums[0][1]
-    second = sums[1][1] + (rest_angle / FREEDOM_OF_BEND) ** 2
+    second = sums[1][1] + (rest_angle / bend) ** 2
     determinant = first * second - both**2
     ratio = (second * sums[0][2] - both * sums[1][2]) / determinant
     return ratio, second / determinant

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the rotors of a frame: turns, sines, and the arc that it shows."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import COUNT, FLAGS, NUMBER, READ, READ_FLAGS, ROW, YES, compiled
+from soliton_linkage.linkage.chain import Array
+
+Flags = NDArray[np.bool_]
+
+LARGEST_ANGLE = 1e9
+"""Angle [rad] from which on none is told: a double is then 1e-7 rad apart from the next."""
+
+_WHOLE = 2 * math.pi
+"""A turn [rad]."""
+_SHARE_OF_A_TURN = 0.5 / math.pi
+"""One radian in turns [1/rad]."""
+_MANY_TURNS = 1e5
+"""Angle [rad] up to which multiples of a quarter are exact in the parts of `_QUARTER`."""
+_QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+"""pi / 2 in parts, of which the first two have few enough digits for products to be exact."""
+_SINE = (
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
+"""Polynomial of the sine up to pi / 4, of fdlibm (Sun Microsystems, 1993)."""
+_COSINE = (
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
+"""The same of the cosine."""
+
+
+class FrameSines(NamedTuple):
+    """Actual angles of a frame [rad], NaN where unknown, sines and cosines, shape (N,) each."""
+
+    angles: Array
+    sines: Array
+    cosines: Array
+
+
+def sines_of(angles: Array) -> FrameSines:
+    """Sines and cosines of the angles of a frame [rad], contiguous, shape (N,)."""
+    sines, cosines = np.empty_like(angles), np.empty_like(angles)
+    sines_and_cosines(angles, sines, cosines)
+    return FrameSines(angles, sines, cosines)
+
+
+@compiled(READ, ROW, ROW, ROW)
+def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
+    """Set angles as read without jumps [rad], as seen; NaN where they are not finite or too large.
+
+    The last that were read [rad] and their turns, each of shape (N,), are brought up to date.
+    """
+    for n in range(angles.size):
+        angle = angles[n]
+        if abs(angle) < LARGEST_ANGLE:
+            jump = np.rint((angle - last[n]) / _WHOLE)
+            if math.isfinite(jump):
+                turns[n] -= jump
+            last[n] = angle
+            seen[n] = angle + _WHOLE * turns[n]
+        else:
+            seen[n] = math.nan
+
+
+@compiled(READ, NUMBER)
+def all_within(values: Array, limit: float) -> bool:
+    """Whether the absolute values of a row are all known, finite and no more than a limit."""
+    within = True
+    for n in range(values.size):
+        size = abs(values[n])
+        within &= size <= limit and size < math.inf
+    return within
+
+
+@compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
+def compare(
+    angles: Array,
+    corrections: Array,
+    upside_down: bool,
+    before: Array,
+    about: Array,
+    beyond: Array,
+    first: int,
+    differences: Array,
+) -> None:
+    """Set differences of angles less corrections from those of a wall, -pi to pi [rad], (N,).
+
+    The wall has angles about it from the first of its rotors on, and before and beyond them
+    those of a background, shape (N,) each.
+    """
+    end = first + about.size
+    for n in range(angles.size):
+        angle = angles[n] - corrections[n]
+        if upside_down:
+            angle = math.pi - angle
+        expected = before[n] if n < first else about[n - first] if n < end else beyond[n]
+        apart = angle - expected
+        differences[n] = apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+
+
+@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, READ_FLAGS, FLAGS, FLAGS, ROW)
+def find_arc(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    limit: float,
+    spread: float,
+    least_share: float,
+    doubtful: Flags,
+    outlying: Flags,
+    used: Flags,
+    left: Array,
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
+    """Find the arc that a frame shows, and what it leaves; see `FrameView`.
+
+    Takes what the arc explains off the differences [rad], shape (N,). Outlying are those whose
+    square is above the limit and spread t^2 [rad^2], and the doubtful, shape (N,) or (0,). Of
+    the rotors about the wall those are used, shape (n,), that are known and not outlying, unless
+    these hold no more than the least share of t^2; of them something is left [rad], shape (n,).
+    Returns the numbers known, outlying and used about the wall; whether any is outlying at all;
+    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2]; and
+    the largest difference that then remains [rad], infinite where one is not known.
+    """
+    count, end = tangent.size, first + tangent.size
+    strange = False
+    for n in range(differences.size):
+        square = differences[n] * differences[n]
+        if first <= n < end:
+            square -= spread * tangent[n - first] ** 2
+        outlying[n] = square > limit or (doubtful.size > 0 and doubtful[n])
+        strange |= outlying[n]
+    known, excluded, whole, kept = 0, 0, 0.0, 0.0
+    for n in range(count):
+        used[n] = math.isfinite(differences[first + n])
+        known += used[n]
+        excluded += outlying[first + n]
+        if used[n]:
+            whole += tangent[n] ** 2
+            kept += 0.0 if outlying[first + n] else tangent[n] ** 2
+    if excluded and kept > least_share * whole:
+        for n in range(count):
+            used[n] &= not outlying[first + n]
+    counted, information, ahead = 0, 0.0, 0.0
+    for n in range(count):
+        if used[n]:
+            counted += 1
+            information += tangent[n] * tangent[n]
+            ahead += tangent[n] * differences[first + n]
+    ahead = ahead / information if information else 0.0
+    squares = 0.0
+    for n in range(count):
+        differences[first + n] -= ahead * tangent[n]
+        left[n] = differences[first + n] if used[n] else 0.0
+        squares += left[n] * left[n]
+    largest, unknown = 0.0, False
+    for n in range(differences.size):
+        largest = max(largest, abs(differences[n]))
+        unknown |= not abs(differences[n]) < math.inf
+    largest = math.inf if unknown else largest
+    return (known, excluded, counted), strange, (information, ahead, squares), largest
+
+
+@compiled(READ, ROW, ROW)
+def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
+    """Set sines and cosines of angles [rad], NaN where unknown, shape (N,) each.
+
+    From the polynomials of the nearest quarter of a turn: they are vectorised.
+    """
+    large = False
+    for n in range(angles.size):
+        angle = angles[n]
+        large |= abs(angle) > _MANY_TURNS
+        quarters = np.rint(angle * (2 / math.pi))
+        x = angle - quarters * _QUARTER[0] - quarters * _QUARTER[1] - quarters * _QUARTER[2]
+        square = x * x
+        sine, cosine = _SINE[5], _COSINE[5]
+        for order in range(4, -1, -1):
+            sine = _SINE[order] + square * sine
+            cosine = _COSINE[order] + square * cosine
+        sine = x + x * square * sine
+        cosine = 1 - 0.5 * square + square * square * cosine
+        turned = quarters - 4 * np.floor(0.25 * quarters)
+        odd = turned == 1 or turned == 3
+        sines[n] = (cosine if odd else sine) * (1.0 if turned < 2 else -1.0)
+        cosines[n] = (sine if odd else cosine) * (1.0 if turned == 0 or turned == 3 else -1.0)
+    if large:
+        for n in range(angles.size):
+            if abs(angles[n]) > _MANY_TURNS:
+                sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
+
+
+@compiled(READ, READ, READ, ROW)
+def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+    """Set absolute second differences of three rows, the known ones in front; return how many."""
+    known = 0
+    for n in range(changes.size):
+        change = abs(first[n] - 2 * second[n] + third[n])
+        if change < math.inf:
+            changes[known] = change
+            known += 1
+    return known
+
+
+@compiled(READ, READ, READ, READ, COUNT, COUNT, COUNT, COUNT)
+def products_in_time(
+    oldest: Array,
+    older: Array,
+    left: Array,
+    tangent: Array,
+    in_oldest: int,
+    in_older: int,
+    begin: int,
+    count: int,
+) -> tuple[float, float, float, float]:
+    """Sums of p = x (4 x' - x'') / 3 of what three frames running left of some rotors [rad].
+
+    They begin at their index in each of the frames. They are sum p, sum t^2 p, sum f and sum
+    f^2 with f = t^2 - t^4.
+    """
+    whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
+    for n in range(count):
+        before = older[in_older + n] * (4 / 3) - oldest[in_oldest + n] / 3
+        product = left[begin + n] * before
+        share = tangent[begin + n] * tangent[begin + n]
+        alone = share - share * share
+        whole += product
+        wall += share * product
+        free += alone
+        chance += alone * alone
+    return whole, wall, free, chance

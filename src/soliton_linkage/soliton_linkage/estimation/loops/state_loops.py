@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the springs and rotors of a state: its energies and its topology.
+
+Rows of springs are extensions [m] and levers A and B [m/rad], shape (3, springs).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, YES, compiled
+from soliton_linkage.linkage.chain import Array
+
+_TINY = float(np.finfo(np.float64).tiny)
+"""Smallest number that is not subnormal [1], which keeps quotients finite."""
+_LARGE = 1e150
+"""Step of the levels of large numbers [1]: its square is still a number."""
+
+
+@compiled(READ, READ, READ_TABLE, COUNT, COUNT, TABLE)
+def _spring(
+    sines: Array, cosines: Array, parameters: Array, n: int, following: int, rows: Array
+) -> None:
+    spacing, offset, rest_length = parameters[1, n], parameters[2, n], parameters[3, n]
+    h, v = parameters[0, n] * sines[n], parameters[0, n] * cosines[n]
+    h_next = parameters[0, following] * sines[following]
+    v_next = parameters[0, following] * cosines[following]
+    across, up = h_next - h, v_next - v
+    excess = offset + 2 * spacing * across - 2 * (h * h_next + v * v_next)
+    across += spacing
+    length = math.sqrt(across * across + up * up)
+    divisor = max(length, _TINY)
+    rows[0, n] = excess / (length + rest_length)
+    rows[1, n] = (h * up - v * across) / divisor
+    rows[2, n] = (v_next * across - h_next * up) / divisor
+
+
+@compiled(READ, READ, READ_TABLE, YES, TABLE)
+def springs(
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+) -> tuple[float, float]:
+    """Set rows of springs; parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`.
+
+    They are of shape (4, N), of which those of springs count as far as there are springs.
+    Returns how the rotors twist and stand, the sums of sin(theta_n + theta_{n+1}) =
+    (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge rotors, of cos(theta_n).
+    """
+    rotors = sines.size
+    for n in range(rotors - 1):
+        _spring(sines, cosines, parameters, n, n + 1, rows)
+    if periodic:
+        _spring(sines, cosines, parameters, rotors - 1, 0, rows)
+    twists, upright, sign = 0.0, 0.0, 1.0
+    for n in range(rotors - 1):
+        twists += sign * (sines[n + 1] * cosines[n] - cosines[n + 1] * sines[n])
+        upright += sign * cosines[n] if n else 0.0
+        sign = -sign
+    return twists, upright
+
+
+@compiled(READ, NUMBER, READ, NUMBER)
+def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
+    """Sum over rotors or springs out of reach of all walls; the first is at a place."""
+    wake, count = 0.0, energies.size
+    for n in range(walls.size - 1):
+        low, high = walls[n] + reach - place, walls[n + 1] - reach - place
+        begin = math.floor(low) + 1 if low >= 0 else 0
+        end = math.ceil(high) if high < count else count
+        for m in range(begin, end):
+            wake += energies[m]
+    return wake
+
+
+@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, READ, NUMBER)
+def elastic(
+    rows: Array,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    periodic: bool,
+    variance: float,
+    walls: Array,
+    reach: float,
+) -> tuple[float, float, float, float]:
+    """Energy of springs [J] less that of the noise, its wake, and two sums.
+
+    Half of the stiffnesses [N/m], and the same for noise of rotors on the left and the right of
+    each spring, are of shape (springs,). The wake [J] is that of the springs, at n + 1/2, out
+    of reach of all walls, whose places [rotor spacings] grow from the first beyond one end to
+    the last beyond the other, shape (W + 2,). The sums are |H|^2 / 4 [N^2 m^2] and tau H tau in
+    the same units with the energy, |tau|^2 / 4, of the torques tau and H = R^T k_e R.
+    """
+    whole, squares, pulling = 0.0, 0.0, 0.0
+    count = half.size
+    energies = np.empty(count)
+    for n in range(count):
+        extension, first, second = rows[0, n], rows[1, n], rows[2, n]
+        levers = lefts[n] * first * first + rights[n] * second * second
+        stretched = half[n] * extension * extension
+        energies[n] = stretched - variance * levers
+        whole += energies[n]
+        squares += levers * levers
+        pulling += stretched * levers
+        if n + 1 < count or periodic:
+            after = n + 1 if n + 1 < count else 0
+            by_next = lefts[after] * rows[1, after]
+            squares += 2 * rights[n] * second * second * by_next * rows[1, after]
+            pulling += 2 * half[n] * extension * second * by_next * rows[0, after]
+    return whole, _wake(energies, 0.5, walls, reach), squares, pulling
+
+
+@compiled(READ, READ, READ, NUMBER, READ, NUMBER)
+def kinetic(
+    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
+) -> tuple[float, float, float, float]:
+    """Energy of rotors [J] less that of the noise, its wake as of springs, and two sums.
+
+    They are those of the energies' products with the inertia of the rotors that are noisy, and
+    of the squares of these.
+    """
+    whole, known, squares = 0.0, 0.0, 0.0
+    energies = np.empty(half.size)
+    for n in range(half.size):
+        energy = half[n] * (rates[n] * rates[n]) - variance * noisy[n]
+        energies[n] = energy
+        whole += energy
+        known += energy * noisy[n]
+        squares += noisy[n] * noisy[n]
+    return whole, _wake(energies, 0.0, walls, reach), known, squares
+
+
+@compiled(READ_TABLE, COUNT, COUNT, NUMBER)
+def topology(
+    rows: Array, before: int, beyond: int, domain: float
+) -> tuple[float, float, int, int, float]:
+    """Sums of (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and where the mode sits.
+
+    Between the sums and the centre of t_n^2 [rotor spacings] are the signs of the first and the
+    last bond that are above the domain, 0 where there is none.
+    """
+    left, right, first, last = 0.0, 0.0, 0, 0
+    squares, moments, square, level = 1.0, 0.0, 1.0, 0
+    for n in range(rows.shape[1]):
+        a, b = rows[1, n] * rows[1, n], rows[2, n] * rows[2, n]
+        strength = (a - b) / max(a + b, _TINY)
+        left += strength if n < before else 0.0
+        right += strength if n >= beyond else 0.0
+        if abs(strength) > domain:
+            last = 1 if strength > 0 else -1
+            first = first if first else last
+        # t_n^2, in units of 1e150 to the power of the level below or above the largest so far.
+        square *= min(max(max(a, _TINY) / max(b, _TINY), 1 / _LARGE), _LARGE)
+        if square > _LARGE:
+            square, level = square / _LARGE, level + 1
+        elif square < 1 / _LARGE:
+            square, level = square * _LARGE, level - 1
+        if level > 0:
+            squares, moments, level = squares / _LARGE, moments / _LARGE, 0
+        if level >= -1:
+            share = square if level == 0 else square / _LARGE
+            squares += share
+            moments += (n + 1) * share
+    return left, right, first, last, moments / squares

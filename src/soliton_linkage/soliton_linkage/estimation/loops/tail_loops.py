@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the tails of a wall, which tell the class of its motion.
+
+Deviations e are those of the angle by which a rotor leans from that of the uniform state [rad].
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import (
+    BOX,
+    COUNT,
+    NUMBER,
+    READ,
+    READ_BOX,
+    TABLE,
+    compiled,
+    records,
+)
+from soliton_linkage.estimation.settings import MotionSettings, record_dtype
+from soliton_linkage.linkage.chain import Array
+
+Records = NDArray[np.void]
+
+_NUMBERS = records(record_dtype(MotionSettings))
+_WHOLE = 2 * math.pi
+"""A turn [rad]."""
+_SHARE_OF_A_TURN = 0.5 / math.pi
+"""One radian in turns [1/rad]."""
+_LEAST_LEVER = 1e-9
+"""In place of the lever 0 of a bar in line with its outer rotor [1]: a slope without bounds."""
+_LEAST_WEIGHT = 1e-300
+"""Weight of an angle at rest of which the tails tell nothing [1/rad^2]: never quite 0."""
+_NO_EVIDENCE = (math.nan, 0.0, math.nan)
+"""Place, flipping and angle at rest of a frame that says nothing."""
+
+
+@compiled(NUMBER)
+def wrapped(angle: float) -> float:
+    """Angle from -pi to pi [rad]."""
+    return float(angle - _WHOLE * np.rint(angle * _SHARE_OF_A_TURN))
+
+
+@compiled(NUMBER, NUMBER, NUMBER)
+def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
+    """Deviation F of the outer neighbour on relaxed bars [rad], and its slope [1].
+
+    With alpha = theta_bar + e the angle by which a rotor leans, alpha' that of its neighbour
+    further from the wall and k = a / r, the bar between them has its length where
+    cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda, the
+    slope at e = 0, says k = 2 sin(theta_bar) / d = 2 sin(theta_bar) (1 + lambda) / (1 - lambda).
+    """
+    lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
+    across = k + lean
+    cosine = (math.cos(2 * rest_angle) - k * lean) / math.hypot(up, across)
+    outer = math.acos(min(max(cosine, -1.0), 1.0)) - math.atan2(across, up)
+    sine = math.sin(rest_angle + inner + outer)
+    lever = k * math.cos(outer) + sine
+    return outer - rest_angle, (k * up - sine) / (lever if lever else _LEAST_LEVER)
+
+
+@compiled(READ)
+def bond_of_wall(sines: Array) -> tuple[int, float, float]:
+    """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
+
+    There the means of sin(theta) before and beyond differ the most.
+    """
+    whole, running, most, bond = 0.0, 0.0, -1.0, 0
+    for n in range(sines.size):
+        whole += sines[n] if math.isfinite(sines[n]) else 0.0
+    for n in range(sines.size):
+        running += sines[n] if math.isfinite(sines[n]) else 0.0
+        apart = abs(running - whole / 2)
+        if apart > most:
+            most, bond = apart, n + 1
+    if not 0 < bond < sines.size:
+        return bond, 0.0, 0.0
+    left, right = sines[bond - 1], sines[bond]
+    return (
+        bond,
+        left if math.isfinite(left) else 0.0,
+        right if math.isfinite(right) else 0.0,
+    )
+
+
+@compiled(READ, COUNT)
+def _staggered(angles: Array, n: int) -> float:
+    """Staggered angle of rotor n [rad]."""
+    return float(math.pi - angles[n] if n % 2 else angles[n])
+
+
+@compiled(READ, READ, READ, COUNT, COUNT)
+def uniform_part(
+    angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
+) -> tuple[int, float, float, float, float]:
+    """Outer half of the rotors from the nearest to a wall to that at an edge, which is left out.
+
+    Returns how many of them are known, the sums of sin(theta) and cos(theta), their mean angle
+    theta [rad] and the sum of squares of what they differ from it [rad^2].
+    """
+    way = 1 if edge > nearest else -1
+    inner = nearest + way * (abs(edge - nearest) // 2)
+    low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
+    count, sine, cosine = 0, 0.0, 0.0
+    for n in range(low, high):
+        if math.isfinite(sines[n]):
+            count += 1
+            sine += sines[n]
+            cosine += -cosines[n] if n % 2 else cosines[n]
+    mean, scatter = math.atan2(sine, cosine), 0.0
+    for n in range(low, high):
+        apart = wrapped(_staggered(angles, n) - mean)
+        if math.isfinite(apart):
+            scatter += apart * apart
+    return count, sine, cosine, mean, scatter
+
+
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, COUNT)
+def _deviation(
+    angles: Array, nearest: int, way: int, mean: float, handed: float, beyond: int
+) -> float:
+    """Deviation handed (theta - mean) of a rotor so far beyond the nearest to a wall [rad]."""
+    return handed * wrapped(_staggered(angles, nearest + way * beyond) - mean)
+
+
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER, NUMBER, TABLE)
+def tail_products(
+    angles: Array,
+    nearest: int,
+    edge: int,
+    mean: float,
+    handed: float,
+    rest_angle: float,
+    flat: float,
+    sums: Array,
+) -> None:
+    """Add up products of (e, e^2, e' - F(e)) outwards from a wall, shape (3, 3).
+
+    The deviation e of a rotor is handed (theta - mean) [rad]; they count from the middle of the
+    wall on, as far as they are not flat, in the inner half of the rotors up to an edge.
+    """
+    way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
+    begin = 0
+    for n in range(half + 1):
+        if _deviation(angles, nearest, way, mean, handed, n) <= -rest_angle:
+            begin = n + 1
+    end = begin
+    while end < half and abs(_deviation(angles, nearest, way, mean, handed, end)) > flat:
+        end += 1
+    k = 2 * math.sin(rest_angle)
+    for n in range(begin, end):
+        e = _deviation(angles, nearest, way, mean, handed, n)
+        outer = _deviation(angles, nearest, way, mean, handed, n + 1)
+        if math.isfinite(outer):
+            beyond = outer - next_deviation(e, rest_angle, k)[0]
+            row = (e, e * e, beyond)
+            for i in range(3):
+                for j in range(3):
+                    sums[i, j] += row[i] * row[j]
+
+
+@compiled(NUMBER, NUMBER)
+def _handed(sine: float, cosine: float) -> float:
+    """Sign of the deviations of a side, with the sums of its sines and cosines."""
+    return 1.0 if (sine > 0) == (cosine > 0) else -1.0
+
+
+@compiled(NUMBER)
+def _steepness(mean: float) -> float:
+    """Angle of a uniform part above or below the horizontal [rad]."""
+    return abs(math.asin(math.cos(mean)))
+
+
+@compiled(_NUMBERS, READ, COUNT, COUNT, COUNT, NUMBER, NUMBER, NUMBER, TABLE)
+def _add_tail(
+    settings: Records,
+    angles: Array,
+    nearest: int,
+    edge: int,
+    count: int,
+    mean: float,
+    handed: float,
+    noise: float,
+    sums: Array,
+) -> None:
+    """Add products of (e, e^2, e' - F(e)) over the variance of e', shape (3, 3)."""
+    rest_angle = math.pi / 2 - _steepness(mean)
+    if noise > settings[0]['noisiest'] * rest_angle:
+        return
+    flat = max(settings[0]['flat_in_noise'] * noise, settings[0]['flat'] * rest_angle)
+    tail_products(angles, nearest, edge, mean, handed, rest_angle, flat, sums)
+    sums /= noise * noise * (settings[0]['spread'] + 1 / count)
+
+
+@compiled(NUMBER, NUMBER, NUMBER)
+def _flipping(left: float, right: float, variance: float) -> float:
+    """Log likelihood of theta_right = -theta_left less that of theta_left + pi, for a frame.
+
+    Where neither is met to within the noise, as in a wake or with deviations, the variance is
+    what the better of the two needs.
+    """
+    flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
+    flipped, spun = flipped * flipped, spun * spun
+    likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
+    return likelihood
+
+
+@compiled(NUMBER, NUMBER)
+def _limited(value: float, limit: float) -> float:
+    """Value from -limit to limit."""
+    return min(max(value, -limit), limit)
+
+
+@compiled(_NUMBERS, READ, READ, READ, NUMBER, BOX)
+def evidence(
+    settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
+) -> tuple[float, float, float]:
+    """Place, flipping and angle at rest of `MotionEvidence` of one frame; see there.
+
+    The noise is a lower bound [rad]. Tails, shape (2, 3, 3), are 0, and are set.
+    """
+    rotors, fewest = angles.size, settings[0]['fewest_rotors']
+    bond, before, beyond = bond_of_wall(sines)
+    if not fewest < bond < rotors - fewest:
+        return _NO_EVIDENCE
+    left = uniform_part(angles, sines, cosines, bond - 1, 0)
+    right = uniform_part(angles, sines, cosines, bond, rotors - 1)
+    if min(left[0], right[0]) < 2:
+        return _NO_EVIDENCE
+    spread = math.sqrt((left[4] + right[4]) / (left[0] + right[0] - 2))
+    noise = max(noise, spread, settings[0]['least_noise'])
+    lefts = math.sin(left[3]) * math.sqrt(left[0]) / noise
+    rights = math.sin(right[3]) * math.sqrt(right[0]) / noise
+    if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > settings[0]['leaning']):
+        return _NO_EVIDENCE
+    handed = _handed(left[1], left[2]), _handed(right[1], right[2])
+    _add_tail(settings, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
+    _add_tail(settings, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1])
+    lean = math.pi / 2 - (_steepness(left[3]) + _steepness(right[3])) / 2
+    crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
+    variance = noise * noise * (1 / left[0] + 1 / right[0])
+    flipping = _limited(_flipping(left[3], right[3], variance), settings[0]['strongest_frame'])
+    return crossing, flipping, lean
+
+
+@compiled(NUMBER, NUMBER, READ_BOX, NUMBER, NUMBER, READ_BOX, NUMBER, BOX)
+def add_evidence(
+    flipping: float,
+    rest_angle: float,
+    tails: Array,
+    other_flipping: float,
+    other_rest_angle: float,
+    other_tails: Array,
+    strongest: float,
+    sums: Array,
+) -> tuple[float, float]:
+    """Flipping and angle at rest of two evidences together, and the sums of their tails.
+
+    Angles, NaN where unknown, weigh as much as the tails tell; never quite nothing. Flipping is
+    limited by the strongest.
+    """
+    first, second = tails[0, 0, 0] + tails[1, 0, 0], other_tails[0, 0, 0] + other_tails[1, 0, 0]
+    first, second = first + _LEAST_WEIGHT, second + _LEAST_WEIGHT
+    for side in range(2):
+        for i in range(3):
+            for j in range(3):
+                sums[side, i, j] = tails[side, i, j] + other_tails[side, i, j]
+    if math.isfinite(rest_angle) and math.isfinite(other_rest_angle):
+        mean = (first * rest_angle + second * other_rest_angle) / (first + second)
+    else:
+        mean = rest_angle if math.isfinite(rest_angle) else other_rest_angle
+    return _limited(flipping + other_flipping, strongest), mean
+
+
+@compiled(_NUMBERS, READ_BOX, NUMBER)
+def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
+    """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
+
+    Mean of both sides. Where they differ by more than they should, the deviation is as much
+    larger. The term in e^2 is at most about the bend over theta_bar.
+    """
+    unbent, neglected = (rest_angle / settings[0]['bend']) ** 2, settings[0]['neglected'] ** 2
+    known, whole, mean = 0, 0.0, 0.0
+    ratios, variances = np.zeros(2), np.zeros(2)
+    for sums in tails:
+        if sums[0, 0] > 0:
+            first, both = sums[0, 0] + 1, sums[0, 1]
+            second = sums[1, 1] + unbent
+            determinant = first * second - both * both
+            ratios[known] = (second * sums[0, 2] - both * sums[1, 2]) / determinant
+            variances[known] = second / determinant
+            whole += 1 / variances[known]
+            mean += ratios[known] / variances[known]
+            known += 1
+    if not known:
+        return math.nan, math.inf
+    ratio, apart = mean / whole, 0.0
+    for n in range(known):
+        apart += (ratios[n] - ratio) ** 2 / variances[n]
+    return ratio, math.sqrt(max(1.0, apart) / whole + neglected)

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the rotors beside a wall, which tell how it wobbles.
+
+Deviations e are those of the angle by which a rotor leans from that of the uniform state [rad].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled, named_tuple, records
+from soliton_linkage.estimation.loops.tail_loops import next_deviation, wrapped
+from soliton_linkage.estimation.settings import WobbleSettings, record_dtype
+from soliton_linkage.linkage.chain import Array
+
+Records = NDArray[np.void]
+Overshoot = tuple[float, float, float]
+
+
+class Beside(NamedTuple):
+    """Rotors beside a wall."""
+
+    first: int
+    """First rotor of the wall at rest."""
+    low: int
+    """First rotor that is looked at."""
+    middle: int
+    """First rotor beyond the wall."""
+    high: int
+    """End of the rotors that are looked at."""
+    spins: bool
+    """Whether rotors turn over as the wall passes."""
+
+
+class AngleErrors(NamedTuple):
+    """Standard deviations of angles [rad]."""
+
+    noise: float
+    """Of their noise."""
+    whole: float
+    """With what lasts beside it."""
+
+
+_NUMBERS = records(record_dtype(WobbleSettings))
+_BESIDE = named_tuple(Beside, COUNT, COUNT, COUNT, COUNT, YES)
+_ERRORS = named_tuple(AngleErrors, NUMBER, NUMBER)
+_NOT_TOLD = (math.nan, math.nan, math.nan)
+"""The overshoot of a spinner, or of no rotor [m]."""
+
+
+@compiled(READ, READ, _BESIDE, NUMBER, ROW, ROW)
+def beside_wall(
+    angles: Array,
+    at_rest: Array,
+    beside: Beside,
+    rest_angle: float,
+    expected: Array,
+    measured: Array,
+) -> None:
+    """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
+
+    They are set as the wall at rest has them, whose angles are those of its rotors from the
+    first on, and as they are measured.
+    """
+    first, low, middle, high, spins = beside
+    alike = 0.0
+    for n in range(low, high):
+        alike += math.cos(angles[n]) * math.cos(at_rest[n - first])
+    for n in range(low, high):
+        before, odd = n < middle, n % 2 == 1
+        place = middle - 1 - n if before else n - low
+        handed = -1.0 if odd else 1.0
+        phase = (math.pi if odd else 0.0) - rest_angle
+        if not before:
+            handed = handed if spins else -handed
+            phase += math.pi if spins else 0.0
+        there = at_rest[n - first]
+        apart = (math.pi - angles[n] if alike < 0 else angles[n]) - there
+        lean = wrapped(handed * there + phase)
+        expected[place] = lean
+        measured[place] = lean + handed * wrapped(apart)
+
+
+@compiled(READ, NUMBER, NUMBER)
+def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
+    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
+    begin = 0
+    for n in range(expected.size):
+        if abs(expected[n]) > large:
+            begin = n + 1
+    end = begin
+    while end < expected.size and abs(expected[end]) > small:
+        end += 1
+    return begin, end
+
+
+@compiled(READ, NUMBER, NUMBER)
+def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
+    """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
+
+    Without wobble, for calm > 0, it is the last rotor where none is calm.
+    """
+    at, most = 0, -math.inf
+    for n in range(expected.size):
+        if calm > 0:
+            at = n
+            if abs(expected[n]) < calm:
+                break
+        elif math.sin(rest_angle + expected[n]) > most:
+            at, most = n, math.sin(rest_angle + expected[n])
+    return at
+
+
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER)
+def tail_sums(
+    measured: Array, begin: int, end: int, rest_angle: float, k: float
+) -> tuple[float, float, float, float, float]:
+    """Sums over a tail of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e times e before."""
+    square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
+    share = 0.0
+    for n in range(begin, end):
+        following, slope = next_deviation(measured[n], rest_angle, k)
+        e = measured[n]
+        square += e * e
+        product += e * (measured[n + 1] - following)
+        slopes += slope
+        if n > begin:
+            both += slope * e * measured[n - 1]
+        share = slope * e
+        squares += share * share
+    return square, product, slopes, squares, both
+
+
+@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER)
+def half_wavelength(
+    measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
+) -> tuple[float, float]:
+    """Distance of the zeros of a tail [rotor spacings] and its variance; NaN for none.
+
+    The tail is drawn straight from rotor to rotor, where it changes its sign at each. Weights
+    are those of the noise and of how far a large deviation moves a zero, bend e / theta_bar.
+    """
+    start = max(end - 1, begin)
+    while start > begin and measured[start - 1] * measured[start] < 0:
+        start -= 1
+    count = end - start - 1
+    if count < 2:
+        return math.nan, math.nan
+    whole, centre = 0.0, 0.0
+    zeros = np.empty((5, count))
+    for n in range(count):
+        inner, outer = measured[start + n], measured[start + n + 1]
+        step = inner - outer
+        by_inner, by_outer = -outer / (step * step), inner / (step * step)
+        bent = (bend * inner / rest_angle) ** 2
+        weight = 1 / (error * error * (by_inner * by_inner + by_outer * by_outer) + bent)
+        zeros[0, n], zeros[1, n], zeros[2, n] = n + inner / step, by_inner, by_outer
+        zeros[3, n], zeros[4, n] = bent, weight
+        whole += weight
+        centre += n * weight
+    centre /= whole
+    distance, scale, variance, of_rotor = 0.0, 0.0, 0.0, 0.0
+    for n in range(count):
+        share = (n - centre) * zeros[4, n]
+        distance += share * zeros[0, n]
+        scale += share * (n - centre)
+        variance += (error * (of_rotor + share * zeros[1, n])) ** 2 + share * share * zeros[3, n]
+        of_rotor = share * zeros[2, n]
+    variance += (error * of_rotor) ** 2
+    return distance / scale, variance / (scale * scale)
+
+
+@compiled(READ, READ, NUMBER, NUMBER, NUMBER, NUMBER)
+def _overshoot(
+    expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
+) -> tuple[float, float, float]:
+    """Overshoot beyond the lean at rest that is measured, its deviation, and that at rest [m]."""
+    if not expected.size:
+        return _NOT_TOLD
+    at = overshooting(expected, rest_angle, calm)
+    lean = length * math.sin(rest_angle)
+    return (
+        length * math.sin(rest_angle + measured[at]) - lean,
+        length * abs(math.cos(rest_angle + expected[at])) * error,
+        length * math.sin(rest_angle + expected[at]) - lean,
+    )
+
+
+@compiled(_NUMBERS, READ, READ, _BESIDE, NUMBER, NUMBER, NUMBER, NUMBER, _ERRORS)
+def wobble(
+    settings: Records,
+    angles: Array,
+    at_rest: Array,
+    beside: Beside,
+    rest_angle: float,
+    length: float,
+    k: float,
+    calm: float,
+    errors: AngleErrors,
+) -> tuple[Overshoot, Overshoot, tuple[float, float], tuple[float, float]]:
+    """Overshoots, ratio of the tails and distance of their zeros; see `WobbleReporter.wobble`.
+
+    The wall is that of `beside_wall`; rotors have a length [m] and the pitch k = a / r. Calm are
+    deviations below that [rad]. Overshoots are, before and beyond, that measured, its deviation,
+    and that at rest [m], NaN of spinners and of no rotor. Of the ratio it is what it differs
+    from the exact one, with its deviation [1]; zeros [rotor spacings] are half a wavelength
+    apart, also with a deviation. NaN where they are not told.
+    """
+    numbers, noise, error = settings[0], errors.noise, errors.whole
+    split, count = beside.middle - beside.low, beside.high - beside.low
+    expected, measured = np.empty(count), np.empty(count)
+    beside_wall(angles, at_rest, beside, rest_angle, expected, measured)
+    before, beyond = _NOT_TOLD, _NOT_TOLD
+    square, product, variance, weight, distance = 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in range(2):
+        there = expected[:split] if side == 0 else expected[split:]
+        seen = measured[:split] if side == 0 else measured[split:]
+        if not beside.spins:
+            overshoot = _overshoot(there, seen, rest_angle, length, calm, error)
+            before, beyond = (overshoot, beyond) if side == 0 else (before, overshoot)
+        large, small = numbers['largest'] * rest_angle, numbers['above_noise'] * noise
+        begin, end = tail_of_side(there, large, small)
+        sums = tail_sums(seen, begin, min(end, seen.size - 1), rest_angle, k)
+        square += sums[0]
+        product += sums[1] + sums[2] * noise * noise
+        variance += sums[0] + sums[3] - 2 * sums[4]
+        half, of_half = half_wavelength(seen, begin, end, rest_angle, error, numbers['bend'])
+        if math.isfinite(half):
+            weight += 1 / of_half
+            distance += half / of_half
+    tails, zeros = (math.nan, math.nan), (math.nan, math.nan)
+    if square > 0:
+        tails = product / square, error * math.sqrt(max(variance, 0.0)) / square
+    if weight > 0:
+        zeros = distance / weight, 1 / math.sqrt(weight)
+    return before, beyond, tails, zeros

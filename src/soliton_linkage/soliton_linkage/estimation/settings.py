@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of the estimation that were chosen: one frozen dataclass, a part for each subject.
+
+`described_fields(FilterSettings)` gives the unit and the meaning of each. Loops take a part as
+its `record`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.linkage.quantities import quantity
+
+
+def record_dtype(part: Any) -> np.dtype[np.void]:
+    """Structured type of the single numbers of a part, all as float64."""
+    names = [each.name for each in fields(part) if each.type in ('float', 'int')]
+    return np.dtype([(name, np.float64) for name in names])
+
+
+class _Part:
+    """Settings that loops take as a record."""
+
+    @cached_property
+    def record(self) -> np.ndarray[Any, np.dtype[np.void]]:
+        """The single numbers as a structured array, shape (1,)."""
+        record = np.zeros(1, record_dtype(self))
+        for name in record.dtype.names or ():
+            record[name] = getattr(self, name)
+        record.flags.writeable = False
+        return record
+
+
+@dataclass(frozen=True)
+class NoiseSettings(_Part):
+    """How noise of angles and rates is told from what lasts."""
+
+    beyond_chance: float = quantity(5.0, 'standard deviations beyond which a rotor is an outlier')
+    least_share: float = quantity(0.2, 'least share of t^2 that rotors without outliers must hold')
+    memory: float = quantity(4000, 'frames over which the noise of angles is averaged')
+    recent_frames: float = quantity(20, 'frames over which the misfit of late is averaged, or')
+    recent_time: float = quantity(0.25, 'time over which it is, where that is more frames', 's')
+    least_noise: float = quantity(1e-5, 'least noise of angles that is estimated', 'rad')
+    significance: float = quantity(4.0, 'standard deviations from which on what lasts is believed')
+    rate_memory: int = quantity(1000, 'frames over which the noise of rates is averaged')
+    slowest_frames: float = quantity(
+        0.5, 'largest phase of the fastest phonon between frames that tell noise of rates', 'rad'
+    )
+    unevenness: float = quantity(0.1, 'share by which the times between three frames may differ')
+
+
+@dataclass(frozen=True)
+class OffsetSettings(_Part):
+    """How offsets of encoders are learnt from rotors far from the wall."""
+
+    offset_deviation: float = quantity(2.0, 'prior standard deviation of an offset', 'rad')
+    rest_angle_deviation: float = quantity(
+        0.05, 'prior standard deviation of the difference of a rest angle', 'rad'
+    )
+    significance: float = quantity(5.5, 'standard deviations from which on an offset is sure')
+    fewest_means: float = quantity(5, 'means of blocks that must have shown an offset')
+    beyond_chance: float = quantity(5.0, 'standard deviations beyond which a mean is strange')
+    block: int = quantity(16, 'frames whose residuals are averaged')
+    depths_beside: float = quantity(3.0, 'distance of far rotors from the wall, ell / a')
+    chance_ratio: float = quantity(3.0, 'chance medians that the median residual must exceed')
+    wave_time: float = quantity(10.0, 'time for which waves are alike, in units of the chain')
+    wave_share: float = quantity(0.05, 'share of waves that is the same in all frames')
+    strong_waves: float = quantity(4.0, 'mean square above that of springs, over that of noise')
+    largest_share: float = quantity(0.1, 'share of the largest squares that may be of offsets')
+    least_error: float = quantity(3e-4, 'error that is the same in all frames, at least', 'rad')
+    least_doubted: float = quantity(0.01, 'least distance from the orbit to be doubted', 'rad')
+    stuck_share: float = quantity(0.2, 'share of rotors that cannot be stuck at once')
+    evenness: float = quantity(
+        4e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
+    )
+
+
+@dataclass(frozen=True)
+class FilterSettings(_Part):
+    """Models of the multiple-model filter, and when one is believed."""
+
+    rate_changes: tuple[float, ...] = quantity(
+        (0.001, 0.004, 0.016, 0.064, 0.25), 'share e by which a rate changes from rotor to rotor'
+    )
+    change_at_edges: float = quantity(0.03, 'what is added to e where springs meet an edge')
+    biases: tuple[float, ...] = quantity(
+        (1e-4, 1e-3, 4e-3, 0.016, 0.064), 'lasting errors m of measurement, in rotor spacings'
+    )
+    bias_way: float = quantity(0.5, 'way on which a bias falls by e', 'rotor spacings')
+    way_remembered: float = quantity(
+        10.0, 'way on which likelihoods of models fall by e', 'rotor spacings'
+    )
+    odds_of_doubt: float = quantity(
+        6.0, 'log odds against the steady model at which it begins anew'
+    )
+    odds_begun_anew: float = quantity(5.0, 'log odds against it as it does')
+    least_odds_at_edges: float = quantity(-2.0, 'least log odds against it at an edge')
+    least_odds: float = quantity(-9.0, 'least log odds against it elsewhere')
+    first_odds: float = quantity(-6.0, 'log odds against it at the start')
+    kick_ages: int = quantity(8, 'hypotheses of a kick, at ages of 1, 2, 4, ... frames')
+    kick_rarity: float = quantity(9.0, 'log odds against a kick in a frame')
+    kick_evidence: float = quantity(4.0, 'log odds for a kick from which on it has a weight')
+    least_weight: float = quantity(0.01, 'weight from which on a kick counts to the estimate')
+    kick_beyond_chance: float = quantity(15.0, 'log odds for a kick at which all follow it')
+    least_kick: float = quantity(
+        0.1, 'least standard deviation of the change of rate, in rates of the chain'
+    )
+    change_after_kick: float = quantity(0.016, 'share e of the models of a kick')
+
+
+@dataclass(frozen=True)
+class TrackingSettings(_Part):
+    """When a frame is taken for one of the orbit, and where the chain is looked for."""
+
+    clock_limit: float = quantity(1.0, 'time by which late frames go back, and no clock', 's')
+    iterations: int = quantity(8, 'most steps of Gauss and Newton to the likeliest arc')
+    close: float = quantity(0.01, 'step that is the last', 'rad')
+    longest_step: float = quantity(0.5, 'longest step', 'rad')
+    unknown_variance: float = quantity(
+        1.0, 'variance of the predicted arc from which on the whole orbit is searched', 'rad^2'
+    )
+    lost_deviations: float = quantity(4.0, 'deviations of the arc that must fit into the orbit')
+    elsewhere: float = quantity(1.0, 'arc from which on a point is another one', 'rad')
+    worst_misfit: float = quantity(0.6, 'root mean square beyond which no frame is known', 'rad')
+    strange_share: float = quantity(0.1, 'residuals of a strange frame, in swings of a rotor')
+    strange_ratio: float = quantity(9.0, 'mean square of a strange frame, over that of late')
+    elastic_shares: tuple[float, float] = quantity(
+        (0.03, 0.06), 'residuals that springs may make inside and at edges, in swings of a rotor'
+    )
+    most_outliers: float = quantity(0.3, 'share of outliers about the wall of a strange frame')
+    gain: float = quantity(25.0, 'sum of squares to be gained elsewhere, over that of a rotor')
+    same_place: float = quantity(
+        2.0, 'distance up to which another leg has the wall at the same place', 'rotor spacings'
+    )
+    edge_rotors: float = quantity(2.0, 'reach of an edge beside ell / a', 'rotor spacings')
+    beside_share: float = quantity(
+        0.08, 'share of what a frame is beside the orbit by which the arc is unsure'
+    )
+    most_alike: float = quantity(1000.0, 'frames in a row that may have the same error, at most')
+    way_beside: float = quantity(
+        0.5, 'way on which what is beside the orbit changes', 'rotor spacings'
+    )
+    leg_evidence: float = quantity(12.0, 'log odds from which on the leg is known')
+
+
+@dataclass(frozen=True)
+class SearchSettings(_Part):
+    """How the nearest point of the orbit to one frame is found."""
+
+    iterations: int = quantity(20, 'most steps of Gauss and Newton')
+    close: float = quantity(1e-8, 'step that is the last', 'rad')
+    longest_step: float = quantity(0.5, 'longest step', 'rad')
+    least_slope: float = quantity(0.3, 'least slope that divides a step, and 1 over the largest')
+    least_information: float = quantity(1e-6, 'information below which the arc is not fitted')
+    search_step: float = quantity(0.2, 'longest step of the search along the orbit', 'rad')
+    same_arc: float = quantity(1e-3, 'distance up to which two fits are the same', 'rad')
+
+
+@dataclass(frozen=True)
+class MotionSettings(_Part):
+    """What frames have to show for their class of motion to be told."""
+
+    sure: float = quantity(0.95, 'least probability of a class that is told')
+    fewest_rotors: float = quantity(4, 'rotors between a wall and an edge, which tell nothing')
+    leaning: float = quantity(3.0, 'deviations by which either side must lean')
+    least_noise: float = quantity(1e-6, 'least noise of a frame', 'rad')
+    strongest_frame: float = quantity(10.0, 'log likelihood that one frame may give')
+    strongest: float = quantity(30.0, 'log likelihood that all may give: errors may last')
+    flat: float = quantity(0.02, 'deviations of a tail at least, in rest angles')
+    flat_in_noise: float = quantity(2.0, 'the same, in noise')
+    noisiest: float = quantity(0.15, 'noise from which on tails tell nothing, in rest angles')
+    bend: float = quantity(0.1, 'standard deviation of the term in e^2, times the rest angle')
+    spread: float = quantity(1.2, "variance of e' - F(e) over that of noise")
+    neglected: float = quantity(0.01, 'what springs in motion may do to the ratio of tails')
+
+
+@dataclass(frozen=True)
+class WobbleSettings(_Part):
+    """Which rotors tell the wobble beside a wall."""
+
+    least_noise: float = quantity(1e-12, 'least noise, that of rounding', 'rad')
+    calm: float = quantity(1e-3, 'deviation of a rotor at rest at least, in rest angles')
+    largest: float = quantity(0.5, 'largest deviation in a tail, in rest angles')
+    above_noise: float = quantity(4.0, 'smallest deviation in a tail, over the noise')
+    bend: float = quantity(0.3, 'how far a deviation moves a zero, in rest angles')
+    certain: float = quantity(3.0, 'deviations from 0 of a ratio that tells a decay length')
+    coarsest: float = quantity(0.2, 'largest relative deviation of a decay length')
+
+
+@dataclass(frozen=True)
+class WidthSettings(_Part):
+    """How the contraction of a moving wall is fitted and averaged."""
+
+    depths_beside: float = quantity(14, 'reach of the tables, ell / a')
+    rotors_beside: float = quantity(6, 'reach of the tables beside that', 'rotor spacings')
+    samples: int = quantity(32, 'walls at rest in a rotor spacing of a table')
+    steps: int = quantity(128, 'steps of a table in a spacing or ell / a')
+    degree: int = quantity(5, 'degree of the splines through the samples')
+    span: float = quantity(6, 'rotors that are fitted on either side, in spacings or ell / a')
+    clear: float = quantity(2, 'least distance from an edge, in widths or ell')
+    iterations: int = quantity(12, 'most steps of Gauss and Newton')
+    close: float = quantity(0.02, 'step that is the last, in standard deviations')
+    closest: float = quantity(1e-5, 'the same for exact angles')
+    longest_step: float = quantity(0.5, 'longest step of place and ln(gamma)')
+    strongest: float = quantity(math.log(8), 'largest ln(gamma) that is told')
+    degenerate: float = quantity(1e-12, 'least determinant, over that of independent derivatives')
+    coarsest: float = quantity(math.log(1.5), 'largest standard deviation of ln(gamma) told')
+    rough: float = quantity(0.03, 'deviation of the mean above which each frame is fitted alone')
+    least_deviation: float = quantity(1e-6, 'least deviation of a frame')
+    least_noise: float = quantity(1e-6, 'least noise of angles', 'rad')
+    memory: float = quantity(5, 'passages over which the mean fades by e')
+    long_memory: float = quantity(30, 'passages over which their scatter fades by e')
+    fewest_passages: float = quantity(2.5, 'passages that tell their scatter')
+    typical_scatter: float = quantity(0.01, 'scatter of passages until then')
+    significance: float = quantity(2.5, 'deviations from which on scatter is no chance')
+    contradiction: float = quantity(6.0, 'deviations at which a passage begins a new mean')
+    most_alike: float = quantity(0.95, 'largest correlation from passage to passage')
+    widest_lean_ratio: float = quantity(
+        2.0, 'lean ratio d from which on only spinners have a width: psi has no tanh'
+    )
+
+
+@dataclass(frozen=True)
+class ReportSettings(_Part):
+    """What of a state counts to a wall, and what is told at all."""
+
+    reach_in_depths: float = quantity(
+        8, 'reach of a wall: no more than e^-16 of its energy is beyond', 'ell / a'
+    )
+    reach_beside: float = quantity(
+        3, 'reach beside that, which holds the core where ell vanishes', 'rotor spacings'
+    )
+    domain: float = quantity(0.5, 'polarisation of a bond in a domain, over the uniform one')
+    inside: float = quantity(0.5, 'least distance of a wall from an edge', 'rotor spacings')
+    fastest: float = quantity(1e9, 'largest rate that is one', 'rad/s')
+
+
+@dataclass(frozen=True)
+class EstimationSettings:
+    """All numbers of the estimation that were chosen, in parts by subject.
+
+    noise: of angles and rates; offsets: of encoders; filter: its models; tracking: on the orbit;
+    search: of the nearest point; motion: its class; wobble, width: of a wall; report: of states.
+    """
+
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    offsets: OffsetSettings = field(default_factory=OffsetSettings)
+    filter: FilterSettings = field(default_factory=FilterSettings)
+    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    wobble: WobbleSettings = field(default_factory=WobbleSettings)
+    width: WidthSettings = field(default_factory=WidthSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
+
+
+DEFAULTS = EstimationSettings()

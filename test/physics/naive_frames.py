@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Naive twins, in numpy, of the loops over a frame, a state and a wall's width: same arguments."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from soliton_linkage.estimation.loops.frame_loops import LARGEST_ANGLE, Flags
+from soliton_linkage.linkage.chain import Array, springs_between, wrapped
+
+LEAST_LOGARITHM = -600.0
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
+    readable = np.isfinite(angles) & (np.abs(angles) < LARGEST_ANGLE)
+    read = np.where(readable, angles, np.nan)
+    jumps = np.rint((read - last) / (2 * math.pi))
+    turns -= np.where(np.isfinite(jumps), jumps, 0.0)
+    last[readable] = read[readable]
+    seen[:] = read + 2 * math.pi * turns
+
+
+def all_within(values: Array, limit: float) -> bool:
+    largest = float(np.abs(values).max())
+    return largest <= limit and largest < math.inf
+
+
+def compare(
+    angles: Array,
+    corrections: Array,
+    upside_down: bool,
+    before: Array,
+    about: Array,
+    beyond: Array,
+    first: int,
+    differences: Array,
+) -> None:
+    end = first + len(about)
+    expected = np.concatenate([before[:first], about, beyond[end:]])
+    read = angles - corrections
+    differences[:] = wrapped((math.pi - read if upside_down else read) - expected)
+
+
+def find_arc(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    limit: float,
+    spread: float,
+    least_share: float,
+    doubtful: Flags,
+    outlying: Flags,
+    used: Flags,
+    left: Array,
+) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
+    window = slice(first, first + len(tangent))
+    about = differences[window]
+    squares = differences * differences
+    squares[window] -= spread * tangent**2
+    outlying[:] = squares > limit
+    if len(doubtful):
+        outlying |= doubtful
+    used[:] = np.isfinite(about)
+    known, excluded = int(np.count_nonzero(used)), int(np.count_nonzero(outlying[window]))
+    if excluded:
+        kept = used & ~outlying[window]
+        if np.sum(tangent[kept] ** 2) > least_share * np.sum(tangent[used] ** 2):
+            used[:] = kept
+    weights = np.where(used, tangent, 0.0)
+    information = float(weights @ weights)
+    ahead = float(weights @ np.where(used, about, 0.0)) / information if information else 0.0
+    about -= ahead * tangent
+    left[:] = np.where(used, about, 0.0)
+    counted = int(np.count_nonzero(used))
+    squared = float(left @ left)
+    largest = float(np.abs(differences).max())
+    largest = largest if math.isfinite(largest) else math.inf
+    strange = bool(outlying.any())
+    return (known, excluded, counted), strange, (information, ahead, squared), largest
+
+
+def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
+    with np.errstate(invalid='ignore'):
+        np.sin(angles, out=sines)
+        np.cos(angles, out=cosines)
+
+
+def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+    differences = np.abs(first - 2 * second + third)
+    known = differences[np.isfinite(differences)]
+    changes[: len(known)] = known
+    return len(known)
+
+
+def products_in_time(
+    oldest: Array,
+    older: Array,
+    left: Array,
+    tangent: Array,
+    in_oldest: int,
+    in_older: int,
+    begin: int,
+    count: int,
+) -> tuple[float, float, float, float]:
+    end = begin + count
+    earlier = oldest[in_oldest : in_oldest + count], older[in_older : in_older + count]
+    products = left[begin:end] * (earlier[1] * (4 / 3) - earlier[0] / 3)
+    share = tangent[begin:end] ** 2
+    free = share - share**2
+    return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
+
+
+def springs(
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+) -> tuple[float, float]:
+    count = rows.shape[1]
+    lengths, of_springs = parameters[0], parameters[1:, :count]
+    h, v = lengths * sines, lengths * cosines
+    after = np.arange(1, count + 1)
+    following = h.take(after, mode='wrap'), v.take(after, mode='wrap')
+    rows[:] = springs_between((h[:count], v[:count]), following, *of_springs)
+    signs = 1.0 - 2.0 * (np.arange(len(sines)) % 2)
+    twists = sines[1:] * cosines[:-1] - cosines[1:] * sines[:-1]
+    return float(signs[:-1] @ twists), float(signs[1:-1] @ cosines[1:-1])
+
+
+def elastic(
+    rows: Array,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    periodic: bool,
+    variance: float,
+    walls: Array,
+    reach: float,
+) -> tuple[float, float, float, float]:
+    extensions, firsts, seconds = rows[0], lefts * rows[1] ** 2, rights * rows[2] ** 2
+    levers, pulls = firsts + seconds, half * extensions
+    stretched = pulls * extensions
+    energies = stretched - variance * levers
+    squares = float(levers @ levers) + 2 * joint(seconds, firsts, periodic)
+    of_next = lefts * extensions * rows[1]
+    pulling = float(stretched @ levers) + 2 * joint(pulls * rows[2], of_next, periodic)
+    return float(energies.sum()), wake_of(energies, 0.5, walls, reach), squares, pulling
+
+
+def kinetic(
+    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
+) -> tuple[float, float, float, float]:
+    energies = half * (rates * rates) - variance * noisy
+    wake = wake_of(energies, 0.0, walls, reach)
+    return float(energies.sum()), wake, float(energies @ noisy), float(noisy @ noisy)
+
+
+def topology(
+    rows: Array, before: int, beyond: int, domain: float
+) -> tuple[float, float, int, int, float]:
+    first, second = rows[1] ** 2, rows[2] ** 2
+    strengths = (first - second) / np.maximum(first + second, TINY)
+    domains = np.sign(strengths[np.abs(strengths) > domain])
+    ends = (int(domains[0]), int(domains[-1])) if len(domains) else (0, 0)
+    logarithms = np.zeros(len(first) + 1)
+    np.log(np.maximum(first, TINY) / np.maximum(second, TINY)).cumsum(out=logarithms[1:])
+    logarithms -= logarithms.max()
+    squares = np.exp(np.maximum(logarithms, LEAST_LOGARITHM))
+    centre = float(np.arange(len(squares)) @ squares) / float(squares.sum())
+    return float(strengths[:before].sum()), float(strengths[beyond:].sum()), *ends, centre
+
+
+def contraction_sums(
+    angles: Array,
+    table: Array,
+    begin: int,
+    end: int,
+    centre: float,
+    gamma: float,
+    step: float,
+) -> tuple[float, float, float, float, float]:
+    count = table.shape[1] // 2
+    half = count // 2
+    rotors = np.arange(begin, end)[np.isfinite(angles[begin:end])]
+    distances = np.clip(gamma * (centre - rotors), -half * step, half * step)
+    steps = distances * (1 / step)
+    nearest = np.rint(steps)
+    beyond = (steps - nearest) * step
+    values, slopes, curvatures = table[:, (nearest + half + count * (rotors % 2)).astype(np.intp)]
+    bent = beyond * curvatures
+    left = wrapped(angles[rotors] - (values + beyond * (slopes + 0.5 * bent)))
+    slopes = slopes + bent
+    by_log = distances * slopes
+    return (
+        float(slopes @ slopes),
+        float(slopes @ by_log),
+        float(by_log @ by_log),
+        float(slopes @ left),
+        float(by_log @ left),
+    )
+
+
+def joint(lefts: Array, rights: Array, periodic: bool) -> float:
+    inner = float(lefts[:-1] @ rights[1:])
+    return inner + float(lefts[-1] * rights[0]) if periodic else inner
+
+
+def wake_of(energies: Array, place: float, walls: Array, reach: float) -> float:
+    wake, count = 0.0, len(energies)
+    for wall, following in pairwise(walls.tolist()):
+        low, high = wall + reach - place, following - reach - place
+        begin = math.floor(low) + 1 if low >= 0 else 0
+        end = math.ceil(high) if high < count else count
+        wake += float(energies[begin:end].sum()) if begin < end else 0.0
+    return wake
