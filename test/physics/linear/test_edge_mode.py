@@ -32,8 +32,7 @@ def test_an_edge_that_is_named_is_meant_wherever_the_wall_is(edge: Edge) -> None
         assert edge.resolved(chain, wall_between(chain, rotor)) is edge
 
 
-@pytest.mark.parametrize('rotors', [12, 13])
-@pytest.mark.parametrize('lean', [-1, 1])
+@pytest.mark.parametrize(('lean', 'rotors'), [(-1, 12), (1, 13)])
 @pytest.mark.parametrize('sense', [-1, 1])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(

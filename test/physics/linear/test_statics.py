@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -87,8 +88,8 @@ def test_the_smallest_change_is_that_of_the_pseudo_inverse(
     chain, angles = configuration
     matrix = rigidity_matrix(chain, angles).toarray()
     singular = np.linalg.svd(matrix, compute_uv=False)
+    assume(singular[-1] > 1e-3 * singular[0])
     condition = singular[0] / singular[-1]
-    assume(condition < 1e3)
     lengthening = np.random.default_rng(seed).normal(size=chain.number_of_springs)
     change = smallest_change(chain, angles, lengthening)
     # The matrix R R^T has the square of the condition of R.
@@ -283,11 +284,23 @@ def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
         balanced(Chain(4), np.zeros(4))
 
 
-def test_torques_without_balance_near_are_refused_by_rotor() -> None:
+def test_torques_are_in_balance_or_refused_by_rotor() -> None:
+    # Next to the one balance of an anti-kink Newton's method finds it or does not, by rounding.
     chain = chain_of(FLIPPER, 20)
     start = antikink(9.5, dataclasses.replace(chain, number_of_rotors=40))[:20]
-    with pytest.raises(ValueError, match=r'rotor \d+ keeps a torque of .* N m: the springs have'):
-        balanced(chain, start)
+    refusals = []
+    for seed in range(20):
+        noise = 1e-9 * np.random.default_rng(seed).standard_normal(20)
+        try:
+            found = balanced(chain, start + noise)
+        except ValueError as refusal:
+            refusals.append(str(refusal))
+        else:
+            scale = chain.stiffness * chain.rest_length * chain.rotor_length
+            assert np.abs(chain.spring_torques(found)).max() <= 1e-12 * scale
+    assert refusals
+    for refusal in refusals:
+        assert re.match(r'rotor \d+ keeps a torque of .* N m: the springs have', refusal)
 
 
 @pytest.mark.parametrize('law', [unstretched, balanced])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cycle of a chain that deviates: that of its linkage, and what a frame tells with it."""
+"""The orbit of a chain that deviates: that of its linkage, and what a frame tells with it."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ def deviating(example: Example, rotors: int, fraction: float = 0.05, seed: int =
 
 
 @lru_cache(maxsize=64)
-def cycle_with(
+def orbit_with(
     example: Example, rotors: int = 20, fraction: float = 0.05, seed: int = 0
 ) -> DeviatingOrbit:
     return DeviatingOrbit(deviating(example, rotors, fraction, seed))
 
 
 @lru_cache(maxsize=16)
-def cycle_without(example: Example, rotors: int = 20) -> UniformOrbit:
+def orbit_without(example: Example, rotors: int = 20) -> UniformOrbit:
     return UniformOrbit(chain_of(example, rotors))
 
 
-ANY_CYCLE = pytest.mark.parametrize(
+ANY_ORBIT = pytest.mark.parametrize(
     ('example', 'rotors', 'seed'),
     [
         *((example, rotors, 5) for example in CLASSES for rotors in (3, 20)),
@@ -66,34 +66,27 @@ ANY_CYCLE = pytest.mark.parametrize(
 
 
 def some_arcs(orbit: Orbit, count: int) -> list[float]:
-    """Arcs all over the cycle and beyond both of its ends, and next to every reflection."""
+    """Arcs all over the orbit and beyond both of its ends, and next to every reflection."""
     even = np.linspace(-1, orbit.length + 1, count)
     begins = [orbit.leg_arcs(leg)[0] for leg in range(orbit.number_of_legs)]
     return [*even.tolist(), *(begin + by for begin in begins for by in (-0.3, 0.0, 0.4))]
 
 
-def tangent_at(orbit: Orbit, arc: float) -> Array:
-    about = orbit.stretch(arc)
-    tangent = np.zeros(orbit.chain.number_of_rotors)
-    tangent[about.first : about.first + len(about.tangent)] = about.tangent
-    return tangent
-
-
-@ANY_CYCLE
+@ANY_ORBIT
 def test_every_bar_has_its_length_all_along(example: Example, rotors: int, seed: int) -> None:
-    orbit = cycle_with(example, rotors, seed=seed)
+    orbit = orbit_with(example, rotors, seed=seed)
     chain = orbit.chain
     angles = np.array([orbit.configuration(arc) for arc in some_arcs(orbit, 150)])
     assert np.abs(chain.spring_extensions(angles) / chain.rest_lengths).max() < 1e-9
 
 
-@ANY_CYCLE
+@ANY_ORBIT
 def test_the_tangent_is_the_zero_mode_towards_the_other_edge(
     example: Example, rotors: int, seed: int
 ) -> None:
-    orbit = cycle_with(example, rotors, seed=seed)
+    orbit = orbit_with(example, rotors, seed=seed)
     for arc in some_arcs(orbit, 40):
-        angles, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
+        angles, tangent = orbit.configuration(arc), orbit.tangent(arc)
         mode = zero_mode(orbit.chain, angles)
         assert np.sign(mode @ tangent) * tangent == pytest.approx(mode, rel=0, abs=ACCURATE)
         ends = [orbit.leg_arcs(leg)[1] for leg in range(orbit.number_of_legs)]
@@ -102,25 +95,25 @@ def test_the_tangent_is_the_zero_mode_towards_the_other_edge(
             assert np.sign(towards_last) == (-1) ** orbit.leg(arc)
 
 
-@ANY_CYCLE
+@ANY_ORBIT
 def test_angles_change_by_the_tangent(example: Example, rotors: int, seed: int) -> None:
-    orbit = cycle_with(example, rotors, seed=seed)
+    orbit = orbit_with(example, rotors, seed=seed)
     errors = []
     for step in (1e-3, 5e-4):
         moved = []
         for arc in some_arcs(orbit, 40):
             way = orbit.configuration(arc + step) - orbit.configuration(arc - step)
             way -= 2 * math.pi * np.round(way / (2 * math.pi))
-            moved.append(way / (2 * step) - tangent_at(orbit, arc))
+            moved.append(way / (2 * step) - orbit.tangent(arc))
         errors.append(np.abs(moved).max())
     # A central difference is off by the second order in its step.
     assert errors[1] < errors[0] / 3.5 + ACCURATE / 1e-3
     assert errors[0] < 1e-3
 
 
-@ANY_CYCLE
+@ANY_ORBIT
 def test_it_is_continuous_and_closes(example: Example, rotors: int, seed: int) -> None:
-    orbit = cycle_with(example, rotors, seed=seed)
+    orbit = orbit_with(example, rotors, seed=seed)
     step = 1e-9
     for seam in [orbit.leg_arcs(leg)[1] for leg in range(orbit.number_of_legs)]:
         before, after = orbit.configuration(seam - step), orbit.configuration(seam + step)
@@ -137,13 +130,13 @@ def test_it_is_the_closed_orbit_of_the_linkage(example: Example) -> None:
     chain = dataclasses.replace(chain_of(example, 5), deviations=drawn)
     orbit = DeviatingOrbit(chain)
     begin = orbit.arc_at(2.0, 0)
-    orbit = closed_orbit(chain, orbit.configuration(begin))
-    assert orbit.length == pytest.approx(orbit.length, rel=0, abs=ACCURATE)
-    sense = float(orbit.directions[0])
-    for arc in np.linspace(0, orbit.length, 30).tolist():
+    sampled = closed_orbit(chain, orbit.configuration(begin))
+    assert sampled.length == pytest.approx(orbit.length, rel=0, abs=ACCURATE)
+    sense = float(sampled.directions[0])
+    for arc in np.linspace(0, sampled.length, 30).tolist():
         there = orbit.configuration(begin + sense * arc)
-        assert distance(there, orbit.configuration(arc)) < ACCURATE
-    turns = [begin + sense * arc for arc, _ in orbit.reflections]
+        assert distance(there, sampled.configuration(arc)) < ACCURATE
+    turns = [begin + sense * arc for arc, _ in sampled.reflections]
     for leg in range(orbit.number_of_legs):
         end = orbit.leg_arcs(leg)[1]
         assert min(abs(math.remainder(arc - end, orbit.length)) for arc in turns) < ACCURATE
@@ -151,9 +144,9 @@ def test_it_is_the_closed_orbit_of_the_linkage(example: Example) -> None:
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_free_motion_runs_round_it_at_the_rate_it_says(example: Example) -> None:
-    orbit = cycle_with(example, 8)
+    orbit = orbit_with(example, 8)
     chain, start = orbit.chain, orbit.leg_arcs(0)[0] + 2.0
-    angles, tangent = orbit.configuration(start), tangent_at(orbit, start)
+    angles, tangent = orbit.configuration(start), orbit.tangent(start)
     speed = math.sqrt(float(chain.moments_of_inertia @ tangent**2) / chain.moment_of_inertia)
     # A rate of 1 rad/s in the metric of the moments of inertia, which is kept.
     period = orbit.length / 400
@@ -177,7 +170,7 @@ def test_free_motion_runs_round_it_at_the_rate_it_says(example: Example) -> None
 @pytest.mark.parametrize('rotors', [5, 20])
 @pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER, WIDE_SPINNER])
 def test_without_deviations_it_is_that_of_the_uniform_chain(example: Example, rotors: int) -> None:
-    orbit, uniform = DeviatingOrbit(chain_of(example, rotors)), cycle_without(example, rotors)
+    orbit, uniform = DeviatingOrbit(chain_of(example, rotors)), orbit_without(example, rotors)
     accurate = 1e-6
     assert orbit.length == pytest.approx(uniform.length, rel=0, abs=accurate)
     assert orbit.site_arc == pytest.approx(uniform.site_arc, rel=accurate)
@@ -199,11 +192,11 @@ def test_the_reflections_of_evenly_built_chains_are_found(example: Example) -> N
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_small_deviations_change_it_to_first_order(example: Example) -> None:
-    uniform = cycle_without(example)
+    uniform = orbit_without(example)
     places = np.linspace(2, 17, 11).tolist()
     changes = []
     for fraction in (1e-3, 1e-4):
-        orbit = cycle_with(example, 20, fraction)
+        orbit = orbit_with(example, 20, fraction)
         change = [orbit.length - uniform.length]
         for leg in range(uniform.number_of_legs):
             for place in places:
@@ -225,7 +218,7 @@ def test_small_deviations_change_it_to_first_order(example: Example) -> None:
 def test_the_mirror_image_of_the_chain_has_the_mirror_image_of_the_orbit(
     example: Example, rotors: int
 ) -> None:
-    orbit = cycle_with(example, rotors)
+    orbit = orbit_with(example, rotors)
     deviations = orbit.chain.deviations
     reversed_ones = {
         field.name: getattr(deviations, field.name)[::-1]
@@ -248,7 +241,7 @@ def test_the_mirror_image_of_the_chain_has_the_mirror_image_of_the_orbit(
 def test_legs_of_flippers_end_where_the_edge_rotor_is_in_line_with_its_bar(
     example: Example,
 ) -> None:
-    orbit = cycle_with(example)
+    orbit = orbit_with(example)
     for leg in range(4):
         angles = orbit.configuration(orbit.leg_arcs(leg)[1])
         edge, rotor = (Edge.LAST, -1) if leg % 2 == 0 else (Edge.FIRST, 0)
@@ -256,11 +249,11 @@ def test_legs_of_flippers_end_where_the_edge_rotor_is_in_line_with_its_bar(
         assert abs(apart) < ACCURATE
 
 
-@ANY_CYCLE
+@ANY_ORBIT
 def test_the_wall_goes_to_and_fro_without_turning_back(
     example: Example, rotors: int, seed: int
 ) -> None:
-    orbit, uniform = cycle_with(example, rotors, seed=seed), cycle_without(example, rotors)
+    orbit, uniform = orbit_with(example, rotors, seed=seed), orbit_without(example, rotors)
     assert orbit.leg_arcs(0)[0] == 0
     assert orbit.leg_arcs(orbit.number_of_legs - 1)[1] == orbit.length
     for leg in range(orbit.number_of_legs):
@@ -281,7 +274,7 @@ def test_the_wall_goes_to_and_fro_without_turning_back(
 def test_place_and_arc_are_inverse_and_the_site_arc_is_their_slope(
     example: Example, share: float, leg: int, orbits: int
 ) -> None:
-    orbit = cycle_with(example)
+    orbit = orbit_with(example)
     leg %= orbit.number_of_legs
     place = 0.5 + share * 18
     arc = orbit.arc_at(place, leg) + orbits * orbit.length
@@ -294,17 +287,17 @@ def test_place_and_arc_are_inverse_and_the_site_arc_is_their_slope(
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_half_of_the_mode_is_on_either_side_of_a_wall_between_rotors(example: Example) -> None:
-    orbit = cycle_with(example, 60, seed=5)
+    orbit = orbit_with(example, 60, seed=5)
     for bond in range(25, 35):
         for leg in range(orbit.number_of_legs):
-            tangent = tangent_at(orbit, orbit.arc_at(bond + 0.5, leg))
+            tangent = orbit.tangent(orbit.arc_at(bond + 0.5, leg))
             left = float(tangent[: bond + 1] @ tangent[: bond + 1])
             assert left == pytest.approx(0.5, abs=1e-6)
 
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_rotors_beyond_a_stretch_stand_still_as_in_the_background(example: Example) -> None:
-    orbit = cycle_with(example, 60, seed=5)
+    orbit = orbit_with(example, 60, seed=5)
     chain = orbit.chain
     for arc in some_arcs(orbit, 20):
         left, right = orbit.background(arc)
@@ -328,7 +321,7 @@ def noisy(orbit: Orbit, arc: float, sigma: float, frames: int) -> Array:
 def test_frames_are_measured_at_the_bound_and_worse_without_the_deviations(
     example: Example,
 ) -> None:
-    orbit, uniform = cycle_with(example, 40, seed=5), cycle_without(example, 40)
+    orbit, uniform = orbit_with(example, 40, seed=5), orbit_without(example, 40)
     sigma, frames = 0.01, 300
     errors, without = [], []
     for place, leg in ((12.3, 0), (20.0, 1), (27.8, 0)):
@@ -346,7 +339,7 @@ def test_frames_are_measured_at_the_bound_and_worse_without_the_deviations(
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_frames_are_found_from_anywhere(example: Example) -> None:
-    orbit = cycle_with(example, 40, seed=5)
+    orbit = orbit_with(example, 40, seed=5)
     for arc in np.linspace(0, orbit.length, 25).tolist():
         fit = fit_anywhere(orbit, noisy(orbit, arc, 0.01, 1)[0])
         assert abs(math.remainder(fit.arc - arc, orbit.length)) < 6 * 0.01
@@ -355,7 +348,7 @@ def test_frames_are_found_from_anywhere(example: Example) -> None:
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_the_filter_follows_free_motion_along_it(example: Example) -> None:
-    orbit = cycle_with(example, 14)
+    orbit = orbit_with(example, 14)
     period, sigma = 2e-3, 0.01
     random = np.random.default_rng(5)
     tracker, arc = OrbitFilter(orbit, sigma), 3.0
@@ -373,10 +366,10 @@ def test_the_filter_follows_free_motion_along_it(example: Example) -> None:
 
 
 def test_the_filter_follows_the_chain_of_springs() -> None:
-    orbit = cycle_with(FLIPPER, 14)
+    orbit = orbit_with(FLIPPER, 14)
     chain, start = orbit.chain, 3.0
     angles = unstretched(chain, orbit.configuration(start))
-    simulation = ElasticSimulation(chain, angles, 10 * tangent_at(orbit, start), 2e-3)
+    simulation = ElasticSimulation(chain, angles, 10 * orbit.tangent(start), 2e-3)
     random = np.random.default_rng(6)
     tracker, arc = OrbitFilter(orbit, 0.01), start
     errors = []
@@ -393,7 +386,7 @@ def test_the_filter_follows_the_chain_of_springs() -> None:
     assert np.sqrt(np.mean(np.square(errors[20:]))) < 0.02
 
 
-def test_a_cycle_is_taken_as_the_chain_deviates() -> None:
+def test_an_orbit_is_taken_as_the_chain_deviates() -> None:
     chain = chain_of(FLIPPER, 8)
     assert isinstance(orbit_of(chain), UniformOrbit)
     deviating_chain = deviating(FLIPPER, 8)
@@ -405,7 +398,7 @@ def test_a_cycle_is_taken_as_the_chain_deviates() -> None:
 def test_memory_grows_as_the_chain_is_long() -> None:
     pieces = {}
     for rotors in (60, 120):
-        orbit = cycle_with(FLIPPER, rotors, seed=5)
+        orbit = orbit_with(FLIPPER, rotors, seed=5)
         arcs = np.linspace(0, orbit.length, 10 * rotors).tolist()
         pieces[rotors] = max(len(orbit.stretch(arc).angles) for arc in arcs)
     assert pieces[120] <= pieces[60] + 4 < 50

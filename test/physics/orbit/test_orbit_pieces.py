@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ EXAMPLES = pytest.mark.parametrize('example', [FLIPPER, WOBBLER, STRONG_WOBBLER,
 STILL = 1e-9
 
 
+@lru_cache
 def pieces_of(example: tuple[float, float], rotors: int) -> list[OrbitPiece]:
     drawn = drawn_deviations(rotors, 5, rotor_length=0.05, spacing=0.05, rest_length=0.05)
     return orbit_pieces(dataclasses.replace(chain_of(example, rotors), deviations=drawn))

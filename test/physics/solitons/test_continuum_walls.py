@@ -9,12 +9,8 @@ import math
 import numpy as np
 import pytest
 from chains import (
-    EXAMPLES,
-    FLIPPER,
     SPINNER,
-    STRONG_WOBBLER,
     WIDE_SPINNER,
-    WOBBLER,
     chain_of,
 )
 from continuum_theories import WIDEST_FLIPPER, Theory, theory_of
@@ -23,15 +19,9 @@ from linkage_motion import distance, site, wall_between
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linear.statics import balanced
-from soliton_linkage.linkage.chain import Array, Motion, staggered
-from soliton_linkage.solitons.continuum import (
-    FlipperTheory,
-    SpinnerTheory,
-    charge_of_field,
-    exact_tail,
-    half_turns,
-    topological_charge,
-)
+from soliton_linkage.linkage.chain import Array, displacement, staggered
+from soliton_linkage.solitons.charge import charge_of_field, half_turns, topological_charge
+from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 
@@ -52,7 +42,7 @@ def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_behind_it(
     assert angles[:10] == pytest.approx(chain.uniform_state(charge)[:10], abs=1e-6)
     assert angles[-10:] == pytest.approx(chain.uniform_state(-charge)[-10:], abs=1e-6)
     assert topological_charge(chain, angles) == charge
-    field_charge = charge_of_field(chain.rotor_length * np.sin(staggered(angles)), theory.lean)
+    field_charge = charge_of_field(displacement(chain, angles), theory.lean)
     assert field_charge == pytest.approx(charge, abs=1e-6)
 
 
@@ -81,21 +71,6 @@ def test_spinners_turn_by_half_a_turn_across_a_wall(
         assert half_turns(chain, image) == charge * turn
     assert find_solitons(chain, angles, rates)[0].charge == charge
     assert math.copysign(1, find_solitons(chain, angles, rates)[0].velocity) == sense
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, 40)
-    for lean in (-1, 1):
-        assert topological_charge(chain, chain.uniform_state(lean)) == 0
-    for turned in (False, True):
-        wall = wall_between(chain, 19, turned)
-        assert topological_charge(chain, wall) == 1
-        if chain.motion is Motion.SPINNER:
-            assert abs(half_turns(chain, wall)) == 1
-            assert half_turns(chain, chain.uniform_state(1)) == 0
 
 
 @pytest.mark.parametrize(('charge', 'share'), [(-1, 0.0), (-1, 0.6), (1, 0.6)])
@@ -305,18 +280,3 @@ def test_an_exact_wall_half_way_between_spinners_tends_to_the_continuum(
     assert errors[0] < 0.01
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
-
-
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, (1.2, 0.77), STRONG_WOBBLER, (1.8, 0.77)])
-def test_the_exact_tail_is_that_of_the_exact_wall(example: tuple[float, float]) -> None:
-    chain = chain_of(example, 80)
-    tail = exact_tail(chain)
-    displacements = np.sin(staggered(wall_between(chain, 39))) - math.sin(chain.rest_angle)
-    # From the wall outwards, deviations small beside 1 and large beside rounding.
-    far = np.flatnonzero(np.abs(displacements[:39]) < 1e-5)
-    far = far[np.abs(displacements[far]) > 1e-10]
-    ratios = displacements[far[1:]] / displacements[far[1:] - 1]
-    growth = math.exp(chain.spacing / tail.decay_length)
-    growth *= math.cos(tail.wave_number * chain.spacing)
-    assert len(ratios) >= 2
-    assert ratios == pytest.approx(growth, rel=1e-3)

@@ -89,8 +89,7 @@ def test_a_wall_in_a_long_chain_is_relaxed_and_leans_right_before_it_and_left_be
         assert leaning == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize('turned', BOTH)
-@pytest.mark.parametrize('rotor', [9, 10])
+@pytest.mark.parametrize(('turned', 'rotor'), [(False, 9), (True, 10)])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_wall_half_way_is_that_of_its_symmetry(
     example: tuple[float, float], rotor: int, turned: bool
@@ -365,8 +364,8 @@ def test_a_wobbling_flipper_overshoots_as_a_power_of_d_less_1(
         assert overshoot == pytest.approx(scale * excess**2.1, rel=0.1)
 
 
-@pytest.mark.parametrize('rest_angle', [0.2, 0.5, 0.65])
-@pytest.mark.parametrize('lean_ratio', [0.1, 0.3, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize('rest_angle', [0.2, 0.65])
+@pytest.mark.parametrize('lean_ratio', [0.1, 0.3, 1.0, 3.0])
 def test_a_wall_deviates_from_a_tanh_as_d_cubed(lean_ratio: float, rest_angle: float) -> None:
     chain = of_lean_ratio(lean_ratio, rest_angle)
     rotors = np.arange(1, 100)
@@ -390,8 +389,7 @@ def shown_leg(chain: Chain, angles: Array, place: float, turned: bool) -> int:
     return int(sine * lean * (-1) ** rotor > 0)
 
 
-@pytest.mark.parametrize('rotors', [40, 41])
-@pytest.mark.parametrize('turned', BOTH)
+@pytest.mark.parametrize(('rotors', 'turned'), [(40, False), (41, True)])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_wall_is_found_on_its_leg(
     example: tuple[float, float], turned: bool, rotors: int

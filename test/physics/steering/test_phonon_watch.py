@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER
-from driven_walls import cycle_of, tangent_at
+from driven_walls import orbit_of_example
 
 from soliton_linkage.linear.normal_modes import normal_modes
 from soliton_linkage.linkage.chain import Array
@@ -46,9 +46,9 @@ def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
 def test_it_is_the_energy_of_the_normal_modes_whatever_the_wall_does(
     example: tuple[float, float],
 ) -> None:
-    orbit = cycle_of(example, ROTORS)
+    orbit = orbit_of_example(example, ROTORS)
     arc = orbit.arc_at(5.3, 0)
-    rates = vibrating(orbit, arc, 2e-6, 800) + 3.0 * tangent_at(orbit, arc)
+    rates = vibrating(orbit, arc, 2e-6, 800) + 3.0 * orbit.tangent(arc)
     energies = watched(orbit, arc, rates)
     assert np.isnan(energies[:3]).all()
     # Kinetic energy is now more than half, now less.
@@ -57,7 +57,7 @@ def test_it_is_the_energy_of_the_normal_modes_whatever_the_wall_does(
 
 
 def test_white_noise_of_the_rates_is_told_from_phonons() -> None:
-    orbit = cycle_of(FLIPPER, ROTORS)
+    orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     noise = np.random.default_rng(9).normal(0, 0.1, (3000, ROTORS))
     of_noise = orbit.chain.moment_of_inertia * 0.1**2 * (ROTORS - 1)
@@ -68,7 +68,7 @@ def test_white_noise_of_the_rates_is_told_from_phonons() -> None:
 
 
 def test_frames_without_rates_say_nothing() -> None:
-    orbit = cycle_of(FLIPPER, ROTORS)
+    orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononWatch(orbit)
     rates = vibrating(orbit, arc, 1e-6, 50)
@@ -83,7 +83,7 @@ def test_frames_without_rates_say_nothing() -> None:
 
 
 def test_a_clock_that_goes_back_begins_anew() -> None:
-    orbit = cycle_of(FLIPPER, ROTORS)
+    orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononWatch(orbit)
     for frame, rates in enumerate(vibrating(orbit, arc, 1e-6, 50)):

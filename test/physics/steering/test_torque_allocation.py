@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER
-from driven_walls import cycle_of, tangent_at
+from driven_walls import orbit_of_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,10 +27,10 @@ rotor_sets = st.sets(st.integers(0, ROTORS - 1), max_size=ROTORS).map(lambda eac
 def test_torques_have_the_force_on_actuated_rotors_alone_and_the_least_norm(
     example: tuple[float, float], rotors: tuple[int, ...], place: float, leg: int, force: float
 ) -> None:
-    orbit = cycle_of(example, ROTORS)
+    orbit = orbit_of_example(example, ROTORS)
     arc = orbit.arc_at(place, leg)
     torques, given_force = TorqueAllocation(orbit, rotors).torques(arc, force)
-    tangent = tangent_at(orbit, arc)
+    tangent = orbit.tangent(arc)
     actuated = np.isin(np.arange(ROTORS), rotors) if rotors else np.ones(ROTORS, dtype=bool)
     assert not torques[~actuated].any()
     assert tangent @ torques == pytest.approx(given_force, rel=1e-9, abs=1e-15)
@@ -42,15 +42,15 @@ def test_torques_have_the_force_on_actuated_rotors_alone_and_the_least_norm(
 
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_actuators_on_all_rotors_strain_no_spring(example: tuple[float, float]) -> None:
-    orbit = cycle_of(example, ROTORS)
+    orbit = orbit_of_example(example, ROTORS)
     for place in (0.0, 3.3, 6.0, 11.0):
         arc = orbit.arc_at(place, 0)
         torques, _ = TorqueAllocation(orbit).torques(arc, 2.0)
         work = rigidity_matrix(orbit.chain, orbit.configuration(arc)) @ torques
         assert np.abs(work).max() < 1e-5 * orbit.chain.rotor_length
-        hold = TorqueAllocation(orbit).hold(arc, 2.0)
-        assert hold.strain == 0
-        assert hold.torque == pytest.approx(np.abs(torques).max())
+        effort = TorqueAllocation(orbit).effort(arc, 2.0)
+        assert effort.strain == 0
+        assert effort.torque == pytest.approx(np.abs(torques).max())
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -58,28 +58,28 @@ def test_actuators_on_all_rotors_strain_no_spring(example: tuple[float, float]) 
 def test_the_strain_is_that_of_the_stiffness_matrix(
     example: tuple[float, float], rotors: tuple[int, ...]
 ) -> None:
-    orbit = cycle_of(example, ROTORS)
+    orbit = orbit_of_example(example, ROTORS)
     arc, force = orbit.arc_at(1.4, 0), 1e-3
     allocation = TorqueAllocation(orbit, rotors)
     torques, _ = allocation.torques(arc, force)
     matrix = rigidity_matrix(orbit.chain, orbit.configuration(arc)).toarray()
     stiffness = orbit.chain.stiffness * matrix.T @ matrix
-    left = torques - force * tangent_at(orbit, arc)
+    left = torques - force * orbit.tangent(arc)
     given_way = np.linalg.pinv(stiffness, rcond=1e-9) @ left
-    assert allocation.hold(arc, force).strain == pytest.approx(np.abs(given_way).max(), rel=1e-3)
+    assert allocation.effort(arc, force).strain == pytest.approx(np.abs(given_way).max(), rel=1e-3)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_from_an_edge_the_torque_grows_as_the_zero_mode_decays(
     example: tuple[float, float],
 ) -> None:
-    orbit = cycle_of(example, 24)
+    orbit = orbit_of_example(example, 24)
     allocation = TorqueAllocation(orbit, (0,))
     depth = penetration_depth(orbit.chain) / orbit.chain.spacing
     # Two rotors further the wall is the same; what is left of the edge falls off with every one.
     places = 3 * depth + 2 + np.array([0, 2])
     nearer, farther = (
-        allocation.hold(orbit.arc_at(place, 0), 1e-9).torque for place in places.tolist()
+        allocation.effort(orbit.arc_at(place, 0), 1e-9).torque for place in places.tolist()
     )
     assert farther / nearer == pytest.approx(math.exp(2 / depth), rel=0.05)
 
@@ -88,7 +88,7 @@ def test_from_an_edge_the_torque_grows_as_the_zero_mode_decays(
 def test_a_tenth_of_the_force_reaches_farther_by_as_much_as_the_mode_decays_tenfold(
     example: tuple[float, float],
 ) -> None:
-    orbit = cycle_of(example, 40)
+    orbit = orbit_of_example(example, 40)
     allocation = TorqueAllocation(orbit, (0,), torque_limit=0.1, strain_limit=0.1)
     depth = penetration_depth(orbit.chain) / orbit.chain.spacing
     arc = orbit.arc_at(0.0, 0)
@@ -98,7 +98,7 @@ def test_a_tenth_of_the_force_reaches_farther_by_as_much_as_the_mode_decays_tenf
 
 
 def test_what_it_reaches_it_carries_to_and_no_farther() -> None:
-    orbit = cycle_of(WIDE_SPINNER, 40)
+    orbit = orbit_of_example(WIDE_SPINNER, 40)
     allocation = TorqueAllocation(orbit, (0, 1), torque_limit=0.1)
     start, force = orbit.arc_at(1.0, 0), 1e-3
     reach = allocation.reach(start, force)
@@ -111,9 +111,9 @@ def test_what_it_reaches_it_carries_to_and_no_farther() -> None:
 
 
 def test_the_least_share_is_that_of_the_farthest_place() -> None:
-    orbit = cycle_of(WIDE_SPINNER, 40)
+    orbit = orbit_of_example(WIDE_SPINNER, 40)
     start, goal = orbit.arc_at(1.0, 0), orbit.arc_at(9.0, 0)
-    share = float(tangent_at(orbit, goal)[0] ** 2 + tangent_at(orbit, goal)[1] ** 2)
+    share = float(orbit.tangent(goal)[0] ** 2 + orbit.tangent(goal)[1] ** 2)
     assert TorqueAllocation(orbit, (0, 1)).least_share(start, goal) == pytest.approx(
         share, rel=1e-6
     )
@@ -124,7 +124,7 @@ def test_the_least_share_is_that_of_the_farthest_place() -> None:
 
 
 def test_actuators_everywhere_reach_all_places_with_torques_up_to_the_force() -> None:
-    orbit = cycle_of(FLIPPER, ROTORS)
+    orbit = orbit_of_example(FLIPPER, ROTORS)
     allocation = TorqueAllocation(orbit, torque_limit=0.1)
     arc = orbit.arc_at(4.0, 0)
     assert allocation.carries(arc, orbit.arc_at(11.0, 0), 0.1)
@@ -135,7 +135,7 @@ def test_actuators_everywhere_reach_all_places_with_torques_up_to_the_force() ->
 
 @given(st.floats(-10, 10))
 def test_torques_beyond_the_limit_are_lowered_together(force: float) -> None:
-    orbit = cycle_of(FLIPPER, ROTORS)
+    orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(4.3, 0)
     free, _ = TorqueAllocation(orbit).torques(arc, force)
     limited, given_force = TorqueAllocation(orbit, torque_limit=0.5).torques(arc, force)
@@ -147,4 +147,4 @@ def test_torques_beyond_the_limit_are_lowered_together(force: float) -> None:
 
 def test_a_rotor_that_the_chain_has_not_is_refused() -> None:
     with pytest.raises(ValueError, match='actuated rotor 12 must be one of 0 to 11'):
-        TorqueAllocation(cycle_of(FLIPPER, ROTORS), (3, 12))
+        TorqueAllocation(orbit_of_example(FLIPPER, ROTORS), (3, 12))

@@ -8,10 +8,11 @@ import math
 import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER
-from driven_walls import cycle_of
+from driven_walls import orbit_of_example
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.settings import SteeringSettings
 from soliton_linkage.steering.wall_observer import WallObserver
 
 CLASSES = (FLIPPER, WOBBLER, SPINNER)
@@ -26,7 +27,7 @@ def middle(orbit: UniformOrbit) -> float:
 def watched(
     observer: WallObserver, arcs: Array, acceleration: float = 0.0, noise: float = 0.0
 ) -> Array:
-    """Arcs, rates and pushes that were estimated from frames of given arcs, shape (3, T)."""
+    """Arcs, rates and disturbances that were estimated from frames of given arcs, shape (3, T)."""
     random = np.random.default_rng(7)
     seen = []
     for frame, arc in enumerate(arcs.tolist()):
@@ -34,7 +35,7 @@ def watched(
         angles = angles + noise * random.standard_normal(len(angles))
         estimate = observer.update(frame * PERIOD, angles, acceleration)
         assert estimate is not None
-        seen.append((estimate.arc, estimate.rate, estimate.push))
+        seen.append((estimate.arc, estimate.rate, estimate.disturbance))
     return np.array(seen).T
 
 
@@ -42,39 +43,38 @@ def watched(
 def test_known_torques_leave_no_error_and_unknown_ones_none_that_lasts(
     example: tuple[float, float],
 ) -> None:
-    orbit = cycle_of(example, 12)
+    orbit = orbit_of_example(example, 12)
     times = PERIOD * np.arange(250)
-    for push in (0.0, -3.0):
-        arcs = middle(orbit) - 1 + 1.5 * times + (2 + push) / 2 * times**2
-        rates = 1.5 + (2 + push) * times
+    for disturbance in (0.0, -3.0):
+        arcs = middle(orbit) - 1 + 1.5 * times + (2 + disturbance) / 2 * times**2
+        rates = 1.5 + (2 + disturbance) * times
         arc, rate, seen = watched(WallObserver(orbit, BANDWIDTH), arcs, acceleration=2.0)
         late = times > 0.6
         assert np.abs(arc - arcs)[late].max() < 1e-5
         assert np.abs(rate - rates)[late].max() < 1e-3
-        assert np.abs(seen - push)[late].max() < 0.05
+        assert np.abs(seen - disturbance)[late].max() < 0.05
 
 
-@pytest.mark.parametrize('example', CLASSES)
-def test_noise_is_averaged_as_by_a_memory_that_fades(example: tuple[float, float]) -> None:
-    orbit = cycle_of(example, 12)
+def test_noise_is_averaged_as_by_a_memory_that_fades() -> None:
+    orbit = orbit_of_example(FLIPPER, 12)
     theta, sigma = math.exp(-BANDWIDTH * PERIOD), 0.02
     arcs = np.full(6000, middle(orbit) + 0.1)
-    arc, rate, push = watched(WallObserver(orbit, BANDWIDTH), arcs, noise=sigma)
+    arc, rate, disturbance = watched(WallObserver(orbit, BANDWIDTH), arcs, noise=sigma)
     settled = slice(300, None)
     # N. Morrison, ch. 13: variances of a memory of degree two, the noise of the arc being sigma.
     shares = 19 + 24 * theta + 16 * theta**2 + 6 * theta**3 + theta**4
     of_arc = sigma * math.sqrt((1 - theta) / (1 + theta) ** 5 * shares)
     slopes = 49 + 50 * theta + 13 * theta**2
     of_rate = sigma * math.sqrt((1 - theta) ** 3 / (1 + theta) ** 5 * slopes / 2) / PERIOD
-    of_push = sigma * math.sqrt(6 * (1 - theta) ** 5 / (1 + theta) ** 5) / PERIOD**2
+    of_disturbance = sigma * math.sqrt(6 * (1 - theta) ** 5 / (1 + theta) ** 5) / PERIOD**2
     assert (arc - arcs)[settled].std() == pytest.approx(of_arc, rel=0.15)
     assert rate[settled].std() == pytest.approx(of_rate, rel=0.15)
-    assert push[settled].std() == pytest.approx(of_push, rel=0.15)
+    assert disturbance[settled].std() == pytest.approx(of_disturbance, rel=0.15)
     assert abs((arc - arcs)[settled].mean()) < 0.1 * sigma
 
 
 def test_the_first_frames_count_alike() -> None:
-    orbit = cycle_of(FLIPPER, 12)
+    orbit = orbit_of_example(FLIPPER, 12)
     times = PERIOD * np.arange(15)
     arcs = middle(orbit) + 2.0 * times
     _, rate, _ = watched(WallObserver(orbit, 5.0), arcs)
@@ -83,7 +83,7 @@ def test_the_first_frames_count_alike() -> None:
 
 
 def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
-    orbit = cycle_of(FLIPPER, 12)
+    orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH)
     times = PERIOD * np.arange(200)
     arcs = middle(orbit) - 1 + 1.5 * times
@@ -102,8 +102,8 @@ def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
 
 
 def test_what_stays_unseen_is_lost_and_found_again_where_it_is() -> None:
-    orbit = cycle_of(FLIPPER, 12)
-    observer = WallObserver(orbit, BANDWIDTH, patience=0.1)
+    orbit = orbit_of_example(FLIPPER, 12)
+    observer = WallObserver(orbit, BANDWIDTH, SteeringSettings(seen_timeout=0.1))
     watched(observer, np.full(50, middle(orbit)))
     there = middle(orbit) + 4
     found = [
@@ -117,7 +117,7 @@ def test_what_stays_unseen_is_lost_and_found_again_where_it_is() -> None:
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None:
-    orbit = cycle_of(example, 12)
+    orbit = orbit_of_example(example, 12)
     arc = orbit.arc_at(4.2, 1)
     observer = WallObserver(orbit, BANDWIDTH)
     frame = orbit.configuration(arc)
@@ -133,7 +133,7 @@ def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None
 
 
 def test_what_is_no_wall_is_not_taken_for_one() -> None:
-    orbit = cycle_of(WIDE_FLIPPER, 40)
+    orbit = orbit_of_example(WIDE_FLIPPER, 40)
     observer = WallObserver(orbit, BANDWIDTH)
     chain = orbit.chain
     anti_kink = chain.uniform_state(-1)
@@ -144,7 +144,7 @@ def test_what_is_no_wall_is_not_taken_for_one() -> None:
 
 
 def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -> None:
-    orbit = cycle_of(FLIPPER, 12)
+    orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH)
     here = middle(orbit)
     for frame in range(50):
@@ -159,6 +159,6 @@ def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -
 
 
 def test_it_wants_one_angle_a_rotor() -> None:
-    observer = WallObserver(cycle_of(FLIPPER, 12), BANDWIDTH)
+    observer = WallObserver(orbit_of_example(FLIPPER, 12), BANDWIDTH)
     with pytest.raises(ValueError, match='one a rotor'):
         observer.update(0.0, np.zeros(11), 0.0)

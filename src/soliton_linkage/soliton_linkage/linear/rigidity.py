@@ -12,11 +12,12 @@ from scipy.sparse import csr_array
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
 
-# Stands in for a coupling that vanishes, far below rounding beside any that does not.
 _VANISHING = 1e-280
+"""Stands in for a lever that vanishes [m^2/rad], far below rounding beside any that does not."""
 _BLOCK = 500
-# Between 1 over it and it, squares and their sums are far from the ends of the range of doubles.
+"""Factors between 1/2 and 1 whose product stays in the range of doubles [1], 2^-1022."""
 _FAR_FROM_OVERFLOW = 1e100
+"""Between 1 over it and it squares and their sums are far from the ends of the range [1]."""
 
 
 class Edge(enum.Enum):

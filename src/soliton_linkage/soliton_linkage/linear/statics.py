@@ -14,8 +14,11 @@ from soliton_linkage.linear.rigidity import Edge, rigidity_bands, rigidity_matri
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ITERATIONS = 60
+"""Of Newton's method [1]: one that converges takes a few, one from afar as many steps."""
 _LONGEST_STEP = 0.5
+"""Of an angle in one iteration [rad], well inside of what bends a chain into another."""
 _ROUNDING = 1e-12
+"""Torque that is left in balance over k_e lbar r [1]: the rounding of sums of such terms."""
 
 
 def length_rounding(chain: Chain) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole cycle of a chain whose rotors and springs deviate by known amounts.
+"""The orbit of a chain whose rotors and springs deviate by known amounts.
 
 Where the wall is, is told by the halves of the zero mode t: the chain without deviations is
 taken that has half of |t|^2 on the left of the same bond, and between bonds, and from the begin
@@ -25,7 +25,9 @@ from soliton_linkage.orbit.seed_path import impassable
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
+"""How often the halves of the zero mode are looked at [1/site], to bracket where they pass."""
 _SAME_MODE = 1 - 1e-6
+"""Cosine between tangent and zero mode [1] below which rotors move that the pieces leave out."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
@@ -37,7 +39,7 @@ def orbit_of(chain: Chain) -> Orbit:
 
 
 class DeviatingOrbit(Orbit):
-    """The cycle of a chain with its deviations.
+    """The orbit of a chain with its deviations.
 
     Bars have their length to 1e-9 of it on all configurations. Time and memory to make it grow
     as N. Raises ValueError as `UniformOrbit` and `orbit_pieces` do, and where the wall is
@@ -46,9 +48,9 @@ class DeviatingOrbit(Orbit):
 
     def __init__(self, chain: Chain) -> None:
         """Make the orbit and find its reflections and places."""
-        self._undisturbed = UniformOrbit(chain)
+        self._uniform = UniformOrbit(chain)
         self.chain = chain
-        self.number_of_legs = self._undisturbed.number_of_legs
+        self.number_of_legs = self._uniform.number_of_legs
         self._pieces = orbit_pieces(chain)
         self._ends: list[float] = np.cumsum([piece.length for piece in self._pieces]).tolist()
         self._origin = 0.0
@@ -59,7 +61,7 @@ class DeviatingOrbit(Orbit):
         legs = range(self.number_of_legs)
         self._backgrounds = [self._relaxed(leg) for leg in legs]
         self._check()
-        self._counterpart = _Counterpart(self, self._undisturbed)
+        self._counterpart = _Counterpart(self, self._uniform)
         inner = chain.number_of_rotors - 2
         ways = [self.arc_at(inner + 0.5, leg) - self.arc_at(0.5, leg) for leg in legs]
         self.site_arc = sum(map(abs, ways)) / (inner * len(ways))
@@ -67,25 +69,25 @@ class DeviatingOrbit(Orbit):
     @property
     def reach(self) -> float:
         """Arc length [rad] of a way past all the rotors that know of a wall."""
-        return self._undisturbed.reach * self.site_arc / self._undisturbed.site_arc
+        return self._uniform.reach * self.site_arc / self._uniform.site_arc
 
     def place(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
-        return self._undisturbed.place(self._counterpart.value(arc % self.length))
+        return self._uniform.place(self._counterpart.value(arc % self.length))
 
     def arc_at(self, place: float, leg: int) -> float:
         """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg.
 
         Places beyond the leg lie as far in arc length beyond its ends as without deviations.
         """
-        counterpart = self._undisturbed.arc_at(place, leg)
-        begin, end = self._undisturbed.leg_arcs(leg)
+        counterpart = self._uniform.arc_at(place, leg)
+        begin, end = self._uniform.leg_arcs(leg)
         within = min(max(counterpart, begin), end)
         return self._counterpart.inverse(within) + (counterpart - within)
 
     def site_arc_at(self, arc: float) -> float:
         """Arc length from one rotor to the next [rad] as it is at an arc length, ds / dplace."""
-        return self._undisturbed.site_arc / self._counterpart.slope(arc % self.length)
+        return self._uniform.site_arc / self._counterpart.slope(arc % self.length)
 
     def stretch(self, arc: float) -> Stretch:
         """Rotors about the wall at an arc length; all others are as in `background`."""
@@ -144,7 +146,7 @@ class DeviatingOrbit(Orbit):
         There the edge rotors are as without deviations, or as near to it as they get.
         """
         last = self.chain.number_of_rotors - 1
-        left, right = self._undisturbed.background(self._undisturbed.leg_arcs(leg)[0])
+        left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
         at_last = (last, float(left[-1]), end) if leg % 2 == 0 else (last, float(left[-1]), begin)
         at_first = (0, float(right[0]), begin) if leg % 2 == 0 else (0, float(right[0]), end)
@@ -205,29 +207,27 @@ def _turning_arc(piece: OrbitPiece, rotor: int | None) -> float:
 
 
 class _Counterpart:
-    """Arc of the undisturbed cycle as a smooth, growing function of the arc of another."""
+    """Arc of the uniform orbit as a smooth, growing function of the arc of another."""
 
-    def __init__(self, orbit: Orbit, undisturbed: UniformOrbit) -> None:
+    def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         """Find bonds that the wall passes once and in their order, and join them smoothly."""
         arcs: list[float] = []
         counterparts: list[float] = []
         for leg in range(orbit.number_of_legs):
-            halves, others = (
-                _half_ways(each, leg)[:: (-1) ** leg] for each in (orbit, undisturbed)
-            )
+            halves, others = (_half_ways(each, leg)[:: (-1) ** leg] for each in (orbit, uniform))
             kept = np.isfinite(halves) & np.isfinite(others)
             halves, others = halves[kept], others[kept]
             rising = (halves == np.maximum.accumulate(halves)) & (
                 halves == np.minimum.accumulate(halves[::-1])[::-1]
             )
             arcs += [orbit.leg_arcs(leg)[0], *halves[rising].tolist()]
-            counterparts += [undisturbed.leg_arcs(leg)[0], *others[rising].tolist()]
+            counterparts += [uniform.leg_arcs(leg)[0], *others[rising].tolist()]
         self._arcs = [*arcs, orbit.length]
-        self._counterparts = [*counterparts, undisturbed.length]
+        self._counterparts = [*counterparts, uniform.length]
         self._cubics = self._joined()
 
     def _joined(self) -> list[list[float]]:
-        """Cubic between each knot and the next, as in a cycle without end."""
+        """Cubic between each knot and the next, on an orbit without end."""
         arcs, counterparts = self._arcs, self._counterparts
         around = [arcs[-2] - arcs[-1], *arcs, arcs[-1] + arcs[1]]
         others = [counterparts[-2] - counterparts[-1], *counterparts]
@@ -236,7 +236,7 @@ class _Counterpart:
         return cubics
 
     def value(self, arc: float) -> float:
-        """Arc of the undisturbed cycle [rad]."""
+        """Arc of the uniform orbit [rad]."""
         number = _interval(self._arcs, arc)
         a, b, c, d = self._cubics[number]
         beyond = arc - self._arcs[number]

@@ -8,18 +8,22 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from typing import NamedTuple
 
+import numpy as np
+
 from soliton_linkage.linkage.chain import Array, Chain
 
 
 class Stretch(NamedTuple):
-    """Rotors first ... first + n - 1 of a configuration, and how they move along the orbit."""
+    """Rotors first ... first + n - 1 of a configuration, and how they move along the orbit.
+
+    first: number of the first rotor.
+    angles: actual angles [rad], shape (n,).
+    tangent: change of the angles with the arc length [1], shape (n,); below 1e-6 on all others.
+    """
 
     first: int
-    """Number of the first rotor."""
     angles: Array
-    """Actual angles [rad], shape (n,)."""
     tangent: Array
-    """Change of the angles with the arc length [1], shape (n,); below 1e-6 on all others."""
 
 
 class Orbit(ABC):
@@ -28,7 +32,7 @@ class Orbit(ABC):
     The arc length [rad] is that of all angles, sqrt(sum_n dphi_n^2). It is 0 where the wall is
     reflected at the first rotor and leg 0 begins, in which no edge rotor of a flipper has
     toggled; it grows towards the last rotor in even legs and back in odd ones, up to the length
-    of the whole cycle, and may be any number. The chain is the one whose uniform right-leaning
+    of the whole orbit, and may be any number. The chain is the one whose uniform right-leaning
     state is theta = theta_bar; that which was assembled upside down is its image
     phi -> pi - phi. Angles are known up to whole turns.
     """
@@ -40,11 +44,11 @@ class Orbit(ABC):
     site_arc: float
     """Arc length from one rotor to the next [rad], on the average."""
     _starts: list[float]
-    """Arc lengths at which the legs begin [rad], and after them that of the whole cycle."""
+    """Arc lengths at which the legs begin [rad], and after them that of the whole orbit."""
 
     @property
     def length(self) -> float:
-        """Arc length of the whole cycle [rad]."""
+        """Arc length of the whole orbit [rad]."""
         return self._starts[-1]
 
     @property
@@ -62,7 +66,7 @@ class Orbit(ABC):
         return self._starts[leg], self._starts[leg + 1]
 
     def leg(self, arc: float) -> int:
-        """Leg of the cycle at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
+        """Leg of the orbit at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
         return min(bisect_right(self._starts, arc % self.length), self.number_of_legs) - 1
 
     @abstractmethod
@@ -96,6 +100,13 @@ class Orbit(ABC):
         angles[beyond:] = right[beyond:]
         angles[about.first : beyond] = about.angles
         return angles
+
+    def tangent(self, arc: float) -> Array:
+        """Unit tangent at an arc length, the zero mode there [1], shape (N,)."""
+        tangent = np.zeros(self.chain.number_of_rotors)
+        about = self.stretch(arc)
+        tangent[about.first : about.first + len(about.tangent)] = about.tangent
+        return tangent
 
     def free_rate(self, arc: float) -> float:
         """Rate of the arc in free motion, over that of a chain of equal rotors [1].

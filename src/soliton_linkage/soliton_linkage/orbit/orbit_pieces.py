@@ -25,18 +25,30 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, Sides, impassable, seed_path
 
 _NODES = 20
+"""Of a Chebyshev series [1]: most pieces converge without being halved, or halved once."""
 _MOST_SPLITS = 8
+"""How often a piece is halved [1]: what has not converged by then never does."""
 _ACCURACY = 1e-11
+"""Of the last two coefficients of a series [rad], below what bars promise of their lengths."""
 _STILL = 2e-11
+"""Tangent of a rotor up to which it stands still [1]: the rounding of a series of `_NODES`."""
 _DEPTHS_BESIDE = 25
+"""Rotors beside a seed in penetration depths [1]: e^-25 is below `_STILL`."""
 _ROTORS_BESIDE = 6
+"""And as many more [rotors], for a wall's own width where the depth goes to 0."""
 _NEWTON_STEPS = 30
+"""Far more than Newton's method takes to converge [1]: it is a bound, not an accuracy."""
 _AT_ONCE = 2_000_000
+"""Numbers that are made at once [1], 16 MB: more of them are no quicker."""
 _MOST_NUMBERS = 20_000_000
+"""Numbers that an orbit may take to make [1], about a minute of them."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
+"""Chebyshev points of the second kind from -1 to 1, shape (K,)."""
 _ORDERS = np.arange(_NODES + 1)
+"""Of Chebyshev polynomials, as far as the integral of a series reaches, shape (K + 1,)."""
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
+"""Coefficients of the series from values at the points, shape (K, K)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +80,7 @@ class OrbitPiece:
 
 
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
-    """Pieces of the closed orbit in the order of the cycle.
+    """Pieces of the closed orbit in their order.
 
     It begins in the middle of leg 0. Raises ValueError where the wall does not get through the
     chain, and where it would take more than about a minute.
@@ -249,7 +261,7 @@ def _even_shares(speeds: Array) -> Array:
 def _check_size(chain: Chain, numbers: int) -> None:
     if numbers > _MOST_NUMBERS:
         raise ValueError(
-            f'the cycle of a chain of {chain.number_of_rotors} rotors that deviate takes '
+            f'the orbit of a chain of {chain.number_of_rotors} rotors that deviate takes '
             f'{numbers:.3g} numbers or more, and {_MOST_NUMBERS:.3g} is the limit; take fewer '
             'rotors, or leave their deviations out'
         )

@@ -27,15 +27,21 @@ Numbers = NDArray[np.int64]
 Sides = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
+"""Of the angle of a seed, in units of the smaller of rest angle and 1 rad [1]: on it no other
+rotor takes over and gives back."""
 _SHORTEST_STEP = 1e-10
+"""Of the angle of a seed [rad]: below it the bars do not reach on, but for rounding."""
 _SURELY = 1e-9
+"""Lead from which another rotor takes over [1], above the rounding of a logarithm."""
 _FAR_BEHIND = -4.0
+"""Lead from which on a side is not followed [1]: no rotor beyond gains a factor e^4 again."""
 _MOST_PIECES_A_ROTOR = 20
+"""Of a closed path [1]: flippers take about 4 and spinners 2, so that this is an endless one."""
 
 
 @dataclass(frozen=True)
 class SeedPath:
-    """Pieces of the orbit in the order of the cycle, each a way past its seed, shape (P,)."""
+    """Pieces of the orbit in their order along it, each a way past its seed, shape (P,)."""
 
     seeds: Numbers
     begins: Array
@@ -206,7 +212,7 @@ class _Seed:
 
 
 def seed_path(chain: Chain, beside: int) -> SeedPath:
-    """Follow the wall round its cycle, with the sides of as many bars beside each seed.
+    """Follow the wall once round its orbit, with the sides of some bars beside each seed.
 
     It begins in the middle of leg 0. Raises ValueError where the wall does not get through.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole cycle of a chain of any length, put together from the orbit of a short one.
+"""The orbit of a chain of any length, put together from the orbit of a short one.
 
 Away from the edges a wall looks the same at every second rotor. The closed orbit of a chain that
 is just long enough for a wall to know nothing of either edge therefore holds all that a long
@@ -21,25 +21,32 @@ from scipy.integrate import DOP853, DenseOutput
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
-from soliton_linkage.estimation.loops.frame_arrays import frame_loops
 from soliton_linkage.linear.bands import couplings, penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.spline import spline
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
+"""Rotors beside the wall of a short chain in penetration depths [1]: e^-15 is below 1e-6 rad."""
 _ROTORS_BESIDE = 6
+"""And as many more [rotors], for the wall's own width where the depth goes to 0."""
 _TOLERANCE = 1e-9
+"""Of the whole chain in a step [rad]: errors die out or add up to less than 1e-6 rad."""
 _SAMPLES_A_STEP = 3
+"""Points of the spline in a step of the solver [1]: its error is then below that of the steps."""
 _DEGREE = 7
+"""Of the spline [1], one less than the order of the solver."""
 _MOST_STEPS = 100_000
+"""Of an orbit that does not end [1]: those next to d_c take one or two thousand."""
 _ARRIVED = 1e-4
+"""Distance from a configuration at which it is that [rad]; others are far away."""
 
 
 class UniformOrbit(Orbit):
-    """The cycle of a chain without deviations; those of the one given do not count.
+    """The orbit of a chain without deviations; those of the one given do not count.
 
     Angles are accurate to 1e-6 rad. To make it takes time as the orbit of the short chain is
     long, and as a wall is wide: below a second but for wobbling flippers next to d_c and for
@@ -52,7 +59,7 @@ class UniformOrbit(Orbit):
         if chain.number_of_rotors < 3 or chain.periodic:
             raise ValueError(
                 f'a chain of {chain.number_of_rotors} rotors with '
-                f'{"periodic" if chain.periodic else "free"} ends has no cycle of a wall; give it '
+                f'{"periodic" if chain.periodic else "free"} ends has no orbit of a wall; give it '
                 '3 rotors or more and free ends'
             )
         self.chain = replace(chain, deviations=NO_DEVIATIONS)
@@ -175,11 +182,11 @@ class _ShortOrbit:
     def sample(self, arc: float) -> Array:
         """Angles [rad], up to whole turns, and after them their tangent [1], shape (2 N,)."""
         values = np.empty(self._coefficients.shape[1])
-        frame_loops().spline(self._knots, self._coefficients, _DEGREE, arc % self.length, values)
+        spline(self._knots, self._coefficients, _DEGREE, arc % self.length, values)
         return values
 
     def _tangent(self, angles: Array) -> Array:
-        """Unit zero mode in the direction of the cycle [1], (N,), quicker than `zero_mode`.
+        """Unit zero mode in the direction of the orbit [1], (N,), quicker than `zero_mode`.
 
         t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}, in units of the larger coupling: as far as
         the short chain reaches no product leaves the range of numbers but to vanish.
@@ -191,7 +198,7 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(mode @ mode))
 
     def _pieces(self) -> list[_BetweenMiddles]:
-        """All pieces in the order of the cycle, of which those past the first are mirrored.
+        """All pieces in the order of the orbit, of which those past the first are mirrored.
 
         Toggled is meant against the left-leaning state at both ends, whose coupling A_0 is not
         that of the mirrored right-leaning one for d > 1: there the mirror image of leg 0 is leg

@@ -21,12 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soliton_linkage.linear.bands import penetration_depth, speed_of_sound
+from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.solitons.tanh_fit import polarisation
 
-_DOMAIN = 0.5
 _HARDEST_KICK = 1e9
+"""Kick in units of Lambda c [1] from which the speed is c, but for 2 / kick^4 of it."""
 
 
 @dataclass(frozen=True)
@@ -387,96 +386,6 @@ class SpinnerTheory(WallTheory):
 def wall_theory(chain: Chain) -> WallTheory:
     """Theory of the walls of a chain, by its class of motion."""
     return SpinnerTheory(chain) if chain.motion is Motion.SPINNER else FlipperTheory(chain)
-
-
-@dataclass(frozen=True)
-class Tail:
-    """How the deviation from a uniform state dies out away from a wall."""
-
-    decay_length: float
-    """Distance over which it falls by e [m]."""
-    wave_number: float
-    """Of its oscillation [rad/m]; 0 where it does not change its sign."""
-
-
-def exact_tail(chain: Chain) -> Tail:
-    """Tail of the discrete chain: du_n ~ (-(d - 1) / (d + 1))^n away from the wall.
-
-    Its decay length is the penetration depth ell = a / ln((d + 1) / |d - 1|); from d = 1 on it
-    changes its sign at every rotor, wave number pi / a: the flipper wobbles.
-    """
-    wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
-    return Tail(penetration_depth(chain), wave_number)
-
-
-def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
-    """Return lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) [1/m] of the tail e^(lambda x).
-
-    Roots of (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 about u = ub = r sin(theta_bar), on
-    the side of rotor 0 of a wall: the bar's length expanded to second order (paper, supporting
-    information, eq. wobblingode with the sign of its middle term that the chain has).
-    """
-    inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
-    square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
-    if square < 0:
-        root = math.sqrt(-square)
-        return complex(inverse, root), complex(inverse, -root)
-    plus = inverse + math.sqrt(square)
-    return complex(plus), complex(8 / chain.spacing**2 / plus)
-
-
-def continuum_tail(chain: Chain) -> Tail:
-    """Tail by `wobble_exponents`, of which the one that decays more slowly is left.
-
-    For d > 1 / sqrt(2) it decays over ub and oscillates, with a wave number that tends to
-    sqrt(8) / a: artefacts of the truncation, of which `exact_tail` has none. Both agree on the
-    decay length for d << 1, a^2 / (4 ub), and for d >> 1, ub.
-    """
-    plus, minus = wobble_exponents(chain)
-    return Tail(1 / minus.real, plus.imag)
-
-
-def charge_of_field(displacements: ArrayLike, lean: float) -> float:
-    """Topological charge of a field u(x) [m], Q = [u(-inf) - u(+inf)] / (2 ub), shape (K,).
-
-    Of opposite sign to the paper's (eq. soliton_charge), so that the wall that is free at rest
-    has Q = +1. Raises ValueError for a lean ub [m] that is not positive.
-    """
-    if not (math.isfinite(lean) and lean > 0):
-        raise ValueError(f'lean = {lean} m must be a finite number above 0')
-    field = np.asarray(displacements, dtype=np.float64)
-    return float(field[0] - field[-1]) / (2 * lean)
-
-
-def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Walls of charge +1 less those of -1 in a configuration: 1, 0 or -1.
-
-    Half the difference of the polarisations of the first and the last domain; a chain with
-    periodic ends, where they are the same, has 0.
-    """
-    if chain.periodic:
-        chain.check_angles(angles)
-        return 0
-    polarised = polarisation(chain, chain.check_angles(angles))
-    signs = np.sign(polarised[np.abs(polarised) > _DOMAIN])
-    return int(signs[0] - signs[-1]) // 2 if len(signs) else 0
-
-
-def half_turns(chain: Chain, angles: ArrayLike) -> int:
-    """Half turns by which a spinner's last rotor is ahead of its first.
-
-    A wall of charge Q that turns its rotors forwards counts Q, one that turns them backwards -Q.
-    Neighbours are less than half a turn apart from how they are in a uniform state, so that
-    whole turns that a rotor's angle has beside its neighbour's mean nothing. Raises ValueError
-    for a flipper.
-    """
-    if chain.motion is not Motion.SPINNER:
-        raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')
-    checked = chain.check_angles(angles)
-    theta = staggered(checked)
-    family = 1 if np.sin(theta[:-1] + theta[1:]).sum() > 0 else -1
-    steps = np.diff(checked - chain.uniform_state(family)) / (2 * np.pi)
-    return round(2 * float(np.sum(steps - np.round(steps))))
 
 
 def _checked_charge(charge: int) -> int:

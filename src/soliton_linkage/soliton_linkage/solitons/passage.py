@@ -18,15 +18,17 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A bond that may stop a wall, with its lengths [m]."""
+    """A bond that may stop a wall, with its lengths [m].
+
+    bond: number of the spring, which joins the rotors bond and bond + 1.
+    reason: what is broken, with the values and their limit.
+    """
 
     bond: int
-    """Number of the spring, which joins the rotors bond and bond + 1."""
     spacing: float
     rotor_lengths: tuple[float, float]
     rest_length: float
     reason: str
-    """What is broken, with the values and their limit."""
 
 
 def reaches(chain: Chain) -> Array:

@@ -23,11 +23,17 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
+"""Rotors beside a wall in penetration depths [1]: e^-19 squared is the rounding of a norm."""
 _MOST_BESIDE = 49_000
+"""Rotors beside a wall [1], so that the chain that holds it has fewer than a `Chain` may."""
 _MOST_STEPS = 1000
+"""Of a wall that does not pass its rotor [1]: others take some dozens."""
 _TRANSITION = 1e-9
+"""Of d from d_c, relative [1]: nearer, rounding tells which way a rotor turns."""
 _TOLERANCE = 1e-13
+"""Of a step, relative and [rad]: rounding, so that arcs are exact to eleven digits."""
 _ARRIVED = 1e-6
+"""Distance from a configuration at which it is that [rad]; others are far away."""
 
 
 def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) -> Array:
@@ -35,7 +41,7 @@ def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) 
 
     The place [rotor spacings] counts the arc of the zero-energy orbit: it is n + 1/2 where the
     wall is symmetric about the middle between rotors n and n + 1, and between such walls it
-    grows as the arc length does. Legs are those of the cycle: 0 to 3 for flippers, told apart
+    grows as the arc length does. Legs are those of the orbit: 0 to 3 for flippers, told apart
     by which edge rotors have toggled (none, the last, both, the first), 0 and 1 for spinners,
     by the side on which the rotors in the wall turn over. Turned is the image phi -> pi - phi,
     as of a chain that was assembled upside down. In a chain with deviations the rotor nearest
@@ -259,3 +265,4 @@ class _SitePassage:
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)
+"""Ways past a rotor as they were last made [1]: a chain has four, by leg and by parity."""

@@ -24,32 +24,38 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
-_DOMAIN = 0.5
+DOMAIN = 0.5
+"""Polarisation above which a bond belongs to a domain, half of that of a uniform state [1]."""
 _FIT_ITERATIONS = 12
+"""Of Newton's method [1], which converges within half of them."""
 _FIT_REACH = 4.0
+"""Of the fit in widths of the wall [1]: beyond, 1 - tanh is below 7e-4 and tells nothing."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
+"""d of a flipper from which on a tanh fits its wall nowhere [1], see above."""
 
 
 @dataclass(frozen=True)
 class Soliton:
-    """One domain wall; a quantity that cannot be told from the frame is NaN."""
+    """One domain wall; a quantity that cannot be told from the frame is NaN.
+
+    rotor: centre in rotor spacings from rotor 0.
+    position: centre [m] from the pivot of rotor 0.
+    velocity: of the centre [m/s], positive towards the last rotor.
+    width: width w of tanh(x / w) [m].
+    charge: +1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite.
+    position_deviation: standard deviation of the position [m].
+    velocity_deviation: standard deviation of the velocity [m/s].
+    width_deviation: standard deviation of the width [m].
+    """
 
     rotor: float
-    """Centre in rotor spacings from rotor 0."""
     position: float
-    """Centre [m] from the pivot of rotor 0."""
     velocity: float
-    """Of the centre [m/s], positive towards the last rotor."""
     width: float
-    """Width w of tanh(x / w) [m]."""
     charge: int
-    """+1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite."""
     position_deviation: float
-    """Standard deviation of the position [m]."""
     velocity_deviation: float
-    """Standard deviation of the velocity [m/s]."""
     width_deviation: float
-    """Standard deviation of the width [m]."""
 
 
 def polarisation(chain: Chain, angles: Array) -> Array:
@@ -279,7 +285,7 @@ def _spinner_lean(chain: Chain, angles: Array) -> int:
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
     """Return where domains of opposite polarisation meet [rotor spacings], with the charge."""
-    bonds = np.flatnonzero(np.abs(polarised) > _DOMAIN)
+    bonds = np.flatnonzero(np.abs(polarised) > DOMAIN)
     signs = np.sign(polarised[bonds])
     crossings = []
     for change in np.flatnonzero(signs[1:] != signs[:-1]):

@@ -15,18 +15,19 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_SHARE = 0.2
+"""Of the chain at each end [1]: swings there, where a wall waits, are no part of a crossing."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Place and velocity of the first soliton of each frame; NaN where there was none."""
+    """Place of the first soliton of each frame and its rate; NaN where there was none."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
     rotors: Array
     """Centre of the soliton [rotor spacings], shape (T,)."""
-    velocities: Array
-    """Velocity of the centre [rotor spacings / s], shape (T,)."""
+    place_rates: Array
+    """Rate of the centre [rotor spacings / s], shape (T,)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Crossing:
     """When it reached the opposite fifth [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
-    speed: float
+    place_rate: float
     """Slope of a straight line through the passage [rotor spacings / s], positive."""
 
 
@@ -56,7 +57,7 @@ class MovingWall(Protocol):
 
 
 def track_point(chain: Chain, solitons: Sequence[MovingWall]) -> tuple[float, float]:
-    """Place [rotor spacings] and velocity [rotor spacings / s] of the first soliton, or NaN."""
+    """Place [rotor spacings] of the first soliton and its rate [rotor spacings / s], or NaN."""
     if not solitons:
         return np.nan, np.nan
     return solitons[0].rotor, solitons[0].velocity / chain.spacing
@@ -92,7 +93,7 @@ def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
                 start=float(track.times[left]),
                 end=float(track.times[entered]),
                 direction=int(side[entered]),
-                speed=float(abs(slope)),
+                place_rate=float(abs(slope)),
             )
         )
     return tuple(crossings)

@@ -33,7 +33,9 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
+"""Of a step along a curve, relative and [rad]: next to rounding, for curves next to d_c."""
 _CLOSED = 1e-6
+"""Fraction of a turn by which the ends of a closed curve may be apart [1]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:

@@ -1,2 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A soliton carried to a place and held there, by feedback along the zero mode."""
+"""A soliton carried to a place and held there, by feedback along the zero mode.
+
+`Steering` observes the wall frame by frame (`WallObserver`), leads it along a
+`ReferenceTrajectory`, and has `TorqueAllocation` make torques of the force that this takes.
+"""
+
+from soliton_linkage.steering.phonon_watch import PhononWatch
+from soliton_linkage.steering.reference_trajectory import (
+    ReferencePoint,
+    ReferenceTrajectory,
+    bandwidth,
+    gentle_rate,
+    trajectory_to,
+    trajectory_to_rest,
+)
+from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
+from soliton_linkage.steering.steering import Ended, Outcome, Steering, WallState
+from soliton_linkage.steering.torque_allocation import Effort, Reach, TorqueAllocation
+from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
+
+__all__ = [
+    'DEFAULTS',
+    'Effort',
+    'Ended',
+    'Outcome',
+    'PhononWatch',
+    'Reach',
+    'ReferencePoint',
+    'ReferenceTrajectory',
+    'Steering',
+    'SteeringSettings',
+    'TorqueAllocation',
+    'WallEstimate',
+    'WallObserver',
+    'WallState',
+    'bandwidth',
+    'gentle_rate',
+    'trajectory_to',
+    'trajectory_to_rest',
+]

@@ -20,18 +20,19 @@ import numpy as np
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
-_PERIODS = 4.0
 _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
+"""Binomial coefficients of a third difference [1]."""
 
 
 class PhononWatch:
-    """Running mean of the phonons' energy over the last four periods of the slowest."""
+    """Running mean of the phonons' energy over the last few periods of the slowest."""
 
-    def __init__(self, orbit: UniformOrbit) -> None:
+    def __init__(self, orbit: UniformOrbit, settings: SteeringSettings = DEFAULTS) -> None:
         """Know of no frame yet."""
         self._orbit = orbit
-        self._memory = _PERIODS * 2 * math.pi / gap(orbit.chain)
+        self._memory = settings.phonon_periods * 2 * math.pi / gap(orbit.chain)
         self._rates: deque[Array] = deque(maxlen=len(_THIRD_DIFFERENCE))
         self._time = -math.inf
         self._sum = 0.0

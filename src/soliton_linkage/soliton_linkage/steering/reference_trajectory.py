@@ -16,27 +16,29 @@ import numpy as np
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-_RADIATED = 1e-5
-_BELOW = 0.5
-_GAP_OVER_BANDWIDTH = 8.0
-_LONGEST_STEP = 0.1
-_TIMES_TO_BRAKE = 10.0
-_PEAK = 1.875
+"""Of the passage of a wall [1]: its spectrum must reach far beyond where it has died out."""
+_PEAK = 15 / 8
+"""Largest rate of the polynomial from rest to rest over its mean [1]."""
 _MORE_TIME = 1.1
+"""Factor by which a trajectory is lengthened until it is slow enough [1]: how much too long it
+may be."""
 
 
 @dataclass(frozen=True)
 class ReferencePoint:
-    """Where a wall is to be at an instant."""
+    """Where a wall is to be at an instant.
+
+    arc: arc length [rad].
+    rate: rate of the arc length [rad/s].
+    acceleration: rate of the rate [rad/s^2].
+    """
 
     arc: float
-    """Arc length [rad]."""
     rate: float
-    """Rate of the arc length [rad/s]."""
     acceleration: float
-    """Rate of the rate [rad/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +46,15 @@ class ReferenceTrajectory:
     """A way along the orbit in time, s = sum_j c_j x^j with x = (time - start) / duration.
 
     A polynomial of degree five in between, at rest at the end and from there on.
+
+    start: instant of its beginning [s].
+    duration: time that it takes [s].
+    coefficients: c_0 to c_5 [rad].
     """
 
     start: float
-    """Instant of its beginning [s]."""
     duration: float
-    """Time that it takes [s]."""
     coefficients: tuple[float, ...]
-    """c_0 to c_5 [rad]."""
 
     @property
     def goal(self) -> float:
@@ -90,10 +93,11 @@ class ReferenceTrajectory:
         return np.polyder(highest_first, order) if order else highest_first
 
 
-def gentle_rate(orbit: UniformOrbit) -> float:
+def gentle_rate(orbit: UniformOrbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Rate of the arc at which a wall radiates next to nothing [rad/s].
 
-    Half of the largest at which a rotor in the middle takes less than 1e-5 of the wall's energy.
+    The `gentle_share` of the largest at which a rotor in the middle takes less than the
+    `radiated_share` of the wall's energy.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
@@ -110,22 +114,18 @@ def gentle_rate(orbit: UniformOrbit) -> float:
     # Tapered, as in a short chain a rotor feels the wall even at the edges.
     spectrum = np.fft.rfft(passing * np.hanning(_SAMPLES))
     shares = (np.abs(spectrum) * step * numbers) ** 2
-    radiating = np.flatnonzero(shares.max(axis=0) > _RADIATED)
-    return _BELOW * gap(orbit.chain) / float(numbers[max(radiating, default=0) + 1])
+    radiating = np.flatnonzero(shares.max(axis=0) > settings.radiated_share)
+    return settings.gentle_share * gap(orbit.chain) / float(numbers[max(radiating, default=0) + 1])
 
 
-def bandwidth(orbit: UniformOrbit, period: float) -> float:
-    """Bandwidth of the feedback [rad/s] for frames that come every period [s].
+def bandwidth(orbit: UniformOrbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
+    """Bandwidth of the feedback [rad/s] for frames that come every period [s], NaN if not known.
 
-    An eighth of the gap, so that what noise makes of it wakes no phonons, and no more than a
-    tenth over the period, so that a late frame does not matter.
+    So far below the gap that what noise makes of it wakes no phonons, and so far below the rate
+    of the frames that a late one does not matter.
     """
-    return min(gap(orbit.chain) / _GAP_OVER_BANDWIDTH, _LONGEST_STEP / period)
-
-
-def shortest_time(bandwidth: float) -> float:
-    """Least time that a trajectory may take [s], so that the feedback follows it."""
-    return _TIMES_TO_BRAKE / bandwidth
+    slow = settings.bandwidth_share * gap(orbit.chain)
+    return slow if math.isnan(period) else min(slow, settings.bandwidth_step / period)
 
 
 def trajectory_to(
@@ -151,7 +151,7 @@ def trajectory_to(
 def trajectory_to_rest(
     start: float, point: ReferencePoint, shortest: float
 ) -> ReferenceTrajectory:
-    """ReferenceTrajectory that brakes from what it is to do now, within the shortest time [s]."""
+    """Trajectory that brakes from what it is to do now, within the shortest time [s]."""
     return _joining(point.arc + point.rate * shortest / 2, start, point, shortest)
 
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Carrying a wall to a place and holding it there, by torques along the zero mode.
 
-Along its orbit a chain has one coordinate, the arc s, of inertia I = M r^2 everywhere. A reference
-trajectory
-r(t) leads to the goal, and the force
+Along its orbit a chain has one coordinate, the arc s, of inertia I = M r^2 everywhere. A
+reference trajectory r(t) leads to the goal, and the force
 
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
@@ -32,20 +31,15 @@ from soliton_linkage.steering.reference_trajectory import (
     ReferenceTrajectory,
     bandwidth,
     gentle_rate,
-    shortest_time,
     trajectory_to,
     trajectory_to_rest,
 )
+from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
-_OBSERVER_FASTER = 3.0
-_PERIOD_MEMORY = 50
-_FORCE_RESERVE = 2.0
-_RESTING_TIMES = 3.0
-_PATIENCE_TIMES = 30.0
-_FARTHEST_OFF = 1.5
-_QUIET = 0.2
+_QUIETING = 1 / 5
+"""Exponent e in b ~ q^e [1]: noise makes torques that go as b^(5/2) q^(-1/2), which stay alike."""
 
 
 class Outcome(enum.Enum):
@@ -64,23 +58,28 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class Ended:
-    """The end of a move."""
+    """The end of a move.
+
+    outcome: how it ended, or why it never began.
+    message: the same as a sentence, with values and limits.
+    place: where the wall was then [rotor spacings], NaN where there was none.
+    """
 
     outcome: Outcome
     message: str
-    """The same as a sentence, with values and limits."""
     place: float
-    """Where the wall was then [rotor spacings], NaN where there was none."""
 
 
 @dataclass(frozen=True)
 class WallState:
-    """Where a wall is and how fast."""
+    """Where a wall is and how fast.
+
+    place: [rotor spacings].
+    speed: velocity of the place [rotor spacings / s], 0 while the wall waits at an edge.
+    """
 
     place: float
-    """[rotor spacings]."""
     speed: float
-    """Velocity of the place [rotor spacings / s], 0 while the wall waits at an edge."""
 
 
 class Steering:
@@ -95,23 +94,22 @@ class Steering:
         self,
         orbit: UniformOrbit,
         allocation: TorqueAllocation,
-        tolerance: float = 0.1,
-        latency: int = 1,
+        settings: SteeringSettings = DEFAULTS,
     ) -> None:
-        """Keep within the tolerance [rotor spacings]; torques act the latency [frames] later."""
+        """Wait for the first frame."""
         self.orbit = orbit
         self.allocation = allocation
-        self.gentle_speed = gentle_rate(orbit) / orbit.site_arc
-        self._tolerance = tolerance
+        self.settings = settings
+        self.gentle_speed = gentle_rate(orbit, settings) / orbit.site_arc
         self._inertia = orbit.chain.moment_of_inertia
         self._period = math.nan
-        self._observer = WallObserver(orbit, _OBSERVER_FASTER * bandwidth(orbit, 1e-3))
-        self._sent = deque([0.0] * (latency + 1), maxlen=latency + 1)
+        self._quiet = 1.0
+        self._observer = WallObserver(orbit, settings.observer_ratio * self._bandwidth, settings)
+        self._sent = deque([0.0] * (settings.latency + 1), maxlen=settings.latency + 1)
         self._trajectory: ReferenceTrajectory | None = None
         self._stopping = False
         self._resting_since: float | None = None
         self._moving = False
-        self._quiet = 1.0
 
     @property
     def wall(self) -> WallState | None:
@@ -152,10 +150,10 @@ class Steering:
         if self._trajectory is None:
             return None
         off = (self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
-        if abs(off) > _FARTHEST_OFF:
+        if abs(off) > self.settings.largest_error:
             return self._lost(
                 f'the wall is {abs(off):.2g} rotor spacings off its reference, more than '
-                f'{_FARTHEST_OFF:g}'
+                f'{self.settings.largest_error:g}'
             )
         return self._judged(self._trajectory, estimate)
 
@@ -169,14 +167,14 @@ class Steering:
         if refusal is not None or estimate is None:
             return refusal
         limit = min(speed or math.inf, self.gentle_speed) * self.orbit.site_arc
-        shortest = shortest_time(self._bandwidth / self._quiet)
+        shortest = self.settings.shortest_move / (self._bandwidth / self._quiet)
         point = self._reference(estimate)
         goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
         trajectory = trajectory_to(goal, estimate.time, point, limit, shortest)
         refusal = self._out_of_reach(place, estimate, trajectory)
         if refusal is None:
-            self._quiet = self.allocation.least_share(estimate.arc, goal) ** _QUIET
-            shortest = shortest_time(self._bandwidth)
+            self._quiet = self.allocation.least_share(estimate.arc, goal) ** _QUIETING
+            shortest = self.settings.shortest_move / self._bandwidth
             self._begin(trajectory_to(goal, estimate.time, point, limit, shortest), stopping=False)
         return refusal
 
@@ -185,7 +183,7 @@ class Steering:
         estimate = self._observer.estimate
         if estimate is None or not self._moving:
             return
-        shortest = shortest_time(self._bandwidth)
+        shortest = self.settings.shortest_move / self._bandwidth
         self._begin(
             trajectory_to_rest(estimate.time, self._reference(estimate), shortest), stopping=True
         )
@@ -209,23 +207,23 @@ class Steering:
         wanted = (
             point.acceleration + 2 * b * (point.rate - then.rate) + b**2 * (point.arc - then.arc)
         )
-        force = self._inertia * (wanted - then.push)
+        force = self._inertia * (wanted - then.disturbance)
         torques, given = self.allocation.torques(then.arc, force)
         self._sent.append(given / self._inertia)
         return -torques if estimate.upside_down else torques
 
     @property
     def _bandwidth(self) -> float:
-        period = self._period if math.isfinite(self._period) else 1e-3
-        return self._quiet * bandwidth(self.orbit, period)
+        return self._quiet * bandwidth(self.orbit, self._period, self.settings)
 
     def _measure_period(self, elapsed: float) -> None:
         """Take the running mean of the times between frames [s], and the gains that go with it."""
         if math.isnan(self._period):
             self._period = elapsed
         # A gap says nothing of the period.
-        self._period += (min(elapsed, 2 * self._period) - self._period) / _PERIOD_MEMORY
-        self._observer.bandwidth = _OBSERVER_FASTER * self._bandwidth
+        longer = min(elapsed, 2 * self._period) - self._period
+        self._period += longer / self.settings.period_memory
+        self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
     def _begin(self, trajectory: ReferenceTrajectory, stopping: bool) -> None:
         self._trajectory = trajectory
@@ -249,19 +247,19 @@ class Steering:
         """Tell whether the wall has come to rest where it is to be."""
         if not self._moving or estimate.time < trajectory.end:
             return None
-        allowed = self._tolerance * self.orbit.site_arc
+        allowed = self.settings.tolerance * self.orbit.site_arc
         if abs(estimate.arc - trajectory.goal) > allowed:
             self._resting_since = None
         elif self._resting_since is None:
             self._resting_since = estimate.time
-        elif estimate.time - self._resting_since > _RESTING_TIMES / self._bandwidth:
+        elif estimate.time - self._resting_since > self.settings.rest / self._bandwidth:
             outcome = Outcome.STOPPED if self._stopping else Outcome.REACHED
             return self._ended(outcome, f'the wall is held at {self._here}')
-        if estimate.time - trajectory.end > _PATIENCE_TIMES / self._bandwidth:
+        if estimate.time - trajectory.end > self.settings.rest_timeout / self._bandwidth:
             return self._ended(
                 Outcome.NOT_HELD,
-                f'the wall does not come to rest within {self._tolerance:g} rotor spacings of '
-                f'{self.orbit.place(trajectory.goal):.3f}; it is held at {self._here}',
+                f'the wall does not come to rest within {self.settings.tolerance:g} rotor '
+                f'spacings of {self.orbit.place(trajectory.goal):.3f}; it is held at {self._here}',
             )
         return None
 
@@ -306,7 +304,7 @@ class Steering:
     def _out_of_reach(
         self, place: float, estimate: WallEstimate, trajectory: ReferenceTrajectory
     ) -> Ended | None:
-        force = _FORCE_RESERVE * self._inertia * trajectory.strongest
+        force = self.settings.force_reserve * self._inertia * trajectory.strongest
         if self.allocation.carries(estimate.arc, trajectory.goal, force):
             return None
         reach = self.allocation.reach(estimate.arc, force)

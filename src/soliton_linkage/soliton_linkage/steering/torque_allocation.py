@@ -24,17 +24,21 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _STEPS_A_SITE = 4
+"""How often the way of a wall is looked at [1/site]: on it t_n^2 changes smoothly."""
 _LEAST_SHARE = 1e-12
+"""q below which no actuator feels the wall [1]: the orbit leaves out all |t_n| < 1e-6."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What it costs to push a wall with a force at a place."""
+    """What it costs to push a wall with a force at a place.
+
+    torque: largest torque of an actuator [N m].
+    strain: largest angle by which the springs give way [rad]; 0 with actuators on all rotors.
+    """
 
     torque: float
-    """Largest torque of an actuator [N m]."""
     strain: float
-    """Largest angle by which the springs give way [rad]; 0 with actuators on all rotors."""
 
 
 @dataclass(frozen=True)
@@ -83,15 +87,15 @@ class TorqueAllocation:
 
         All are lowered together where one would be beyond its limit.
         """
-        unit = self._unit_torques(self._tangent(arc))
+        unit = self._unit_torques(self.orbit.tangent(arc))
         wanted = force * unit
         largest = float(np.abs(wanted).max())
         kept = min(1.0, self.torque_limit / largest) if largest > 0 else 1.0
         return kept * wanted, kept * force * float(unit.any())
 
-    def hold(self, arc: float, force: float) -> Effort:
+    def effort(self, arc: float, force: float) -> Effort:
         """Return what it costs to push with a force [N m] at an arc length [rad]."""
-        tangent = self._tangent(arc)
+        tangent = self.orbit.tangent(arc)
         torques = force * self._unit_torques(tangent)
         if not torques.any() and force:
             return Effort(math.inf, math.inf)
@@ -104,13 +108,13 @@ class TorqueAllocation:
         """Whether a force [N m] can be had all the way between two arc lengths [rad]."""
         if self._everywhere and abs(force) <= self.torque_limit:
             return True
-        return all(self._holds(arc, force) for arc in self._way(start, goal))
+        return all(self._has(arc, force) for arc in self._way(start, goal))
 
     def least_share(self, start: float, goal: float) -> float:
         """Return the least q between two arc lengths [rad], to whose root torques are inverse."""
         if self._everywhere:
             return 1.0
-        tangents = np.array([self._tangent(arc) for arc in self._way(start, goal)])
+        tangents = np.array([self.orbit.tangent(arc) for arc in self._way(start, goal)])
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
@@ -118,14 +122,14 @@ class TorqueAllocation:
         orbit = self.orbit
         here, leg = orbit.place(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1
-        if not self._holds(arc, force):
+        if not self._has(arc, force):
             return Reach(math.nan, math.nan)
         ends = []
         for way, edge in ((-1, 0), (1, last)):
             place = here
             for step in range(1, math.ceil(abs(edge - here) * _STEPS_A_SITE) + 1):
                 beyond = here + way * min(step / _STEPS_A_SITE, abs(edge - here))
-                if not self._holds(orbit.arc_at(beyond, leg), force):
+                if not self._has(orbit.arc_at(beyond, leg), force):
                     break
                 place = beyond
             ends.append(place)
@@ -136,16 +140,9 @@ class TorqueAllocation:
         steps = math.ceil(abs(goal - start) / self.orbit.site_arc * _STEPS_A_SITE)
         return [float(arc) for arc in np.linspace(start, goal, steps + 1)]
 
-    def _holds(self, arc: float, force: float) -> bool:
-        hold = self.hold(arc, force)
-        return hold.torque <= self.torque_limit and hold.strain <= self.strain_limit
-
-    def _tangent(self, arc: float) -> Array:
-        """Unit tangent of the orbit [1], shape (N,)."""
-        tangent = np.zeros(self.orbit.chain.number_of_rotors)
-        about = self.orbit.stretch(arc)
-        tangent[about.first : about.first + len(about.tangent)] = about.tangent
-        return tangent
+    def _has(self, arc: float, force: float) -> bool:
+        effort = self.effort(arc, force)
+        return effort.torque <= self.torque_limit and effort.strain <= self.strain_limit
 
     def _unit_torques(self, tangent: Array) -> Array:
         """Least torques of a unit force, 0 where no actuator feels the wall."""

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a wall is while known torques push it along the orbit, frame by frame.
 
-With u the acceleration that torques give the arc s and d what all else does, gravity, friction
-and what the chain is other than thought,
+With u the acceleration that torques give the arc s and d the disturbance, what gravity, friction
+and all that the chain is other than thought do,
 
     s'' = u + d,    z = s + noise,
 
-where z is the nearest point of the orbit to a frame. Errors e = z - s correct the prediction by
-gains that forget all older frames as theta = exp(-bandwidth dt) (fading memory of degree two,
+where z is the nearest point of the orbit to a frame. Innovations e = z - s correct the prediction
+by gains that forget all older frames as theta = exp(-bandwidth dt) (fading memory of degree two,
 N. Morrison, Introduction to Sequential Smoothing and Prediction, 1969):
 
     s += (1 - theta^3) e,
@@ -23,37 +23,34 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.nearest_point import fit_near, misfit_of_all, recognise, righted
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-
-_STRANGEST = 0.6
-_LEAST_INFORMATION = 0.3
-_LONGEST_JUMP = 0.5
+from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 
 @dataclass(frozen=True)
 class WallEstimate:
-    """Where a wall is and how it moves."""
+    """Where a wall is and how it moves.
+
+    time: instant of the estimate [s].
+    arc: arc length along the orbit [rad], which counts cycles.
+    rate: rate of the arc length [rad/s].
+    disturbance: acceleration that no torque of ours explains [rad/s^2].
+    seen: instant of the last frame that showed the wall [s].
+    upside_down: whether the chain is the image phi -> pi - phi of that of the orbit.
+    """
 
     time: float
-    """Instant of the estimate [s]."""
     arc: float
-    """Arc length along the orbit [rad], which counts cycles."""
     rate: float
-    """Rate of the arc length [rad/s]."""
-    push: float
-    """Acceleration that no torque of ours explains [rad/s^2]."""
+    disturbance: float
     seen: float
-    """Instant of the last frame that showed the wall [s]."""
     upside_down: bool
-    """Whether the chain is the image phi -> pi - phi of the cycle's."""
 
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
         """Return what it will be after a time [s] under an acceleration [rad/s^2]."""
-        gained = (acceleration + self.push) * elapsed
+        gained = (acceleration + self.disturbance) * elapsed
         return replace(
             self,
             time=self.time + elapsed,
@@ -63,29 +60,34 @@ class WallEstimate:
 
 
 class WallObserver:
-    """Estimates the arc of a wall, its rate, and the acceleration of unknown origin.
+    """Estimates the arc of a wall, its rate, and the disturbance.
 
-    Until it has recognised the chain, and after it has not for the patience [s], the estimate is
-    None. A frame that does not show the wall near where it must be is passed over.
+    Until it has recognised the chain, and after it has not for the `seen_timeout`, the estimate
+    is None. A frame that does not show the wall near where it must be is passed over.
     """
 
-    def __init__(self, orbit: UniformOrbit, bandwidth: float, patience: float = 0.2) -> None:
+    def __init__(
+        self,
+        orbit: UniformOrbit,
+        bandwidth: float,
+        settings: SteeringSettings = DEFAULTS,
+    ) -> None:
         """Wait for the first frame; with the bandwidth of the gains [rad/s]."""
         self.orbit = orbit
         self.bandwidth = bandwidth
         self.estimate: WallEstimate | None = None
-        self._patience = patience
+        self._settings = settings
         self._frames = 0
 
     def update(self, time: float, angles: Array, acceleration: float) -> WallEstimate | None:
         """Estimate at an instant [s] from its angles [rad], shape (N,), NaN where unknown.
 
         The acceleration [rad/s^2] is that of the torques since the last frame. Frames that come
-        late or twice change nothing; a clock that goes back by more than the patience begins
-        anew. Raises ValueError for angles that are not one a rotor.
+        late or twice change nothing; a clock that goes back by more than the
+        `seen_timeout` begins anew. Raises ValueError for angles that are not one a rotor.
         """
         before = self.estimate
-        if before is not None and time < before.time - self._patience:
+        if before is not None and time < before.time - self._settings.seen_timeout:
             before = None
         if before is None:
             self.estimate = self._recognised(time, angles)
@@ -94,55 +96,40 @@ class WallObserver:
         return self.estimate
 
     def _recognised(self, time: float, angles: Array) -> WallEstimate | None:
-        """Search the whole cycle, and that of the chain upside down."""
         self._frames = 0
-        best, least = None, _STRANGEST
-        for turned in (False, True):
-            shown = _shown(angles, turned)
-            arc = fit_anywhere(self.orbit, shown).arc
-            misfit = self._misfit(shown, arc) if math.isfinite(arc) else math.inf
-            if misfit < least:
-                best, least = WallEstimate(time, arc, 0.0, 0.0, time, turned), misfit
-        return best
+        arc, upside_down, misfit = recognise(self.orbit, angles)
+        if not misfit < self._settings.largest_misfit:
+            return None
+        return WallEstimate(time, arc, 0.0, 0.0, time, upside_down)
 
     def _followed(
         self, before: WallEstimate, time: float, angles: Array, acceleration: float
     ) -> WallEstimate | None:
         elapsed = time - before.time
         expected = before.after(elapsed, acceleration)
-        shown = _shown(angles, before.upside_down)
+        shown = righted(angles, before.upside_down)
         fit = fit_near(self.orbit, shown, expected.arc)
-        error = fit.arc - expected.arc
+        innovation = fit.arc - expected.arc
+        settings = self._settings
         if (
-            fit.information < _LEAST_INFORMATION
-            or abs(error) > _LONGEST_JUMP * max(self.orbit.site_arc, 1.0)
-            or self._misfit(shown, fit.arc) > _STRANGEST
+            fit.information < settings.least_information
+            or abs(innovation) > settings.largest_innovation * max(self.orbit.site_arc, 1.0)
+            or misfit_of_all(self.orbit, shown, fit.arc) > settings.largest_misfit
         ):
-            return expected if time - before.seen <= self._patience else None
+            return expected if time - before.seen <= settings.seen_timeout else None
         self._frames += 1
-        of_arc, of_rate, of_push = _gains(self._frames, math.exp(-self.bandwidth * elapsed))
+        of_arc, of_rate, of_disturbance = _gains(self._frames, math.exp(-self.bandwidth * elapsed))
         return replace(
             expected,
-            arc=expected.arc + of_arc * error,
-            rate=expected.rate + of_rate * error / elapsed,
-            push=expected.push + of_push * error / elapsed**2,
+            arc=expected.arc + of_arc * innovation,
+            rate=expected.rate + of_rate * innovation / elapsed,
+            disturbance=expected.disturbance + of_disturbance * innovation / elapsed**2,
             seen=time,
         )
 
-    def _misfit(self, angles: Array, arc: float) -> float:
-        """Root mean square of what the orbit leaves of all rotors that are known [rad]."""
-        left = angles - self.orbit.configuration(arc)
-        left -= 2 * math.pi * np.rint(left / (2 * math.pi))
-        known = left[np.isfinite(left)]
-        return math.sqrt(float(known @ known) / len(known)) if len(known) else math.inf
-
-
-def _shown(angles: Array, upside_down: bool) -> Array:
-    return math.pi - angles if upside_down else angles
-
 
 def _gains(frames: int, kept: float) -> tuple[float, float, float]:
-    """Gains of arc, rate and push after so many frames, in units of the time between two."""
+    """Gains of arc, rate and disturbance after so many frames, in units of their period."""
     n = frames
     counted = (n + 1) * (n + 2) * (n + 3)
     expanding = 3 * (3 * n * n + 3 * n + 2) / counted
