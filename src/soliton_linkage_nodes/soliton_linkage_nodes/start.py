@@ -12,10 +12,13 @@ import signal
 from functools import partial
 from importlib import import_module
 
-_INTERRUPTED = 130
+INTERRUPTED = 130
+"""Exit code of what Ctrl-C ended, as shells tell it: 128 and the number of SIGINT."""
+_STOPPED = 0
+"""Exit code of a node that SIGINT or SIGTERM ended, which is how nodes end."""
 
 
-def _start(program: str, interrupted: int = _INTERRUPTED) -> None:
+def _start(program: str, interrupted: int = INTERRUPTED) -> None:
     """Import a program and run it; `interrupted` is the exit code after SIGINT or SIGTERM."""
 
     def end(_number: int, _frame: object) -> None:
@@ -26,13 +29,13 @@ def _start(program: str, interrupted: int = _INTERRUPTED) -> None:
     import_module(f'soliton_linkage_nodes.{program}').main()
 
 
-simulator = partial(_start, 'simulator.node', 0)
-edge_actuator = partial(_start, 'edge_actuator.node', 0)
-soliton_analyser = partial(_start, 'soliton_analyser.node', 0)
-soliton_steering = partial(_start, 'soliton_steering.node', 0)
-bag_recorder = partial(_start, 'bags.recorder', 0)
-bag_player = partial(_start, 'bags.player', 0)
-watch_soliton = partial(_start, 'programs.watch_soliton', 0)
+simulator = partial(_start, 'simulator.node', _STOPPED)
+edge_actuator = partial(_start, 'edge_actuator.node', _STOPPED)
+soliton_analyser = partial(_start, 'soliton_analyser.node', _STOPPED)
+soliton_steering = partial(_start, 'soliton_steering.node', _STOPPED)
+bag_recorder = partial(_start, 'bags.recorder', _STOPPED)
+bag_player = partial(_start, 'bags.player', _STOPPED)
+watch_soliton = partial(_start, 'programs.watch_soliton', _STOPPED)
 
 analyse_bag = partial(_start, 'programs.analyse_bag')
 check_bag = partial(_start, 'programs.check_bag')

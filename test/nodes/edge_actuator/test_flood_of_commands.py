@@ -18,8 +18,8 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import time_to_msg
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
 ROTORS = 6
@@ -65,7 +65,9 @@ def test_the_chain_moves_as_the_accepted_commands_alone_have_it(
     simulator = graph.start(Simulator, {'chain.number_of_rotors': ROTORS, 'publish_rate': 100.0})
     topics = {topic.name: topic for topic, _ in flood()}
     publishers = {name: graph.speak(topic) for name, topic in topics.items()}
-    graph.until(lambda: actuator._latest and actuator._driver, 'the chain and its state')
+    graph.until(
+        lambda: actuator.frames.taken and actuator.commands.chain, 'the chain and its state'
+    )
     for publisher in actuator.publishers:
         if publisher.topic_name == '/rotor_impulses':
             graph.until(publisher.get_subscription_count, 'the simulator')
@@ -83,22 +85,22 @@ def test_the_chain_moves_as_the_accepted_commands_alone_have_it(
 
     def quiet() -> bool:
         nonlocal handled, quiet_since
-        count = actuator._carried_out + actuator._diagnostics.refused
+        count = actuator.carried_out + actuator.diagnostics.refused
         if count != handled:
             handled, quiet_since = count, time.monotonic()
-        return time.monotonic() - quiet_since > 0.5 and len(kicks) == actuator._carried_out
+        return time.monotonic() - quiet_since > 0.5 and len(kicks) == actuator.carried_out
 
     graph.until(quiet, 'the end of the flood')
     simulator.control.pause(True)
     simulator.control.step(1)
-    assert 0 < actuator._carried_out <= COMMANDS // 10
-    assert actuator._diagnostics.refused > actuator._carried_out
-    chain = simulator._named.chain
+    assert 0 < actuator.carried_out <= COMMANDS // 10
+    assert actuator.diagnostics.refused > actuator.carried_out
+    chain = simulator.named.chain
     speeds = [np.linalg.norm(impulses) / chain.moment_of_inertia for _, impulses in kicks]
     np.testing.assert_allclose(speeds, SPEED)
     alone = ElasticSimulation(chain, chain.uniform_state(-1), period=0.01)
     monkeypatch.undo()
-    end = simulator.control._simulation
+    end = simulator.control.simulation
     for frame in range(end.frame):
         for _, impulses in [kick for kick in kicks if kick[0] == frame]:
             alone.kick(impulses)

@@ -17,8 +17,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs.msg import EdgeCommand
-from soliton_linkage_nodes.messages.conversions import NamedChain, time_to_msg
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 pytestmark = pytest.mark.usefixtures('often')
 
@@ -37,15 +38,15 @@ class Desk:
         self._publishers = {
             topic.name: graph.speak(topic) for topic in (JOINTS, EFFORTS, TRAJECTORY)
         }
-        self._time = 0.0
+        self.now = 0.0
         self.frames(2, 0)
 
     def say(self, topic: interfaces.Topic, message: Any) -> None:
         """Publish a command, and wait until it is accepted."""
         node = self.bench.node
-        before = node._carried_out
+        before = node.carried_out
         self.publish(topic, message)
-        self.bench.graph.until(lambda: node._carried_out > before, 'acceptance')
+        self.bench.graph.until(lambda: node.carried_out > before, 'acceptance')
 
     def publish(self, topic: interfaces.Topic, message: Any) -> None:
         self._publishers[topic.name].publish(message)
@@ -54,8 +55,8 @@ class Desk:
         """Publish frames, and return the torques that come of it, one of each frame [N m]."""
         expected = count if messages is None else messages
         for _ in range(count):
-            self._time += PERIOD
-            self.bench.joints(self.bench.named.chain.uniform_state(-1), stamp=self._time)
+            self.now += PERIOD
+            self.bench.joints(self.bench.named.chain.uniform_state(-1), stamp=self.now)
         return np.array([self.bench.next_torques() for _ in range(expected)])
 
 
@@ -95,10 +96,11 @@ def test_efforts_by_name_act_on_those_joints_until_the_watchdog_ends_them(desk: 
     assert not torques[5].any()
 
 
-def test_a_stream_as_topic_based_ros2_control_sends_it_is_obeyed_message_by_message(
-    desk: Desk,
+def test_a_stream_as_topic_based_ros2_control_sends_it_acts_message_by_message(
+    graph: Graph, named: NamedChain
 ) -> None:
     """All joints of the hardware in every message, effort alone, stamped."""
+    desk = Desk(graph, named, {'command_timeout': 60.0})
     names = list(desk.bench.named.joint_names)
     for number in range(20):
         asked = 1e-3 * np.sin(0.3 * number + np.arange(8.0))
@@ -173,65 +175,62 @@ def test_a_trajectory_may_begin_later_or_have_begun(desk: Desk) -> None:
 GOOD_POINT = (0.1, [1e-3])
 
 
-@pytest.mark.parametrize(
-    ('topic', 'message', 'complaint'),
-    [
-        (JOINTS, efforts(rotor_1=1e-3, rotor_8=1e-3), "'rotor_8', which has no actuator"),
-        (JOINTS, efforts(rotor_1=1e-3, rotor_2=math.nan), 'rotor_2 = nan N m must be a finite'),
-        (JOINTS, efforts(rotor_1=1e-3, rotor_2=-math.inf), 'rotor_2 = -inf N m must be a finite'),
-        (JOINTS, efforts(rotor_1=1e-3, rotor_2=-0.11), 'rotor_2 = -0.11 N m must lie in the'),
-        (JOINTS, JointState(name=['rotor_1'] * 2, effort=[1e-3] * 2), "'rotor_1' twice"),
-        (JOINTS, JointState(name=['rotor_1'], effort=[]), 'has 0 efforts for 1 joints'),
-        (JOINTS, JointState(effort=[1e-3]), 'names no joint'),
-        (JOINTS, JointState(name=['rotor_1'], position=[0.5], effort=[1e-3]), 'effort alone'),
-        (
-            JOINTS,
-            JointState(header=LONG_AGO, name=['rotor_1'], effort=[1e-3]),
-            's old, the limit is 0.05 s',
+WRONG: list[tuple[interfaces.Topic, Any, str]] = [
+    (JOINTS, efforts(rotor_1=1e-3, rotor_8=1e-3), "'rotor_8', which has no actuator"),
+    (JOINTS, efforts(rotor_1=1e-3, rotor_2=math.nan), 'rotor_2 = nan N m must be a finite'),
+    (JOINTS, efforts(rotor_1=1e-3, rotor_2=-math.inf), 'rotor_2 = -inf N m must be a finite'),
+    (JOINTS, efforts(rotor_1=1e-3, rotor_2=-0.11), 'rotor_2 = -0.11 N m must lie in the'),
+    (JOINTS, JointState(name=['rotor_1'] * 2, effort=[1e-3] * 2), "'rotor_1' twice"),
+    (JOINTS, JointState(name=['rotor_1'], effort=[]), 'has 0 efforts for 1 joints'),
+    (JOINTS, JointState(effort=[1e-3]), 'names no joint'),
+    (JOINTS, JointState(name=['rotor_1'], position=[0.5], effort=[1e-3]), 'effort alone'),
+    (
+        JOINTS,
+        JointState(header=LONG_AGO, name=['rotor_1'], effort=[1e-3]),
+        's old, the limit is 0.05 s',
+    ),
+    (EFFORTS, Float64MultiArray(data=[1e-3] * 7), 'has 7 efforts for 8 joints'),
+    (EFFORTS, Float64MultiArray(), 'has 0 efforts for 8 joints'),
+    (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [math.nan]), 'rotor_7 = nan N m must'),
+    (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [0.2]), 'rotor_7 = 0.2 N m must lie in'),
+    (TRAJECTORY, JointTrajectory(joint_names=['rotor_1']), 'has no points or no joints'),
+    (TRAJECTORY, trajectory([], (0.1, [])), 'has no points or no joints'),
+    (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
+    (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [])), 'point 1 of ~/joint_traj'),
+    (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, GOOD_POINT), 'or more and increase'),
+    (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [9.0])), 'rotor_1 = 9 N m must'),
+    (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [math.nan])), 'rotor_1 = nan N m'),
+    (
+        TRAJECTORY,
+        JointTrajectory(
+            joint_names=['rotor_1'],
+            points=[JointTrajectoryPoint(positions=[1.0], effort=[1e-3])],
         ),
-        (EFFORTS, Float64MultiArray(data=[1e-3] * 7), 'has 7 efforts for 8 joints'),
-        (EFFORTS, Float64MultiArray(), 'has 0 efforts for 8 joints'),
-        (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [math.nan]), 'rotor_7 = nan N m must'),
-        (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [0.2]), 'rotor_7 = 0.2 N m must lie in'),
-        (TRAJECTORY, JointTrajectory(joint_names=['rotor_1']), 'has no points or no joints'),
-        (TRAJECTORY, trajectory([], (0.1, [])), 'has no points or no joints'),
-        (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
-        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [])), 'point 1 of ~/joint_traj'),
-        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, GOOD_POINT), 'or more and increase'),
-        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [9.0])), 'rotor_1 = 9 N m must'),
-        (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [math.nan])), 'rotor_1 = nan N m'),
-        (
-            TRAJECTORY,
-            JointTrajectory(
-                joint_names=['rotor_1'],
-                points=[JointTrajectoryPoint(positions=[1.0], effort=[1e-3])],
-            ),
-            'point 0 of ~/joint_trajectory asks for positions',
+        'point 0 of ~/joint_trajectory asks for positions',
+    ),
+    (
+        TRAJECTORY,
+        JointTrajectory(
+            header=LONG_AGO,
+            joint_names=['rotor_1'],
+            points=[JointTrajectoryPoint(effort=[1e-3])],
         ),
-        (
-            TRAJECTORY,
-            JointTrajectory(
-                header=LONG_AGO,
-                joint_names=['rotor_1'],
-                points=[JointTrajectoryPoint(effort=[1e-3])],
-            ),
-            '~/joint_trajectory was over',
-        ),
-    ],
-)
-def test_a_wrong_command_is_refused_whole(
-    graph: Graph, named: NamedChain, topic: interfaces.Topic, message: Any, complaint: str
-) -> None:
-    desk = Desk(graph, named, {'command_timeout': 0.05})
+        '~/joint_trajectory was over',
+    ),
+]
+
+
+def test_wrong_commands_are_refused_whole(desk: Desk) -> None:
     desk.say(JOINTS, efforts(rotor_1=5e-4))
     desk.frames(1)
-    desk.publish(topic, message)
-    assert complaint in desk.bench.refusal()
+    for number, (topic, message, complaint) in enumerate(WRONG, start=1):
+        desk.publish(topic, message)
+        assert complaint in desk.bench.refusal(number)
     np.testing.assert_array_equal(desk.frames(1), [at(r1=5e-4)])
 
 
 def test_joints_and_an_edge_act_together(desk: Desk) -> None:
-    desk.bench.order(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=1e-3, duration=60.0)
+    desk.bench.carry_out(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=1e-3, duration=60.0)
     (alone,) = desk.frames(1)
     desk.say(JOINTS, efforts(rotor_6=2e-3))
     (together,) = desk.frames(1)
@@ -254,7 +253,7 @@ def test_a_frame_that_comes_twice_changes_nothing(desk: Desk) -> None:
     desk.say(JOINTS, efforts(rotor_6=2e-3))
     desk.frames(1)
     rest = desk.bench.named.chain.uniform_state(-1)
-    desk.bench.joints(rest, stamp=desk._time)
+    desk.bench.joints(rest, stamp=desk.now)
     assert 'stamp each frame' in desk.bench.refusal()
     np.testing.assert_array_equal(desk.frames(1), [at(r6=2e-3)])
 

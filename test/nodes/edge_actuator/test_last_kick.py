@@ -13,9 +13,13 @@ from graphs import Graph
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from soliton_linkage.actuation.chain_driver import ChainDriver
+from soliton_linkage.actuation.kick_record import Kick
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import EdgeCommand, LastKick
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 
@@ -41,19 +45,27 @@ class Rig:
             if publisher.topic_name in ('/rotor_impulses', '/rotor_torques'):
                 graph.until(publisher.get_subscription_count, publisher.topic_name)
         graph.until(
-            lambda: self.actuator._previous and self.actuator._driver.record._delivered,
-            'the chain, its state and its books',
+            lambda: (
+                self.actuator.frames.taken > 1 and self.driver and self.driver.record.delivered
+            ),
+            'the chain, its state and its ledger',
         )
 
     def _note_kicks(self) -> None:
         """Note every kick: of two in quick succession a latched topic keeps the last alone."""
-        publish = self.actuator._last_kick.publish
+        outlets = self.actuator.outlets
+        tell = outlets.tell
 
-        def note(message: LastKick) -> None:
-            self.kicks.append(message)
-            publish(message)
+        def note(named: NamedChain, kick: Kick) -> None:
+            self.kicks.append(last_kick_to_msg(named, kick))
+            tell(named, kick)
 
-        self.actuator._last_kick.publish = note
+        outlets.tell = note
+
+    @property
+    def driver(self) -> ChainDriver | None:
+        chain = self.actuator.commands.chain
+        return None if chain is None else chain.driver
 
     @property
     def energy(self) -> float:
@@ -139,7 +151,7 @@ def _heard_late(graph: Graph) -> list[LastKick]:
 def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None:
     rig = Rig(graph)
     rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=600.0))
-    graph.until(lambda: rig.actuator._driver.driving, 'the pulse')
+    graph.until(lambda: rig.driver.driving, 'the pulse')
     before = rig.energy
     assert before >= 0
     rig.say(*edge(EdgeCommand.PULSE, 1e-3, duration=0.05))
@@ -181,16 +193,16 @@ def test_impulses_that_the_simulator_refuses_are_not_told_as_delivered(graph: Gr
 
 
 @pytest.mark.parametrize('name', ['nudge', 'pulse'])
-def test_a_kick_while_a_joint_is_driven_has_its_own_books(graph: Graph, name: str) -> None:
+def test_a_kick_while_a_joint_is_driven_has_its_own_ledger(graph: Graph, name: str) -> None:
     rig = Rig(graph, {'command_timeout': 0.0})
     rig.say(interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[0.0, 2e-4, *[0.0] * 6]))
-    graph.until(lambda: rig.actuator._driver.driving, 'the torque')
+    graph.until(lambda: rig.driver.driving, 'the torque')
     rig.say(*COMMANDS[name])
     told = []
     if name == 'nudge':
         told.append(rig.next_kick())
         assert told[0].source == 'nudge'
     rig.say(interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[0.0] * 8))
-    while not told or rig.actuator._driver.busy:
+    while not told or rig.driver.busy:
         told.append(rig.next_kick())
     assert sum(kick.work for kick in told) == pytest.approx(rig.energy, rel=1e-8)

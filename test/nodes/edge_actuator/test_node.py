@@ -20,14 +20,9 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    frame_to_msg,
-    time_from_msg,
-    time_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
 pytestmark = pytest.mark.usefixtures('often')
 
@@ -122,7 +117,7 @@ def test_a_nudge_can_be_a_pressure_with_the_impulse_of_the_kick(
     bench.joints(rest, stamp=-0.01)
     bench.joints(rest, stamp=0.0)
     bench.nudge(speed)
-    bench.graph.until(lambda: bench.node._carried_out, 'the nudge')
+    bench.graph.until(lambda: bench.node.carried_out, 'the nudge')
     torques = bench.drive([rest] * 90, 0.01, 0.01)
     impulse = 0.01 * torques.sum(axis=0)
     expected = chain.moment_of_inertia * speed * edge_mode(chain, rest, Edge.FIRST)
@@ -139,7 +134,7 @@ def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench: Be
     )
     bench.joints(rest, stamp=0.0)
     bench.joints(rest, stamp=0.1)
-    bench.order(
+    bench.carry_out(
         edge=EdgeCommand.FIRST,
         kind=EdgeCommand.PULSE,
         value=5e-3,
@@ -177,9 +172,9 @@ def test_a_pressure_comes_and_goes_as_the_chamber_fills_and_vents(
     rest = chain.uniform_state(LEFT if side is Edge.FIRST else RIGHT)
     bench.joints(rest, stamp=0.0)
     bench.joints(rest, stamp=0.01)
-    bench.order(edge=EdgeCommand.NEAREST, kind=LASTING, value=1e5, duration=0.1, ramp_up=0.02)
+    bench.carry_out(edge=EdgeCommand.NEAREST, kind=LASTING, value=1e5, duration=0.1, ramp_up=0.02)
     torques = bench.drive([rest] * 100, 0.02, 0.01, messages=83)
-    model = bench.node._pneumatics
+    model = bench.node.actuator
     areas = [
         model.driven(0.0, trapezoid(1e5, 0.02, 0.1, 0.0), 0.0, 0.01 * n)[1] for n in range(84)
     ]
@@ -196,12 +191,12 @@ def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(
     left, right = chain.uniform_state(LEFT), chain.uniform_state(RIGHT)
     bench.joints(left, stamp=0.0)
     bench.joints(left, stamp=0.5)
-    bench.order(edge=EdgeCommand.NEAREST, kind=LASTING, value=-5e4)
+    bench.carry_out(edge=EdgeCommand.NEAREST, kind=LASTING, value=-5e4)
     held = bench.drive([left, left, right], 1.0, 1e3, messages=3)
-    strength = -5e4 * bench.node._pneumatics.torque_per_pressure
+    strength = -5e4 * bench.node.actuator.torque_per_pressure
     expected = strength * edge_mode(chain, right, Edge.FIRST, anywhere=True)
     np.testing.assert_allclose(held[-1], expected, rtol=1e-9)
-    bench.order(edge=EdgeCommand.FIRST, kind=LASTING, value=0.0)
+    bench.carry_out(edge=EdgeCommand.FIRST, kind=LASTING, value=0.0)
     vented = bench.drive([right] * 3, 3e3, 1.0, messages=2)
     assert vented[0].any()
     assert not vented[1].any()
@@ -213,53 +208,51 @@ FULL_PULSE = FULL_PRESSURE | {'kind': EdgeCommand.PULSE, 'value': 0.01}
 LONG_AGO = Header(stamp=time_to_msg(10**18))
 
 
-@pytest.mark.parametrize(
-    ('command', 'complaint'),
-    [
-        (FULL_KICK | {'value': math.nan}, 'speed = nan rad/s must be a finite number'),
-        (FULL_KICK | {'value': -math.inf}, 'speed = -inf rad/s must be a finite number'),
-        (
-            FULL_KICK | {'value': 100.5},
-            'speed = 100.5 rad/s must lie in the range -100 to 100 rad/s; '
-            'ask for less or raise speed_limit',
-        ),
-        (FULL_KICK | {'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
-        (FULL_KICK | {'duration': math.nan}, 'duration of a kick = nan s must be 0'),
-        (FULL_KICK | {'edge': 3}, 'edge = 3 must be one of 0, 1, 2'),
-        (FULL_KICK | {'kind': 3}, 'kind = 3 must be one of 0, 1, 2'),
-        (FULL_KICK | {'ramp_up': 0.1}, 'ramp_up of a kick = 0.1 s must be 0'),
-        (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it in time, or'),
-        (FULL_KICK | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
-        (FULL_PRESSURE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
-        (FULL_PRESSURE | {'value': math.nan}, 'pressure = nan Pa must be a finite number'),
-        (
-            FULL_PRESSURE | {'value': -3e5},
-            'pressure = -300000 Pa must lie in the range -80000 to 200000 Pa',
-        ),
-        (FULL_PRESSURE | {'duration': 0.0, 'ramp_down': 1.0}, 'ramp_down = 1 s must be 0 for'),
-        (FULL_PULSE | {'value': 0.2}, 'torque = 0.2 N m must lie in the range -0.1 to 0.1 N m'),
-        (FULL_PULSE | {'ramp_down': -1e-3}, 'ramp_down = -0.001 s must be a finite number of 0'),
-        (FULL_PULSE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
-        (FULL_PRESSURE | {'duration': -1.0}, 'duration = -1 s must be a finite number of 0 or'),
-        (FULL_PRESSURE | {'duration': math.inf}, 'duration = inf s must be a finite number'),
-        (FULL_PRESSURE | {'edge': 255}, 'edge = 255 must be one of 0, 1, 2'),
-    ],
-)
-def test_a_wrong_command_is_refused_and_what_is_going_on_goes_on(
-    bench: Bench, command: dict[str, Any], complaint: str
-) -> None:
+WRONG: list[tuple[dict[str, Any], str]] = [
+    (FULL_KICK | {'value': math.nan}, 'speed = nan rad/s must be a finite number'),
+    (FULL_KICK | {'value': -math.inf}, 'speed = -inf rad/s must be a finite number'),
+    (
+        FULL_KICK | {'value': 100.5},
+        'speed = 100.5 rad/s must lie in the range -100 to 100 rad/s; '
+        'ask for less or raise speed_limit',
+    ),
+    (FULL_KICK | {'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
+    (FULL_KICK | {'duration': math.nan}, 'duration of a kick = nan s must be 0'),
+    (FULL_KICK | {'edge': 3}, 'edge = 3 must be one of 0, 1, 2'),
+    (FULL_KICK | {'kind': 3}, 'kind = 3 must be one of 0, 1, 2'),
+    (FULL_KICK | {'ramp_up': 0.1}, 'ramp_up of a kick = 0.1 s must be 0'),
+    (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it in time, or'),
+    (FULL_KICK | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
+    (FULL_PRESSURE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
+    (FULL_PRESSURE | {'value': math.nan}, 'pressure = nan Pa must be a finite number'),
+    (
+        FULL_PRESSURE | {'value': -3e5},
+        'pressure = -300000 Pa must lie in the range -80000 to 200000 Pa',
+    ),
+    (FULL_PRESSURE | {'duration': 0.0, 'ramp_down': 1.0}, 'ramp_down = 1 s must be 0 for'),
+    (FULL_PULSE | {'value': 0.2}, 'torque = 0.2 N m must lie in the range -0.1 to 0.1 N m'),
+    (FULL_PULSE | {'ramp_down': -1e-3}, 'ramp_down = -0.001 s must be a finite number of 0'),
+    (FULL_PULSE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
+    (FULL_PRESSURE | {'duration': -1.0}, 'duration = -1 s must be a finite number of 0 or'),
+    (FULL_PRESSURE | {'duration': math.inf}, 'duration = inf s must be a finite number'),
+    (FULL_PRESSURE | {'edge': 255}, 'edge = 255 must be one of 0, 1, 2'),
+]
+
+
+def test_wrong_commands_are_refused_and_what_is_going_on_goes_on(bench: Bench) -> None:
     rest = bench.named.chain.uniform_state(LEFT)
     bench.joints(rest)
     bench.joints(rest)
-    bench.order(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=2e-3, duration=9.0)
+    bench.carry_out(edge=EdgeCommand.FIRST, kind=EdgeCommand.PULSE, value=2e-3, duration=9.0)
     bench.joints(rest)
     held = bench.next_torques()
-    bench.command(**command)
-    assert complaint in bench.refusal()
-    assert bench.reports[-1].level == bench.reports[-1].WARN
-    bench.joints(rest)
-    np.testing.assert_array_equal(bench.next_torques(), held)
-    assert bench.torques == []
+    for number, (command, complaint) in enumerate(WRONG, start=1):
+        bench.command(**command)
+        assert complaint in bench.refusal(number)
+        assert bench.reports[-1].level == bench.reports[-1].WARN
+        bench.joints(rest)
+        np.testing.assert_array_equal(bench.next_torques(), held)
+        assert bench.torques == []
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, 1e3])
@@ -362,7 +355,7 @@ def test_a_report_tells_what_it_waits_for(graph: Graph, named: NamedChain) -> No
     report = graph.next_report('edge_actuator')
     assert (report.message, report.level) == ('ready', report.OK)
     bench.joints(named.chain.uniform_state(LEFT))
-    bench.order(edge=EdgeCommand.FIRST, kind=LASTING, value=2e4)
+    bench.carry_out(edge=EdgeCommand.FIRST, kind=LASTING, value=2e4)
     bench.joints(named.chain.uniform_state(LEFT))
     bench.next_torques()
     report = graph.next_report('edge_actuator')

@@ -17,10 +17,10 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    time_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 pytestmark = pytest.mark.usefixtures('often')
 

@@ -10,39 +10,39 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.kick_record import Delivered, Kick
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_msgs.msg import EdgeCommand
-from soliton_linkage_nodes.edge_actuator.kick_record import Delivered, Kick
+from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages import command_conversions as conversions
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 
 NAMED = NamedChain(Chain(number_of_rotors=4), default_joint_names(4))
 STAMP = 1_700_000_000_123_456_789
 LIMITS = {'rotor_0': 1.0, 'rotor_1': 2.0, 'rotor_2': 3.0, 'rotor_3': 4.0}
-PULSE = EdgeOrder(Edge.LAST, Kind.PULSE, -0.5, 0.1, 0.2, 0.3)
+PULSE = EdgeCommand(Edge.LAST, CommandKind.PULSE, -0.5, 0.1, 0.2, 0.3)
 
 
 @pytest.mark.parametrize('edge', Edge)
 @pytest.mark.parametrize(
-    'order',
+    'command',
     [
         PULSE,
-        EdgeOrder(Edge.FIRST, Kind.KICK, 7.0),
-        EdgeOrder(Edge.FIRST, Kind.PRESSURE, 1e5, 0.0, 0.2),
+        EdgeCommand(Edge.FIRST, CommandKind.KICK, 7.0),
+        EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5, 0.0, 0.2),
     ],
 )
-def test_orders_come_back(order: EdgeOrder, edge: Edge) -> None:
-    order = dataclasses.replace(order, edge=edge)
-    assert conversions.order_from_msg(conversions.order_to_msg(order)) == order
+def test_commands_come_back(command: EdgeCommand, edge: Edge) -> None:
+    command = dataclasses.replace(command, edge=edge)
+    assert conversions.edge_command_from_msg(conversions.edge_command_to_msg(command)) == command
 
 
 @pytest.mark.parametrize('fields', [{'edge': 3}, {'kind': 3}])
 def test_codes_without_a_meaning_are_refused(fields: dict[str, int]) -> None:
     ((name, code),) = fields.items()
     with pytest.raises(ValueError, match=f'{name} = {code} must be one of 0, 1, 2'):
-        conversions.order_from_msg(EdgeCommand(**fields))
+        conversions.edge_command_from_msg(msg.EdgeCommand(**fields))
 
 
 def test_what_was_delivered_comes_back() -> None:
@@ -66,12 +66,12 @@ def test_a_kick_names_the_joints_that_it_acted_on() -> None:
     assert message.header.stamp.nanosec == 123_456_789
     for field in ('source', 'duration', 'work', 'peak_torque', 'saturated', 'measured'):
         assert getattr(message, field) == getattr(kick(), field)
-    assert conversions.order_from_msg(message.asked) == PULSE
+    assert conversions.edge_command_from_msg(message.asked) == PULSE
 
 
 def test_torques_of_joints_were_not_asked_of_an_edge() -> None:
     message = conversions.last_kick_to_msg(NAMED, kick(asked=None, source='~/commands'))
-    assert message.asked == EdgeCommand()
+    assert message.asked == msg.EdgeCommand()
 
 
 @pytest.mark.parametrize('names', [(), ('rotor_3', 'rotor_0')])

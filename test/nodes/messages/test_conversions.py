@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import asdict, astuple, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,34 +16,29 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.initial_states import State
-from soliton_linkage.estimation.analyser import AnalysedSoliton
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations
-from soliton_linkage_msgs.msg import RotorImpulses, Soliton, SolitonState
+from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.messages import conversions
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
-    FrameReader,
     NamedChain,
     default_joint_names,
     state_from_reset,
 )
-from soliton_linkage_nodes.messages.joint_states import joint_states_from_msg
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
 NAMED = NamedChain(Chain(number_of_rotors=5), default_joint_names(5))
 ROTORS = {name: rotor for rotor, name in enumerate(NAMED.joint_names)}
 ANGLES = np.array([0.1, -2.0, 3.5, 40.0, -0.0])
 RATES = np.array([1.0, 2.0, -3.0, 1e-300, 5.0])
-STAMP = conversions.time_to_msg(1_700_000_000_123_456_789)
-NAN = math.nan
-NAN_SOLITON = AnalysedSoliton(1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
-SOLITON = AnalysedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
+STAMP = time_to_msg(1_700_000_000_123_456_789)
 
 
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
 def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
-    assert conversions.time_from_msg(conversions.time_to_msg(nanoseconds)) == nanoseconds
+    assert time_from_msg(time_to_msg(nanoseconds)) == nanoseconds
 
 
 @pytest.mark.parametrize('periodic', [True, False])
@@ -104,48 +99,6 @@ def test_rotors_that_are_not_named_get_nothing() -> None:
     np.testing.assert_array_equal(nothing, np.zeros(5))
 
 
-@pytest.mark.parametrize('count', [0, 1, 2])
-def test_the_solitons_of_a_message_come_back(count: int) -> None:
-    solitons = (SOLITON, NAN_SOLITON)[:count]
-    message = SolitonState(solitons=[Soliton(**asdict(soliton)) for soliton in solitons])
-    back = conversions.solitons_from_msg(message)
-    assert len(back) == count
-    for one, other in zip(back, solitons, strict=True):
-        np.testing.assert_array_equal(astuple(one), astuple(other))
-
-
-def test_frames_are_read_as_far_as_they_go() -> None:
-    reader = FrameReader(NAMED.joint_names)
-
-    def read(message: JointState) -> Frame:
-        return reader.read(joint_states_from_msg(message))
-
-    message = JointState(
-        name=['gripper', 'rotor_4', 'rotor_0', 'rotor_2'],
-        position=[9.0, 4.5, math.inf, math.nan],
-        velocity=[8.0, 1.0, 2.0, 3.0],
-    )
-    for _ in range(2):
-        frame = read(message)
-        np.testing.assert_array_equal(frame.angles, [math.inf, math.nan, math.nan, math.nan, 4.5])
-        assert frame.rates is not None
-        np.testing.assert_array_equal(frame.rates, [2.0, math.nan, 3.0, math.nan, 1.0])
-    message.velocity = []
-    assert read(message).rates is None
-    message.name, message.position = ['rotor_1'], [7.0]
-    np.testing.assert_array_equal(read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
-
-
-def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> None:
-    reader = FrameReader(NAMED.joint_names)
-    joints = joint_states_from_msg(joint_state())
-    frame = reader.read(joints)
-    np.testing.assert_array_equal(frame.angles, ANGLES)
-    np.testing.assert_array_equal(frame.rates, RATES)
-    frame.angles[:] = 0.0
-    np.testing.assert_array_equal(joints.position, ANGLES)
-
-
 def joint_state(**changes: Any) -> JointState:
     fields = {'name': list(NAMED.joint_names), 'position': list(ANGLES), 'velocity': list(RATES)}
     return JointState(**{**fields, **changes})
@@ -161,10 +114,6 @@ def torques(**changes: Any) -> JointState:
 
 def take_frame(message: JointState) -> None:
     conversions.frame_from_msg(NAMED, message)
-
-
-def read_frame(message: JointState) -> None:
-    FrameReader(NAMED.joint_names).read(joint_states_from_msg(message))
 
 
 def take_impulses(message: RotorImpulses) -> None:
@@ -202,11 +151,6 @@ def take_torques(message: JointState) -> None:
             joint_state(velocity=[0.0, math.inf, 0.0, -math.inf, 0.0]),
             'velocity of rotor_1 = inf must be a finite number',
         ),
-        (read_frame, joint_state(name=[]), 'position has 5 values for 0 names'),
-        (read_frame, joint_state(name=list('abcde')), 'has none of the 5 rotors, whose first is'),
-        (read_frame, joint_state(name=['rotor_1'] * 5), "'rotor_1' twice; name each joint once"),
-        (read_frame, joint_state(position=[1.0]), 'position has 1 values for 5 names'),
-        (read_frame, joint_state(velocity=[1.0]), 'velocity has 1 values for 5 names'),
         (take_impulses, impulses(impulse=[1.0]), 'impulse has 1 values for 2 names'),
         (
             take_impulses,

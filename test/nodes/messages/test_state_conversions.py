@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,12 +28,13 @@ from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.messages.conversions import solitons_from_msg
-from soliton_linkage_nodes.messages.joint_states import JointStates
+from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.messages.state_conversions import (
+    NumberFields,
     columns,
     row,
     serialized_state,
+    solitons_from_msg,
     state_to_msg,
 )
 
@@ -239,3 +240,25 @@ def test_a_row_has_a_cell_for_every_column(analysis: Analysis, joints: JointStat
         cells['soliton_position'], analysis.solitons[0].position if analysis.solitons else NAN
     )
     assert cells['unseen'] == analysis.unseen
+
+
+def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
+    @dataclass(frozen=True)
+    class MarkedSoliton(AnalysedSoliton):
+        mark: int = 7
+
+    marked = {**msg.Soliton.get_fields_and_field_types(), 'mark': 'int32'}
+    soliton = MarkedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
+    number_fields = NumberFields(marked, MarkedSoliton)
+    before = NumberFields(msg.Soliton.get_fields_and_field_types(), AnalysedSoliton)
+    assert number_fields(soliton) == (*before(soliton), 7)
+    assert number_fields.format == f'{before.format}i'
+    assert number_fields.names[-1] == 'mark'
+
+
+def test_a_field_that_nothing_fills_is_said_at_once() -> None:
+    marked = {**msg.Soliton.get_fields_and_field_types(), 'mark': 'int32'}
+    with pytest.raises(TypeError, match='field mark of SolitonState has no source: AnalysedSol'):
+        NumberFields(marked, AnalysedSoliton)
+    with pytest.raises(TypeError, match='MotionClass has no mark; add it'):
+        NumberFields({'mark': 'double'}, Analysis, {'mark': 'measured_motion.mark'})

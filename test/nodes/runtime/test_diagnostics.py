@@ -75,3 +75,13 @@ def test_a_flood_of_refusals_is_counted_in_full_and_said_in_one_line(
     assert reporter.diagnostics.refused == 1000
     (line,) = capfd.readouterr().err.splitlines()
     assert line.endswith('refused nudge: speed = nan rad/s must be a finite number')
+
+
+def test_what_cannot_be_taken_is_refused_and_the_rest_is_taken(reporter: Reporter) -> None:
+    take = reporter.diagnostics.refusing('numbers', float)
+    for text in ('1.5', 'one', '2'):
+        take(text)
+    assert reporter.diagnostics.refused == 1
+    divide = reporter.diagnostics.refusing('numbers', lambda number: 1 / number)
+    divide(0)
+    assert reporter.diagnostics.refused == 2

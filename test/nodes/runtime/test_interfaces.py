@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from graphs import Graph
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,10 +13,9 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.programs.experiment import Observer
+from soliton_linkage_nodes.programs.experiment_observer import Observer
 from soliton_linkage_nodes.programs.watch_soliton import WatchSoliton
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
@@ -71,12 +69,12 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
         assert {depth for other, depth in depths if other == name} == {topic.qos.depth}
 
 
-@pytest.mark.parametrize('topic', interfaces.SUITE, ids=lambda topic: topic.name)
-def test_topics_are_reliable_and_what_lasts_is_kept_for_late_joiners(topic: Topic) -> None:
-    assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
+def test_topics_are_reliable_and_what_lasts_is_kept_for_late_joiners() -> None:
     lasting = (interfaces.CHAIN, interfaces.LAST_KICK, interfaces.DELIVERY)
-    assert topic.latched == (topic in lasting)
-    assert (topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL) == topic.latched
+    for topic in interfaces.SUITE:
+        assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
+        assert topic.latched == (topic in lasting)
+        assert (topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL) == topic.latched
 
 
 @given(st.integers(0, 10**12))

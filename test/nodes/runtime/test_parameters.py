@@ -27,16 +27,19 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
-from soliton_linkage_nodes.edge_actuator.node import EdgeActuator, EdgeActuatorParameters
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
-from soliton_linkage_nodes.programs.experiment import ExperimentParameters
+from soliton_linkage_nodes.programs.experiment_observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
-from soliton_linkage_nodes.simulator.node import Simulator, SimulatorParameters
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
-from soliton_linkage_nodes.soliton_steering.node import SolitonSteering, SolitonSteeringParameters
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
 
 CONFIG = Path(__file__).parents[3] / 'config'
 OF_NODE = {
@@ -146,7 +149,6 @@ def test_a_value_that_is_not_allowed_is_said_in_one_line(
     ('name', 'meant'),
     [
         ('group.rat', "did you mean 'group.rate'?"),
-        ('chain.spacng', "did you mean 'chain.spacing'?"),
         ('zzz', 'known: group.count, group.gain'),
     ],
 )
@@ -156,6 +158,11 @@ def test_a_parameter_that_nothing_declares_is_refused_with_the_one_meant(
     said = re.escape(f'parameter {name!r} of declarer is unknown; {meant}')
     with pytest.raises(ValueError, match=said):
         graph.start(Declarer, {name: 1.0})
+
+
+def test_a_node_that_knows_the_chain_refuses_what_is_no_parameter_of_it(graph: Graph) -> None:
+    with pytest.raises(ValueError, match=r"unknown; did you mean 'chain\.spacing'\?"):
+        graph.start(Simulator, {'chain.spacng': 1.0})
 
 
 def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph: Graph) -> None:

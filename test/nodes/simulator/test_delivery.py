@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator's books say what commands did to the chain, through resets and to the frame."""
+"""The simulator's ledger says what commands did to the chain, through resets and to the frame."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from std_srvs.srv import SetBool
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
 from soliton_linkage_msgs.srv import Reset
-from soliton_linkage_nodes.messages.conversions import time_from_msg
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
 ROTORS = 6
@@ -25,11 +25,11 @@ IMPULSE = RotorImpulses(name=['rotor_1'], impulse=[3e-4])
 
 
 class Rig:
-    """A paused simulator that is stepped, and what it booked."""
+    """A paused simulator that is stepped, and what it measured."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self.booked: list[Delivery] = graph.hear(interfaces.DELIVERY)
+        self.measured: list[Delivery] = graph.hear(interfaces.DELIVERY)
         given = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE, 'command_timeout': 0.0}
         self.node = graph.start(Simulator, given)
         self.publishers = {
@@ -38,7 +38,7 @@ class Rig:
         }
         assert graph.call(SetBool, 'simulator/pause', data=True).success
         self.step(1)
-        graph.until(lambda: self.booked, 'the first books')
+        graph.until(lambda: self.measured, 'the first entry')
 
     def say(self, topic: interfaces.Topic, message: object) -> None:
         pending = self.node.control.status.pending
@@ -60,34 +60,34 @@ def rig(graph: Graph, often: None) -> Rig:
     return Rig(graph)
 
 
-def test_nothing_is_booked_while_nothing_acts(rig: Rig) -> None:
+def test_nothing_is_measured_while_nothing_acts(rig: Rig) -> None:
     rig.step(5)
-    (first,) = rig.booked
+    (first,) = rig.measured
     assert (first.impulses, first.work_of_impulses, first.work_of_torques) == (0, 0.0, 0.0)
     assert not first.torques_act
     assert list(first.impulse_of_torques) == [0.0] * ROTORS
 
 
-def test_torques_are_booked_frame_by_frame_and_once_more(rig: Rig) -> None:
+def test_torques_are_measured_frame_by_frame_and_once_more(rig: Rig) -> None:
     rig.say(interfaces.ROTOR_TORQUES, TORQUE)
     rig.step(4)
     rig.say(interfaces.ROTOR_TORQUES, JointState(name=['rotor_0'], effort=[0.0]))
     rig.step(5)
-    books = rig.booked[1:]
-    assert [book.torques_act for book in books] == [True] * 4 + [False]
-    stamps = np.diff([time_from_msg(book.header.stamp) for book in books])
+    entries = rig.measured[1:]
+    assert [entry.torques_act for entry in entries] == [True] * 4 + [False]
+    stamps = np.diff([time_from_msg(entry.header.stamp) for entry in entries])
     np.testing.assert_allclose(stamps, 1e9 / RATE, atol=1)
-    for number, book in enumerate(books, start=1):
+    for number, entry in enumerate(entries, start=1):
         acted = min(number, 4) / RATE
-        np.testing.assert_allclose(book.impulse_of_torques, acted * TORQUES, rtol=1e-12)
-    assert books[-1].work_of_torques == pytest.approx(rig.energy(), rel=1e-9)
-    assert books[-1].work_of_impulses == 0.0
+        np.testing.assert_allclose(entry.impulse_of_torques, acted * TORQUES, rtol=1e-12)
+    assert entries[-1].work_of_torques == pytest.approx(rig.energy(), rel=1e-9)
+    assert entries[-1].work_of_impulses == 0.0
 
 
 def test_books_go_on_through_a_reset(rig: Rig) -> None:
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.step(3)
-    before = rig.booked[-1]
+    before = rig.measured[-1]
     assert before.impulses == 1
     assert before.work_of_impulses == pytest.approx((3e-4) ** 2 / (2 * CHAIN.moment_of_inertia))
     assert rig.graph.call(Reset, 'simulator/reset').success
@@ -95,19 +95,19 @@ def test_books_go_on_through_a_reset(rig: Rig) -> None:
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.step(3)
-    after = rig.booked[-1]
+    after = rig.measured[-1]
     assert after.impulses == 3
     gained = after.work_of_impulses - before.work_of_impulses
     assert gained == pytest.approx(rig.energy(), rel=1e-9)
 
 
-def test_an_impulse_right_before_a_reset_is_booked(rig: Rig) -> None:
+def test_an_impulse_right_before_a_reset_is_measured(rig: Rig) -> None:
     rig.step(1)
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.step(1)
-    assert rig.booked[-1].impulses == 0
+    assert rig.measured[-1].impulses == 0
     assert rig.graph.call(Reset, 'simulator/reset').success
     rig.step(2)
-    books = rig.booked[-1]
-    assert books.impulses == 1
-    assert books.work_of_impulses == pytest.approx((3e-4) ** 2 / (2 * CHAIN.moment_of_inertia))
+    entry = rig.measured[-1]
+    assert entry.impulses == 1
+    assert entry.work_of_impulses == pytest.approx((3e-4) ** 2 / (2 * CHAIN.moment_of_inertia))

@@ -20,8 +20,9 @@ from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset, Step
-from soliton_linkage_nodes.messages.conversions import chain_from_msg, time_from_msg
+from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
 pytestmark = pytest.mark.usefixtures('often')
@@ -246,7 +247,7 @@ def test_the_same_commands_give_the_same_trajectory(graph: Graph) -> None:
         ),
     ],
 )
-def test_a_wrong_command_is_refused_whole_and_the_next_right_one_obeyed(
+def test_a_wrong_command_is_refused_whole_and_the_next_right_one_acts(
     graph: Graph, topic: interfaces.Topic, wrong: Any, complaint: str
 ) -> None:
     stream = Stream(graph)

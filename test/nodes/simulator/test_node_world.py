@@ -74,7 +74,7 @@ class Paused:
         return frame / RATE - 1e-9
 
     def _stamps(self) -> list[float]:
-        epoch = self.node._epoch
+        epoch = self.node.frames.epoch
         return [
             (f.header.stamp.sec * 10**9 + f.header.stamp.nanosec - epoch) / 1e9
             for f in self.frames
@@ -322,7 +322,7 @@ def test_of_a_flood_with_wrong_commands_the_right_ones_alone_count(graph: Graph)
             right += 1
         expected = 2 * right
         graph.until(lambda n=expected: control.status.pending == n, f'{expected} commands')
-    refusals = paused.node._diagnostics
+    refusals = paused.node.diagnostics
     graph.until(lambda: refusals.refused == 4 * right, 'the refusals')
     frames = paused.taken(60)
     twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE)

@@ -25,11 +25,11 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
     frame_to_msg,
-    time_to_msg,
+    joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.joint_states import joint_states_from_msg
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.soliton_analyser import node as soliton_analyser
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -177,8 +177,8 @@ def test_of_frames_that_wait_for_the_chain_too_long_the_last_are_kept(
         joints.publish(frame)
         graph.until(
             lambda n=number: (
-                analyser._waiting
-                and analyser._waiting[-1][4:12]
+                analyser.waiting
+                and analyser.waiting[-1][4:12]
                 == frames[n].header.stamp.sec.to_bytes(4, 'little')
                 + frames[n].header.stamp.nanosec.to_bytes(4, 'little')
             ),

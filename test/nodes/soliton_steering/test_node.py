@@ -26,9 +26,9 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
     frame_to_msg,
-    time_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -51,7 +51,12 @@ class Bench:
         self.feedback: list[MoveSoliton.Feedback] = []
         self.simulator = graph.start(
             Simulator,
-            {'chain.number_of_rotors': ROTORS, 'publish_rate': 250.0, 'tolerance': 1e-8},
+            {
+                'chain.number_of_rotors': ROTORS,
+                'publish_rate': 250.0,
+                'real_time_factor': 0.25,
+                'tolerance': 1e-8,
+            },
         )
         self.node = graph.start(SolitonSteering, {'state_timeout': 5.0, **(parameters or {})})
         self._client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON)
@@ -221,11 +226,11 @@ def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph: Graph) -> Non
     chain = graph.speak(interfaces.CHAIN)
     joints = graph.speak(interfaces.JOINT_STATES)
     chain.publish(chain_to_msg(named, time_to_msg(0)))
-    graph.until(lambda: node._steering is not None, 'the chain')
-    graph.until(node._torques.get_subscription_count, 'a subscriber of the torques')
+    graph.until(lambda: node.chain is not None, 'the chain')
+    graph.until(node.torques.get_subscription_count, 'a subscriber of the torques')
     angles = np.full(ROTORS, 2.0)
     joints.publish(frame_to_msg(named, Frame(angles, None), 0 * angles, time_to_msg(1)))
-    graph.until(lambda: node._heard_at > 0, 'joint states')
+    graph.until(lambda: not math.isinf(node.freshness.age), 'joint states')
     none = move()
     assert none.outcome == Result.NO_SOLITON
     assert 'near no configuration' in none.message

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each rotor obeys the command that named it last, for as long as that holds."""
+"""Each rotor follows the command that named it last, for as long as that holds."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_commands_that_go_on_keep_a_torque_alive() -> None:
     for time in np.arange(0.0, 5.0, 0.05):
         drive.hold(rotors(0), np.array([1.0]), time)
         np.testing.assert_array_equal(drive.mean_torques(time, time + PERIOD), [1.0, 0.0])
-    assert len(drive._orders) == 1
+    assert drive.in_force == 1
 
 
 def test_without_a_timeout_it_is_held_for_ever() -> None:

@@ -94,7 +94,7 @@ def test_the_pressure_of_a_pulse_gives_its_impulse(
     size: float, sign: float, duration: float
 ) -> None:
     impulse = sign * size
-    pressure = ACTUATOR.pulse_pressure(impulse, duration)
+    pressure = ACTUATOR.pulse_command(impulse, duration)
     command = trapezoid(pressure, 0.0, duration, 0.0)
     left, area = ACTUATOR.driven(0.0, command, 0.0, duration + 5.0)
     assert ACTUATOR.torque_per_pressure * area == pytest.approx(impulse, rel=1e-9)
@@ -110,7 +110,7 @@ def test_the_torque_is_proportional_up_to_saturation() -> None:
 @pytest.mark.parametrize('pressure', [2.1e5, -9e4, math.nan, math.inf])
 def test_pressures_out_of_reach_are_refused(pressure: float) -> None:
     with pytest.raises(ValueError, match=r'^pressure = .* Pa must'):
-        ACTUATOR.check_pressure(pressure)
+        ACTUATOR.check_command(pressure)
 
 
 @pytest.mark.parametrize(

@@ -7,18 +7,18 @@ import numpy as np
 from chains import FLIPPER, chain_of
 from linkage_motion import wall_between
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.actuation.torque_drive import TorqueDrive
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 
 CHAIN = chain_of(FLIPPER, 12)
-PULSE = EdgeOrder(Edge.LAST, Kind.PULSE, 0.03, 1.0)
+PULSE = EdgeCommand(Edge.LAST, CommandKind.PULSE, 0.03, 1.0)
 
 
 def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge() -> None:
     drive = TorqueDrive(CHAIN, PneumaticActuator(), timeout=0.0)
-    drive.edges.obey(PULSE, Edge.LAST, 0.0)
+    drive.edges.command(PULSE, Edge.LAST, 0.0)
     for number, rotor in enumerate((9, 5, 2)):
         angles = wall_between(CHAIN, rotor)
         time = 0.1 * number
@@ -30,7 +30,7 @@ def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge() -> 
 def test_joints_add_to_edges_and_dropping_ends_both() -> None:
     drive = TorqueDrive(CHAIN, PneumaticActuator(), timeout=0.0)
     angles = CHAIN.uniform_state(1)
-    drive.edges.obey(PULSE, Edge.LAST, 0.0)
+    drive.edges.command(PULSE, Edge.LAST, 0.0)
     drive.joints.hold(np.array([3, 7]), np.array([1e-3, -2e-3]), 0.0)
     given = drive.torques(angles, 0.0, 0.01).torques
     expected = 0.03 * edge_mode(CHAIN, angles, Edge.LAST)

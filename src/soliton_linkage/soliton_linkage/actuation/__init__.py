@@ -1,2 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soft actuators, what they are asked for, and the torques and impulses that they give."""
+"""Actuators at the edges and on the joints, what they are commanded, and what they did.
+
+Commands go to a `ChainDriver`, which has torques for each frame of a chain. `Actuator` says what
+an actuator is; `ACTUATORS` lists those that there are. The parameters of a real one come from
+`pneumatic_fit`.
+"""
+
+from soliton_linkage.actuation.actuator import ACTUATORS, Actuator, actuator_type
+from soliton_linkage.actuation.chain_driver import ChainDriver
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
+from soliton_linkage.actuation.edge_drive import EdgeDrive, MeanTorque
+from soliton_linkage.actuation.joint_drive import JointDrive
+from soliton_linkage.actuation.kick_record import Delivered, Kick, KickRecord
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.profile import Profile, trapezoid
+from soliton_linkage.actuation.torque_drive import DriveTorques, TorqueDrive
+
+__all__ = [
+    'ACTUATORS',
+    'Actuator',
+    'ChainDriver',
+    'CommandKind',
+    'Delivered',
+    'DriveTorques',
+    'EdgeCommand',
+    'EdgeDrive',
+    'EdgeLimits',
+    'JointDrive',
+    'Kick',
+    'KickRecord',
+    'MeanTorque',
+    'PneumaticActuator',
+    'Profile',
+    'TorqueDrive',
+    'actuator_type',
+    'trapezoid',
+]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques asked for joint by joint, each joint obeying the command that named it last."""
+"""Torques asked for joint by joint, each joint led by the command that named it last."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Rotors = NDArray[np.intp]
 
 
 @dataclass
-class _Order:
+class _Command:
     rotors: Rotors
     profile: Profile
     started: float
 
     @property
-    def duty_ends(self) -> float:
+    def ends(self) -> float:
         return math.inf if self.profile.lasting else self.started + self.profile.end
 
 
@@ -37,21 +37,26 @@ class JointDrive:
         """Start without a torque on any rotor."""
         self._number = number_of_rotors
         self.timeout = timeout
-        self._orders: list[_Order] = []
+        self._commands: list[_Command] = []
 
     @property
     def active(self) -> bool:
         """Whether there is a torque now or later."""
-        return bool(self._orders)
+        return bool(self._commands)
+
+    @property
+    def in_force(self) -> int:
+        """How many commands speak for a rotor."""
+        return len(self._commands)
 
     def unfinished(self, time: float) -> bool:
         """Whether a sequence of torques has not come to its end."""
-        ends = [order.started + order.profile.end - self.timeout for order in self._orders]
+        ends = [command.started + command.profile.end - self.timeout for command in self._commands]
         return any(time < end for end in ends)
 
     def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
         """Hold torques [N m] on rotors, both of shape (named,), from an instant on."""
-        self._obey(rotors, np.zeros(1), torques[None, :], time)
+        self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
         """Lead the torques of rotors through points, linear in time from what they are now.
@@ -62,37 +67,39 @@ class JointDrive:
         now = self._now(time)[rotors]
         if times[0] > 0:
             times, torques = np.append(0.0, times), np.vstack([now, torques])
-        self._obey(rotors, times, torques, time)
+        self._command(rotors, times, torques, time)
 
     def drop(self) -> None:
         """End all torques."""
-        self._orders.clear()
+        self._commands.clear()
 
     def mean_torques(self, start: float, end: float) -> Array:
         """Mean torque on each rotor over a stretch of time that begins now [N m], shape (N,)."""
         torques = np.zeros(self._number)
-        self._orders = [order for order in self._orders if start < order.duty_ends - RESOLUTION]
-        for order in self._orders:
-            since = start - order.started
-            torques[order.rotors] = order.profile.mean(since, since + end - start)
+        self._commands = [
+            command for command in self._commands if start < command.ends - RESOLUTION
+        ]
+        for command in self._commands:
+            since = start - command.started
+            torques[command.rotors] = command.profile.mean(since, since + end - start)
         return torques
 
     def _now(self, time: float) -> Array:
         torques = np.zeros(self._number)
-        for order in self._orders:
-            torques[order.rotors] = order.profile.after(time - order.started)
+        for command in self._commands:
+            torques[command.rotors] = command.profile.after(time - command.started)
         return torques
 
-    def _obey(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
-        for order in self._orders:
-            others = ~np.isin(order.rotors, rotors)
-            order.profile = Profile(order.profile.times, order.profile.values[:, others])
-            order.rotors = order.rotors[others]
-        self._orders = [order for order in self._orders if len(order.rotors)]
+    def _command(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
+        for command in self._commands:
+            others = ~np.isin(command.rotors, rotors)
+            command.profile = Profile(command.profile.times, command.profile.values[:, others])
+            command.rotors = command.rotors[others]
+        self._commands = [command for command in self._commands if len(command.rotors)]
         if not np.any(torques):
             return
         if self.timeout:
             last = times[-1] + self.timeout
             times = np.append(times, [last, last])
             torques = np.vstack([torques, torques[-1], np.zeros_like(torques[-1])])
-        self._orders.append(_Order(rotors, Profile(times, torques), time))
+        self._commands.append(_Command(rotors, Profile(times, torques), time))

@@ -12,7 +12,10 @@ from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
+"""One more than there are unknowns: two time constants and the first pressure."""
 _SHORTEST_STEP = 0.05
+"""Distance of the pressure from its command over the largest there was: below it, the first guess
+of a time constant leaves a reading out. The fit itself takes all readings."""
 
 
 @dataclass(frozen=True)

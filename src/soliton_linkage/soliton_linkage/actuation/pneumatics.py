@@ -53,7 +53,7 @@ class PneumaticActuator:
         """Refuse parameters out of their range."""
         check_quantities(self)
 
-    def check_pressure(self, pressure: float) -> None:
+    def check_command(self, pressure: float) -> None:
         """Raise ValueError for a pressure [Pa] that cannot be asked for."""
         if not math.isfinite(pressure):
             raise ValueError(f'pressure = {pressure} Pa must be a finite number')
@@ -119,7 +119,11 @@ class PneumaticActuator:
         unlimited = self.torque_per_pressure * np.asarray(pressure, dtype=np.float64)
         return np.clip(unlimited, -self.saturation_torque, self.saturation_torque)
 
-    def pulse_pressure(self, impulse: float, duration: float) -> float:
+    def saturates(self, pressure: float) -> bool:
+        """Whether a pressure [Pa] gives less than k p."""
+        return abs(self.torque_per_pressure * pressure) > self.saturation_torque
+
+    def pulse_command(self, impulse: float, duration: float) -> float:
         """Pressure [Pa] that must be asked for to give an impulse [N m s], vented afterwards.
 
         A command u that lasts T makes k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))], where the

@@ -12,8 +12,8 @@ import numpy as np
 
 from soliton_linkage.linkage.chain import Array
 
-# Of instants [s]: what is nearer than that to its end is over.
 RESOLUTION = 1e-9
+"""What is nearer than that to its end is over [s]: stamps come in nanoseconds."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,10 @@ class Profile:
         first, last = self.values[left], self.values[right]
         share = (time - self.times[left]) / (self.times[right] - self.times[left])
         return np.asarray(first + share * (last - first))
+
+
+AT_REST = Profile(np.zeros(1), np.zeros(1))
+"""The command to be at rest, 0 for ever."""
 
 
 def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -> Profile:

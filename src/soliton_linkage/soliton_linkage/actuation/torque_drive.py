@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from soliton_linkage.actuation.actuator import Actuator
 from soliton_linkage.actuation.edge_drive import EdgeDrive
 from soliton_linkage.actuation.joint_drive import JointDrive
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -19,16 +19,16 @@ class DriveTorques:
     torques: Array
     """On each rotor [N m], shape (N,)."""
     saturated: bool
-    """Whether an actuator at an edge gives less than its pressure asks for."""
+    """Whether an actuator at an edge gives less than its level asks for."""
 
 
 class TorqueDrive:
     """The actuators at the edges and those on single rotors together."""
 
-    def __init__(self, chain: Chain, pneumatics: PneumaticActuator, timeout: float) -> None:
+    def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
         """Start at rest; `timeout` [s] is for torques on single rotors, 0 for none."""
         self.chain = chain
-        self.edges = EdgeDrive(pneumatics)
+        self.edges = EdgeDrive(actuator)
         self.joints = JointDrive(chain.number_of_rotors, timeout)
 
     @property
@@ -41,7 +41,7 @@ class TorqueDrive:
         return self.edges.unfinished(time) or self.joints.unfinished(time)
 
     def drop(self, time: float) -> None:
-        """End all that is asked for at an instant [s]; chambers vent."""
+        """End all that is asked for at an instant [s]; actuators go back to rest."""
         self.edges.drop(time)
         self.joints.drop()
 

@@ -77,7 +77,6 @@ class ChainSource:
         Raises ValueError where the parameters describe no chain.
         """
         self.named: NamedChain | None = None
-        self._diagnostics = diagnostics
         self._learnt = learnt
         self.parameters = declare(node, parameters)
         check_names('parameter joint_names', self.parameters.joint_names)
@@ -85,14 +84,11 @@ class ChainSource:
         if self.parameters.chain_from == 'parameters':
             self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
         elif self.parameters.chain_from == 'topic':
-            topic = interfaces.CHAIN
-            node.create_subscription(topic.type, topic.name, self._on_chain, topic.qos)
+            take = diagnostics.refusing('chain', self._on_chain)
+            interfaces.CHAIN.subscribe(node, take)
 
     def _on_chain(self, message: msg.Chain) -> None:
-        try:
-            self._learn(chain_from_msg(message))
-        except ValueError as error:
-            self._diagnostics.refuse('chain', error)
+        self._learn(chain_from_msg(message))
 
     def _learn(self, named: NamedChain) -> None:
         joints = self.parameters.joint_names

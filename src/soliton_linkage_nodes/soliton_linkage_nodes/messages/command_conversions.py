@@ -7,23 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.joint_drive import Rotors
+from soliton_linkage.actuation.kick_record import Delivered, Kick
 from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
-from soliton_linkage_nodes.edge_actuator.kick_record import Delivered, Kick
-from soliton_linkage_nodes.messages.conversions import (
-    FRAME,
-    Array,
-    NamedChain,
-    check_names,
-    time_from_msg,
-    time_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, check_names
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
 _EDGES = {
     msg.EdgeCommand.NEAREST: Edge.NEAREST,
@@ -31,12 +26,10 @@ _EDGES = {
     msg.EdgeCommand.LAST: Edge.LAST,
 }
 _KINDS = {
-    msg.EdgeCommand.KICK: Kind.KICK,
-    msg.EdgeCommand.PRESSURE: Kind.PRESSURE,
-    msg.EdgeCommand.PULSE: Kind.PULSE,
+    msg.EdgeCommand.KICK: CommandKind.KICK,
+    msg.EdgeCommand.PRESSURE: CommandKind.PRESSURE,
+    msg.EdgeCommand.PULSE: CommandKind.PULSE,
 }
-_NANOSECONDS = 10**9
-Rotors = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -84,27 +77,26 @@ def joint_actuators(
 ) -> JointActuators:
     """Actuators of the named joints, or of all; raises ValueError for what is no joint."""
     chosen = tuple(names) or named.joint_names
-    rotors = {name: rotor for rotor, name in enumerate(named.joint_names)}
     for name in chosen:
-        if name not in rotors:
+        if name not in named.numbers:
             raise ValueError(
                 f'parameter joints names {name!r}, which is none of {named.joint_names[0]!r} to '
                 f'{named.joint_names[-1]!r}; list joints of the chain'
             )
     return JointActuators(
         chosen,
-        np.array([rotors[name] for name in chosen], dtype=np.intp),
+        np.array([named.numbers[name] for name in chosen], dtype=np.intp),
         np.array([limit_of(name) for name in chosen]),
     )
 
 
-def order_from_msg(message: msg.EdgeCommand) -> EdgeOrder:
-    """Order to the actuator at an edge; raises ValueError where the message is none."""
+def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
+    """Command to the actuator at an edge; raises ValueError where the message is none."""
     for name, known in (('edge', _EDGES), ('kind', _KINDS)):
         code = getattr(message, name)
         if code not in known:
             raise ValueError(f'{name} = {code} must be one of {", ".join(map(str, known))}')
-    return EdgeOrder(
+    return EdgeCommand(
         _EDGES[message.edge],
         _KINDS[message.kind],
         message.value,
@@ -114,15 +106,15 @@ def order_from_msg(message: msg.EdgeCommand) -> EdgeOrder:
     )
 
 
-def order_to_msg(order: EdgeOrder) -> msg.EdgeCommand:
-    """Order to the actuator at an edge as a message."""
+def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
+    """Command to the actuator at an edge as a message."""
     return msg.EdgeCommand(
-        edge=next(code for code, edge in _EDGES.items() if edge is order.edge),
-        kind=next(code for code, kind in _KINDS.items() if kind is order.kind),
-        value=order.value,
-        duration=order.duration,
-        ramp_up=order.ramp_up,
-        ramp_down=order.ramp_down,
+        edge=next(code for code, edge in _EDGES.items() if edge is command.edge),
+        kind=next(code for code, kind in _KINDS.items() if kind is command.kind),
+        value=command.value,
+        duration=command.duration,
+        ramp_up=command.ramp_up,
+        ramp_down=command.ramp_down,
     )
 
 
@@ -174,7 +166,7 @@ def trajectory_from_msg(
         )
     torques = np.array([point.effort for point in message.points], dtype=np.float64)
     rotors, torques = actuators.checked(source, message.joint_names, torques)
-    return rotors, instants / _NANOSECONDS, torques
+    return rotors, instants / SECOND, torques
 
 
 def delivery_to_msg(delivered: Delivered) -> msg.Delivery:
@@ -207,7 +199,7 @@ def last_kick_to_msg(named: NamedChain, kick: Kick) -> msg.LastKick:
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
         source=kick.source,
-        asked=msg.EdgeCommand() if kick.asked is None else order_to_msg(kick.asked),
+        asked=msg.EdgeCommand() if kick.asked is None else edge_command_to_msg(kick.asked),
         duration=kick.duration,
         name=[named.joint_names[rotor] for rotor in acted_on],
         impulse=kick.impulse[acted_on].tolist(),

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to physics types and back. Nothing else maps message fields to them."""
+"""The types of named chains and their frames; messages to physics types and back."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -15,34 +16,17 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from soliton_linkage.dynamics.initial_states import State
-from soliton_linkage.estimation.analyser import AnalysedSoliton
-from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
-from soliton_linkage.steering.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs import msg
-from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.messages.joint_states import JointStates
-
-Array = NDArray[np.float64]
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
 FRAME = 'linkage'
-_NANOSECONDS = 10**9
+"""In which the pivots stand along x."""
 _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
 )
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
-_SOLITON_FIELDS = tuple(f.name for f in fields(AnalysedSoliton))
-_OUTCOMES = {
-    Outcome.REACHED: MoveSoliton.Result.REACHED,
-    Outcome.STOPPED: MoveSoliton.Result.CANCELLED,
-    Outcome.PREEMPTED: MoveSoliton.Result.PREEMPTED,
-    Outcome.OUT_OF_CHAIN: MoveSoliton.Result.OUT_OF_CHAIN,
-    Outcome.OUT_OF_REACH: MoveSoliton.Result.OUT_OF_REACH,
-    Outcome.NO_SOLITON: MoveSoliton.Result.NO_SOLITON,
-    Outcome.SOLITON_LOST: MoveSoliton.Result.SOLITON_LOST,
-    Outcome.NOT_HELD: MoveSoliton.Result.NOT_HELD,
-    Outcome.INVALID_SPEED: MoveSoliton.Result.INVALID_SPEED,
-}
 
 
 @dataclass(frozen=True)
@@ -57,6 +41,11 @@ class NamedChain:
         """Number of rotors."""
         return self.chain.number_of_rotors
 
+    @cached_property
+    def numbers(self) -> Mapping[str, int]:
+        """Number of each rotor by the name of its joint."""
+        return {name: rotor for rotor, name in enumerate(self.joint_names)}
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -66,20 +55,25 @@ class Frame:
     rates: Array | None
 
 
+class JointStates(NamedTuple):
+    """A JointState without its efforts; positions and velocities are empty where it has none."""
+
+    seconds: int
+    nanoseconds: int
+    frame_id: str
+    name: tuple[str, ...]
+    position: Array
+    velocity: Array
+
+    @property
+    def stamp(self) -> int:
+        """Time since the epoch [ns]."""
+        return self.seconds * SECOND + self.nanoseconds
+
+
 def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
     """Return the names that joints have unless a chain message says otherwise."""
     return tuple(f'rotor_{rotor}' for rotor in range(number_of_rotors))
-
-
-def time_to_msg(nanoseconds: int) -> Time:
-    """Time since the epoch [ns] as a message."""
-    seconds, rest = divmod(nanoseconds, _NANOSECONDS)
-    return Time(sec=seconds, nanosec=rest)
-
-
-def time_from_msg(stamp: Time) -> int:
-    """Time since the epoch [ns]."""
-    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
 
 
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
@@ -104,6 +98,19 @@ def chain_from_msg(message: msg.Chain) -> NamedChain:
     )
     chain = Chain(number_of_rotors=len(names), deviations=deviations, **parameters)
     return NamedChain(chain, names)
+
+
+def joint_states_from_msg(message: JointState) -> JointStates:
+    """Joint states of a message."""
+    header = message.header
+    return JointStates(
+        header.stamp.sec,
+        header.stamp.nanosec,
+        header.frame_id,
+        tuple(message.name),
+        np.array(message.position, dtype=np.float64),
+        np.array(message.velocity, dtype=np.float64),
+    )
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
@@ -133,53 +140,6 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
     return Frame(np.array(angles[order]), np.array(rates[order]))
 
 
-class FrameReader:
-    """Reads joint states in the order of the rotors, as far as they show them."""
-
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        """Read these joints, rotor 0 first."""
-        self.joint_names = tuple(joint_names)
-        self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
-        self._names: tuple[str, ...] | None = None
-        self._joints = self._places = np.zeros(0, dtype=np.intp)
-        self._as_they_are = False
-
-    def read(self, joints: JointStates) -> Frame:
-        """Angles and rates of all rotors, NaN where the joint states do not tell them.
-
-        Joints that are no rotors are passed over. Raises ValueError where no rotor is named, or
-        a joint is twice, and for arrays that are not as long as that of the names.
-        """
-        _check_length('joint_states.position', joints.name, joints.position)
-        if joints.name is not self._names and joints.name != self._names:
-            self._learn(joints.name)
-        angles = self._ordered(joints.position)
-        if not len(joints.velocity):
-            return Frame(angles, None)
-        _check_length('joint_states.velocity', joints.name, joints.velocity)
-        return Frame(angles, self._ordered(joints.velocity))
-
-    def _learn(self, names: tuple[str, ...]) -> None:
-        check_names('joint_states.name', names)
-        known = [(joint, self._rotors[n]) for joint, n in enumerate(names) if n in self._rotors]
-        if not known:
-            first = next(iter(self._rotors))
-            raise ValueError(
-                f'joint_states.name has none of the {len(self._rotors)} rotors, whose first is '
-                f'{first!r}; tell the names of the joints by the parameter joint_names'
-            )
-        self._joints, self._places = np.array(known, dtype=np.intp).T
-        self._as_they_are = names == self.joint_names
-        self._names = names
-
-    def _ordered(self, values: Array) -> Array:
-        if self._as_they_are:
-            return values.copy()
-        ordered = np.full(len(self._rotors), np.nan)
-        ordered[self._places] = values[self._joints]
-        return ordered
-
-
 def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
     """Angular impulses of all rotors [N m s] as a message."""
     return msg.RotorImpulses(
@@ -202,7 +162,7 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
     Raises ValueError for a joint that is unknown or named twice, and unless each has an angle
     and, where there are any, a rate that are finite.
     """
-    rotors = {name: rotor for rotor, name in enumerate(named.joint_names)}
+    rotors = named.numbers
     given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, math.inf)
     rates = np.zeros(named.rotors)
     if len(request.rate):
@@ -225,26 +185,6 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
     """Torque of each rotor [N m]; raises ValueError unless all are acceptable."""
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
-
-
-def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
-    """Return the solitons of a message."""
-    return tuple(
-        AnalysedSoliton(**{name: getattr(soliton, name) for name in _SOLITON_FIELDS})
-        for soliton in message.solitons
-    )
-
-
-def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
-    """How a move of the soliton ended, as the result of the action."""
-    return MoveSoliton.Result(
-        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
-    )
-
-
-def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
-    """Where the soliton is on its way, with the energy of the phonons [J]."""
-    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
@@ -294,7 +234,8 @@ def _by_rotor(
     return by_rotor
 
 
-def _check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
+def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
+    """Raise ValueError unless there are as many values as names."""
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one a name'
@@ -302,7 +243,7 @@ def _check_length(source: str, names: Sequence[str], values: Sequence[float] | A
 
 
 def _check_array(source: str, names: Sequence[str], values: Array) -> None:
-    _check_length(source, names, values)
+    check_length(source, names, values)
     finite = np.isfinite(values)
     if not finite.all():
         worst = int(np.argmin(finite))

@@ -6,18 +6,20 @@ from __future__ import annotations
 import math
 import struct
 import sys
+from collections.abc import Mapping
 from functools import lru_cache
 from operator import attrgetter
-from typing import Any
+from typing import Any, get_type_hints
 
 from rclpy.serialization import deserialize_message
 
-from soliton_linkage.estimation.analyser import Analysis
+from soliton_linkage.estimation.analyser import AnalysedSoliton, Analysis
 from soliton_linkage.estimation.orbit_filter import TrackingStatus
-from soliton_linkage.estimation.state_report import EdgeRotors, Topology
+from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.estimation.wobble import Wobble
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage_msgs import msg
-from soliton_linkage_nodes.messages.joint_states import JointStates
+from soliton_linkage_nodes.messages.conversions import JointStates
 
 _ENCAPSULATION = b'\x00\x01\x00\x00' if sys.byteorder == 'little' else b'\x00\x00\x00\x00'
 _FORMATS = {'double': 'd', 'uint8': 'B', 'int8': 'b', 'int32': 'i', 'uint32': 'I', 'boolean': '?'}
@@ -33,44 +35,83 @@ _STATUSES = {
     TrackingStatus.TRACKING: msg.SolitonState.TRACKING,
     TrackingStatus.COASTING: msg.SolitonState.COASTING,
 }
-_WOBBLE_OF = {
-    'amplitude': 'amplitude',
-    'amplitude_at_rest': 'rest_amplitude',
-    'decay_length': 'decay_length',
-    'theory_decay_length': 'exact_decay_length',
-    'wavelength': 'wavelength',
-    'theory_wavelength': 'exact_wavelength',
-    'amplitude_deviation': 'amplitude_deviation',
-    'decay_length_deviation': 'decay_length_deviation',
-    'wavelength_deviation': 'wavelength_deviation',
-}
 
 
-def _names(message_type: Any) -> tuple[str, ...]:
-    return tuple(message_type.get_fields_and_field_types())
+class NumberFields:
+    """The fields of a message of plain numbers, two or more, and what fills them.
+
+    Each is filled by the attribute of the same name, or by that whose path is given. Raises
+    TypeError where a class has no attribute for a field.
+    """
+
+    def __init__(
+        self,
+        kinds: Mapping[str, str],
+        filled_by: type,
+        paths: Mapping[str, str] | None = None,
+    ) -> None:
+        """Fill fields of these kinds, by their name, from instances of a dataclass."""
+        self.names = tuple(kinds)
+        self.format = ''.join(_FORMATS[kind] for kind in kinds.values())
+        """As struct packs them."""
+        paths = {name: (paths or {}).get(name, name) for name in kinds}
+        for name, path in paths.items():
+            _check_path(filled_by, name, path)
+        self._values = attrgetter(*paths.values())
+
+    def __call__(self, filled_by: Any) -> tuple[Any, ...]:
+        """Values of the fields; NaN where there is nothing to fill them."""
+        if filled_by is None:
+            return len(self.names) * (math.nan,)
+        values: tuple[Any, ...] = self._values(filled_by)
+        return values
 
 
-def _format(message_type: Any) -> str:
-    """Format of a message of plain numbers."""
-    return ''.join(_FORMATS[kind] for kind in message_type.get_fields_and_field_types().values())
+def _check_path(filled_by: Any, field: str, path: str) -> None:
+    for attribute in path.split('.'):
+        hints = get_type_hints(filled_by)
+        if attribute not in hints and not hasattr(filled_by, attribute):
+            raise TypeError(
+                f'field {field} of SolitonState has no source: {filled_by.__name__} has no '
+                f'{attribute}; add it, or leave it out of the message'
+            )
+        filled_by = hints.get(attribute)
 
 
-_NESTED = ('cycle', 'topology', 'energies', 'wobble')
-_NESTED_TYPES = (msg.Cycle, msg.Topology, msg.Energies, msg.Wobble)
-_SOLITON = _format(msg.Soliton)
-_FOLLOWING = ''.join(map(_format, _NESTED_TYPES)) + 'ddI'
+def _kinds(message_type: Any) -> dict[str, str]:
+    """Kind of each field of a message by its name, in their order."""
+    return dict(message_type.get_fields_and_field_types())
 
-_soliton = attrgetter(*_names(msg.Soliton))
-_cycle = attrgetter(
-    *('estimate.place' if name == 'rotor' else f'cycle.{name}' for name in _names(msg.Cycle))
+
+_STATE = _kinds(msg.SolitonState)
+_NESTED = {'cycle': msg.Cycle, 'topology': msg.Topology, 'energies': msg.Energies}
+_NESTED['wobble'] = msg.Wobble
+_LEADING = ('motion', 'measured_motion', 'measured_motion_confidence', 'status')
+_SOLITON = NumberFields(_kinds(msg.Soliton), AnalysedSoliton)
+_CYCLE = NumberFields(
+    _kinds(msg.Cycle),
+    Analysis,
+    {name: f'cycle.{name}' for name in _kinds(msg.Cycle)} | {'rotor': 'estimate.place'},
 )
-_energies = attrgetter(*_names(msg.Energies))
-_wobble = attrgetter(*(_WOBBLE_OF[name] for name in _names(msg.Wobble)))
-_rest = attrgetter('estimate.noise', 'estimate.misfit', 'unseen')
-_NO_ENERGIES = len(_names(msg.Energies)) * (math.nan,)
-_NO_WOBBLE = len(_names(msg.Wobble)) * (math.nan,)
-_NO_SOLITON = len(_names(msg.Soliton)) * (math.nan,)
-_NO_TOPOLOGY = (0, 0, math.nan, math.nan, 0, math.nan)
+_ENERGIES = NumberFields(_kinds(msg.Energies), Energies)
+_WOBBLE = NumberFields(
+    _kinds(msg.Wobble),
+    Wobble,
+    {
+        'amplitude_at_rest': 'rest_amplitude',
+        'theory_decay_length': 'exact_decay_length',
+        'theory_wavelength': 'exact_wavelength',
+    },
+)
+_REST = NumberFields(
+    {n: kind for n, kind in _STATE.items() if kind in _FORMATS and n not in _LEADING},
+    Analysis,
+    {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
+)
+_TOPOLOGY = ''.join(_FORMATS[kind] for kind in _kinds(msg.Topology).values())
+_FOLLOWING = f'{_CYCLE.format}{_TOPOLOGY}{_ENERGIES.format}{_WOBBLE.format}{_REST.format}'
+_NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
+"""Where no topology can be told: the first fields of its message."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 
 
@@ -84,7 +125,7 @@ def serialized_state(analysis: Analysis, joints: JointStates) -> bytes:
     frame_id = joints.frame_id.encode() + b'\x00'
     motion, motion_name, *measured = _leading(analysis)
     name = motion_name.encode() + b'\x00'
-    solitons = [value for soliton in analysis.solitons for value in _soliton(soliton)]
+    solitons = [value for soliton in analysis.solitons for value in _SOLITON(soliton)]
     layout = _layout(len(frame_id), len(name), len(analysis.solitons))
     return _ENCAPSULATION + layout.pack(
         joints.seconds,
@@ -106,6 +147,14 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
     return deserialize_message(serialized_state(analysis, joints), msg.SolitonState)
 
 
+def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
+    """Return the solitons of a message."""
+    return tuple(
+        AnalysedSoliton(**{name: getattr(soliton, name) for name in _SOLITON.names})
+        for soliton in message.solitons
+    )
+
+
 def columns() -> list[str]:
     """Names of the columns of a table of states: those of the fields of SolitonState.
 
@@ -113,23 +162,22 @@ def columns() -> list[str]:
     soliton `soliton_`.
     """
     names = ['stamp_ns']
-    for name in _names(msg.SolitonState)[1:]:
-        nested = dict(zip(_NESTED, _NESTED_TYPES, strict=True)).get(name)
-        names += [name] if nested is None else [f'{name}_{each}' for each in _names(nested)]
+    for name in list(_STATE)[1:]:
+        nested = [f'{name}_{each}' for each in _kinds(_NESTED[name])] if name in _NESTED else []
+        names += nested or [name]
         if name == 'solitons':
-            names += [f'soliton_{each}' for each in _names(msg.Soliton)]
+            names += [f'soliton_{each}' for each in _SOLITON.names]
     return names
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
     """A state as a row of the table; the soliton's cells are NaN where there is none."""
     solitons = analysis.solitons
-    first = _soliton(solitons[0]) if solitons else _NO_SOLITON
     return (
         joints.stamp,
         *_leading(analysis),
         len(solitons),
-        *first,
+        *_SOLITON(solitons[0] if solitons else None),
         *_following(analysis),
     )
 
@@ -137,7 +185,9 @@ def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
 @lru_cache(maxsize=64)
 def _layout(frame_id: int, motion_name: int, solitons: int) -> struct.Struct:
     """Layout of a state, given the sizes of its strings and the number of its solitons."""
-    return struct.Struct(f'@iII{frame_id}sBI{motion_name}sBdBI{solitons * _SOLITON}{_FOLLOWING}')
+    return struct.Struct(
+        f'@iII{frame_id}sBI{motion_name}sBdBI{solitons * _SOLITON.format}{_FOLLOWING}'
+    )
 
 
 def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
@@ -154,18 +204,17 @@ def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
 
 def _following(analysis: Analysis) -> tuple[Any, ...]:
     """Fields of a state after the solitons, those of the nested messages one after the other."""
-    energies, wobble = analysis.energies, analysis.wobble
     return (
-        *_cycle(analysis),
+        *_CYCLE(analysis),
         *_topology(analysis.topology, analysis.edge_rotors),
-        *(_NO_ENERGIES if energies is None else _energies(energies)),
-        *(_NO_WOBBLE if wobble is None else _wobble(wobble)),
-        *_rest(analysis),
+        *_ENERGIES(analysis.energies),
+        *_WOBBLE(analysis.wobble),
+        *_REST(analysis),
     )
 
 
 def _topology(topology: Topology | None, edges: EdgeRotors | None) -> tuple[Any, ...]:
-    sides, rotors = _NO_TOPOLOGY, _NO_EDGES
+    sides, rotors = _NO_SIDES, _NO_EDGES
     if topology is not None:
         centre = topology.mode_centre
         sides = (*topology.winding_numbers, *topology.polarisations, topology.charge, centre)

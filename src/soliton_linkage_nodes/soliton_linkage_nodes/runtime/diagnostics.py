@@ -16,6 +16,7 @@ from rclpy.node import Node
 from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 
 _PERIOD = 1.0
+"""Of the reports, and of the log of a flood of refusals [s]: that of ROS's own updater."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,7 @@ class Diagnostics:
         self._refused_before = 0
         self._last_refusal = ''
         self._said_at = -math.inf
-        self._publisher = node.create_publisher(
-            DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
-        )
+        self._publisher = DIAGNOSTICS.publisher(node)
         self._timer = node.create_timer(
             _PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -55,6 +54,17 @@ class Diagnostics:
         if now - self._said_at >= _PERIOD:
             self._said_at = now
             self._node.get_logger().warning(f'refused {self._last_refusal}')
+
+    def refusing(self, source: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return what takes each message, and refuses those that cannot be taken."""
+
+        def take_or_refuse(message: Any) -> None:
+            try:
+                take(message)
+            except (ValueError, ArithmeticError) as error:
+                self.refuse(source, error)
+
+        return take_or_refuse
 
     def publish(self) -> None:
         """Publish the report of this moment."""

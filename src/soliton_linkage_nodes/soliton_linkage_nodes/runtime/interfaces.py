@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -23,7 +26,9 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
+"""Messages: a second of a rotor chain at 1000 Hz, longer than any stall of a subscriber."""
 _QUEUE_BYTES = 64 * 2**20
+"""What the queues of a stream may take of the memory of each end."""
 
 
 def stream_qos(message_size: int = 0) -> QoSProfile:
@@ -59,6 +64,14 @@ class Topic:
     def latched(self) -> bool:
         """Whether a late joiner gets the last message."""
         return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+    def publisher(self, node: Node) -> Publisher:
+        """Publisher of a node on this topic."""
+        return node.create_publisher(self.type, self.name, self.qos)
+
+    def subscribe(self, node: Node, take: Callable[[Any], None], raw: bool = False) -> None:
+        """Have a node take each message of this topic, or its CDR bytes where it is `raw`."""
+        node.create_subscription(self.type, self.name, take, self.qos, raw=raw)
 
 
 JOINT_STATES = Topic('joint_states', JointState, stream_qos())

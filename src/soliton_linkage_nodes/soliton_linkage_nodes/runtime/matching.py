@@ -9,7 +9,9 @@ import time
 from rclpy.publisher import Publisher
 
 _POLL_INTERVAL = 0.02
+"""Between two looks at who listens [s]: short to a person, long to a processor."""
 _TIME_TO_MEET_ANOTHER = 1.0
+"""Without a further subscriber, after which none is expected [s]: discovery takes less."""
 
 
 def wait_for_subscriber(

@@ -10,12 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from soliton_linkage_nodes.runtime.scheduling import go_first
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
-_NANOSECONDS = 10**9
 _LONGEST_LAG = 10**8
+"""Lateness that is made up for [ns]; beyond it the deadlines are put off."""
 _LONGEST_SLEEP = 0.1
+"""Between two looks at whether the loop has to stop or to change its rate [s]."""
 _IDLE = 0.005
+"""Sleep of a loop without a rate that has nothing to do [s]: a paused one costs little."""
 _HOPELESSLY_LATE = 10**7
+"""Lateness from which on the loop leaves the processor to others [ns]: ten periods of 1000 Hz."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,11 @@ class PacedLoop:
 
     def _pace(self, rate: float) -> None:
         """Act at one rate until another is set."""
-        period = round(_NANOSECONDS / rate)
+        period = round(SECOND / rate)
         start = time.monotonic_ns()
         ticks, lag = 0, 0
         while True:
-            due = start + lag + round(ticks * _NANOSECONDS / rate)
+            due = start + lag + round(ticks * SECOND / rate)
             if not self._reach(due, rate):
                 return
             late = time.monotonic_ns() - due
@@ -110,7 +114,7 @@ class PacedLoop:
     def _reach(self, due: int, rate: float) -> bool:
         """Sleep until an instant is due [ns]; False where the loop stops or its rate changes."""
         while not self._stopping.is_set() and self.rate == rate:
-            early = (due - time.monotonic_ns()) / _NANOSECONDS
+            early = (due - time.monotonic_ns()) / SECOND
             if early <= 0:
                 return True
             time.sleep(min(early, _LONGEST_SLEEP))
@@ -126,6 +130,6 @@ class PacedLoop:
         self._punctuality = Punctuality(
             before.ticks + 1,
             before.missed + missed,
-            max(before.largest_lateness, late / _NANOSECONDS),
-            before.lag + put_off / _NANOSECONDS,
+            max(before.largest_lateness, late / SECOND),
+            before.lag + put_off / SECOND,
         )

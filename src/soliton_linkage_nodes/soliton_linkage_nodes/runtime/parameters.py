@@ -19,8 +19,6 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.deviations import Deviations, Disorder
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 
 Parameters = TypeVar('Parameters')
@@ -45,8 +43,9 @@ _EXAMPLES: dict[Any, str] = {
     tuple[str, ...]: 'a list of texts',
     tuple[float, ...]: 'a list of numbers with a decimal point such as [1.0, 0.5]',
 }
-_OF_CHAIN = {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder}
+_SHARED = 'chain.'
 _LARGEST_INTEGER = 2**63 - 1
+"""That a ROS parameter holds, which is an int64."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
@@ -84,14 +83,14 @@ def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
 def refuse_unknown(node: Node) -> None:
     """Raise ValueError for a parameter that was given to a node and that it has not declared.
 
-    The parameters of the chain may be given to every node, whether it needs them or not.
+    The parameters `chain.*` may be given to every node, whether it needs them or not.
     """
     declared = set(node.get_parameters_by_prefix(''))
-    of_chain = {
-        prefix + name for prefix, group in _OF_CHAIN.items() for name in described_fields(group)
-    }
-    for name in sorted(_given(node).keys() - declared - of_chain):
-        near = difflib.get_close_matches(name, declared | of_chain, n=1)
+    knows_chain = any(name.startswith(_SHARED) for name in declared)
+    for name in sorted(_given(node).keys() - declared):
+        if name.startswith(_SHARED) and not knows_chain:
+            continue
+        near = difflib.get_close_matches(name, declared, n=1)
         meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
         raise ValueError(f'parameter {name!r} of {node.get_name()} is unknown; {meant}')
 

@@ -19,6 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
 _LONGEST_WAIT = 0.1
+"""Of the executor, before it looks whether a signal has come [s]."""
 
 
 def stop_on_signals() -> threading.Event:

@@ -8,8 +8,11 @@ import os
 import time
 
 _LOWEST_PRIORITY = 1
+"""Of SCHED_FIFO: before all ordinary threads and behind all others of the system."""
 _INTERVAL = 0.05
+"""Over which the share of a core is measured [s]: the kernel stops real-time threads at 0.95 s."""
 _MOST_OF_A_CORE = 0.8
+"""Share of a core above which a thread is one that computes and no longer one that waits [1]."""
 
 
 def go_first(first: bool) -> None:

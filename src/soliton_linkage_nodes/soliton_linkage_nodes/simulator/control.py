@@ -13,6 +13,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
 
 _MOST_KICKS = 10_000
+"""Kicks that may wait for a frame: a second of the fastest topic, and no lasting growth."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class SimulationStatus:
 
 
 @dataclass
-class _Commands:
+class _Pending:
     """What waits for the next frame."""
 
     kicks: list[Array] = field(default_factory=list)
@@ -71,7 +72,7 @@ class SimulationControl:
         self._stopping = False
         self._paused = False
         self._failure: str | None = None
-        self._commands = _Commands()
+        self._commands = _Pending()
         self._torques_expire: int | None = None
         self._frame = 0
         self._simulation = begin(state, gravity)
@@ -94,13 +95,18 @@ class SimulationControl:
             )
 
     @property
+    def simulation(self) -> Simulation:
+        """The simulation since the last reset; look at it only while it is paused."""
+        return self._simulation
+
+    @property
     def state(self) -> State:
         """Angles and rates of the frame that is published next."""
         with self._lock:
             return State(self._simulation.angles, self._simulation.rates)
 
     def tick(self) -> bool:
-        """Obey, publish the current frame and go on to the next; False, and nothing, if paused."""
+        """Publish the current frame, commands first, and go on to the next; False if paused."""
         with self._frame_in_work:
             with self._lock:
                 if self._paused or self._stopping:
@@ -157,7 +163,7 @@ class SimulationControl:
         """
         with self._lock:
             self._simulation = self._begin(state, self._gravity)
-            self._commands = _Commands()
+            self._commands = _Pending()
             self._torques_expire = None
             if self._failure is not None:
                 self._failure, self._paused = None, False
@@ -168,7 +174,7 @@ class SimulationControl:
 
     def _begin_frame(self) -> Simulation:
         try:
-            self._obey()
+            self._carry_out_commands()
         except ValueError as error:
             self._fail(error)
         self._publish(self._frame, self._simulation)
@@ -200,9 +206,9 @@ class SimulationControl:
         self._paused = True
         self._failure = f'{error}; call ~/reset to go on'
 
-    def _obey(self) -> None:
+    def _carry_out_commands(self) -> None:
         simulation = self._simulation
-        commands, self._commands = self._commands, _Commands()
+        commands, self._commands = self._commands, _Pending()
         simulation.turn_gravity(self._gravity)
         for impulses in commands.kicks:
             simulation.kick(impulses)

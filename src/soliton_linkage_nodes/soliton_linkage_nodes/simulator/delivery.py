@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The books of a simulator: what commands have done to the chain, frame by frame."""
+"""The ledger of a simulator: what commands have done to the chain, frame by frame."""
 
 from __future__ import annotations
 
 import numpy as np
 from rclpy.node import Node
 
+from soliton_linkage.actuation.kick_record import Delivered
 from soliton_linkage.dynamics.simulation import Simulation
-from soliton_linkage_nodes.edge_actuator.kick_record import Delivered
 from soliton_linkage_nodes.messages.command_conversions import delivery_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -16,13 +16,12 @@ class DeliveryPublisher:
     """Publishes `delivery` for each frame that impulses or torques had a part in.
 
     Torques are the same from frame to frame, so that their work is torque times angle turned,
-    exactly. The books go on through resets, which put another simulation in the place of one.
+    exactly. The ledger goes on through resets, which put another simulation in the place of one.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
         """Publish that nothing has been done; stamp [ns]."""
-        topic = interfaces.DELIVERY
-        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+        self._publisher = interfaces.DELIVERY.publisher(node)
         self._delivered = Delivered(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
         self._simulation: Simulation | None = None
         self._angles = self._torques = np.zeros(number_of_rotors)
@@ -31,9 +30,9 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def note(self, stamp: int, simulation: Simulation) -> None:
-        """Book the period that ends with a frame: its stamp [ns], after what acts from it on.
+        """Enter the period that ends with a frame: its stamp [ns], after what acts from it on.
 
-        What came to act at the instant of the frame is booked with the next one.
+        What came to act at the instant of the frame is entered with the next one.
         """
         if simulation is not self._simulation:
             self._simulation = simulation

@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from soliton_linkage.solitons.passage import Obstacle
 from soliton_linkage_nodes.runtime.diagnostics import Report
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.simulator.control import SimulationControl, SimulationStatus
 
 _FRAMES_OVERDUE = 3
+"""Frames that a report may miss before it says that the next takes long: one may lie on each
+side of the second, and one may be late."""
 
 
 class SimulationReport:
@@ -69,3 +72,13 @@ class SimulationReport:
             self._complain(message)
         self._said = status.failure
         return message
+
+
+def obstacles_in_words(obstacles: Sequence[Obstacle]) -> str:
+    """Warning of bonds that may stop a wall."""
+    first = obstacles[0]
+    return (
+        f'{len(obstacles)} bonds may stop a wall, first bond {first.bond} between rotors '
+        f'{first.bond} and {first.bond + 1}: its spring of {first.rest_length:.6g} m '
+        f'{first.reason}; lower the deviations of the chain'
+    )

@@ -9,8 +9,8 @@ import numpy as np
 
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
 
 
 class SensedJoints:

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from soliton_linkage.dynamics.elastic import INTEGRATORS, ElasticSimulation
+from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
+from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.gravity import Gravity
@@ -16,6 +17,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 
 _MECHANICS = ('elastic', 'rigid')
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
+"""Sign of the staggered angle of the uniform states [1]."""
 _SOLITON = 'soliton'
 
 
@@ -29,7 +31,7 @@ class WorldParameters:
     integrator: str = quantity(
         'DOP853',
         "solver of springs in motion: scipy's, or compiled ones; multistep for no damping",
-        choices=INTEGRATORS,
+        choices=tuple(INTEGRATORS),
     )
     tolerance: float = quantity(
         1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
-from soliton_linkage_nodes.messages.conversions import FrameReader, NamedChain
-from soliton_linkage_nodes.messages.joint_states import JointStates
+from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
+from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 
 class JointStateAnalysis:

@@ -8,22 +8,19 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from rclpy.node import Node
 
-from soliton_linkage.estimation.analyser import Analysis
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.chain_source import ChainSource, OptionalChainSourceParameters
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.joint_states import JointStateDecoder
 from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
-
-_SURE_TO_DISAGREE = 0.999
+from soliton_linkage_nodes.soliton_analyser.report import describe, figures
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,7 @@ class AnalyserParameters:
 class SolitonAnalyser(Node):
     """Publishes what each frame of joint states shows, and where the chain is on its cycle.
 
-    Subscribes to `joint_states` and, unless told the chain by parameters, to `chain`.
+    Subscribes to `joint_states` [rad, rad/s] and, unless told the chain by parameters, to `chain`.
     Publishes `soliton_state` and `/diagnostics`.
     Parameters: `noise` [rad], `chain_from`, `joint_names`, and `chain.*` of `Chain` [SI].
     """
@@ -46,35 +43,33 @@ class SolitonAnalyser(Node):
     def __init__(self, **kwargs: Any) -> None:
         """Listen to the chain and its joints."""
         super().__init__('soliton_analyser', **kwargs)
-        self._waiting: deque[bytes] = deque()
+        self.waiting: deque[bytes] = deque()
         self._decoder = JointStateDecoder()
         self._frames = 0
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
-        self._diagnostics = Diagnostics(self, 'analysis', self._report)
+        self.diagnostics = Diagnostics(self, 'analysis', self._report)
         self._analysis = JointStateAnalysis(declare(self, AnalyserParameters).noise or None)
-        topic = interfaces.SOLITON_STATE
-        self._publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        self._publisher = interfaces.SOLITON_STATE.publisher(self)
         self._source = ChainSource(
-            self, self._diagnostics, self._on_chain, OptionalChainSourceParameters
+            self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
         refuse_unknown(self)
-        topic = interfaces.JOINT_STATES
-        self.create_subscription(topic.type, topic.name, self.take, topic.qos, raw=True)
+        interfaces.JOINT_STATES.subscribe(self, self.take, raw=True)
 
     def _on_chain(self, named: NamedChain) -> None:
         """Analyse the frames that came before the chain was known."""
         self._analysis.learn(named)
-        while self._waiting:
-            self._analyse(self._waiting.popleft())
+        while self.waiting:
+            self._analyse(self.waiting.popleft())
 
     def take(self, serialized: bytes) -> None:
         """Analyse joint states and publish what they show, once the chain is known."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
-            self._waiting.append(serialized)
-            if len(self._waiting) > interfaces.stream_qos(len(serialized)).depth:
-                self._waiting.popleft()
+            self.waiting.append(serialized)
+            if len(self.waiting) > interfaces.stream_qos(len(serialized)).depth:
+                self.waiting.popleft()
         else:
             self._analyse(serialized)
 
@@ -86,7 +81,7 @@ class SolitonAnalyser(Node):
                 self._analysis.learn_joints(self._source.parameters.joint_names or joints.name)
             analysis = self._analysis.analyse(joints)
         except ValueError as error:
-            self._diagnostics.refuse('joint_states', error)
+            self.diagnostics.refuse('joint_states', error)
             return
         if analysis is not None:
             self._publisher.publish(serialized_state(analysis, joints))
@@ -116,58 +111,6 @@ class SolitonAnalyser(Node):
                 'or to nowhere'
             )
         return 'waiting for joint_states'
-
-
-def describe(analysis: JointStateAnalysis) -> tuple[str, bool]:
-    """How the analysis is doing, in a sentence, and whether that is a warning."""
-    analyser, latest = analysis.analyser, analysis.latest
-    if analyser is None or latest is None:
-        return 'no frame yet', False
-    disagreement = _disagreement(latest)
-    if disagreement:
-        return disagreement, True
-    if latest.unseen:
-        return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not seen', True
-    solitons = f'{len(latest.solitons)} solitons, {latest.estimate.status.value}'
-    if analyser.limitation:
-        return f'{solitons}; {analyser.limitation}', True
-    return solitons, False
-
-
-def _disagreement(latest: Analysis) -> str:
-    """Say so where the angles speak for another class of motion than the parameters."""
-    told, shown = latest.motion, latest.measured_motion
-    sure = shown.confidence > _SURE_TO_DISAGREE
-    if told is None or shown.motion is None or shown.motion is told or not sure:
-        return ''
-    return (
-        f'the angles are those of a {shown.motion.value} (confidence {shown.confidence:.4f}), '
-        f'the parameters those of a {told.value}; check chain.rotor_length, chain.spacing and '
-        'chain.rest_angle'
-    )
-
-
-def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
-    """Figures of the analysis."""
-    analyser, latest = analysis.analyser, analysis.latest
-    if analyser is None or latest is None:
-        return {}
-    return {
-        'late frames': analyser.late,
-        'solitons': len(latest.solitons),
-        'status': latest.estimate.status.value,
-        'unseen rotors': latest.unseen,
-        'noise [rad]': latest.estimate.noise,
-        'misfit [rad]': latest.estimate.misfit,
-        'starts': analyser.starts,
-        'motion of the angles': getattr(latest.measured_motion.motion, 'value', 'unknown'),
-        'confidence': latest.measured_motion.confidence,
-        'encoder offsets [rad]': ', '.join(
-            f'{analysis.joint_names[rotor]} {analyser.offsets[rotor]:.4f} +- '
-            f'{analyser.offset_deviations[rotor]:.4f}'
-            for rotor in np.flatnonzero(analyser.offsets)
-        ),
-    }
 
 
 def main() -> None:

@@ -8,28 +8,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.actuation.chain_driver import ChainDriver
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.kick_record import Kick
 from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.linear.rigidity import Edge
-from soliton_linkage_nodes.edge_actuator.chain_driver import ChainDriver
-from soliton_linkage_nodes.edge_actuator.kick_record import Kick
-from soliton_linkage_nodes.messages.command_conversions import joint_actuators
-from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage.linkage.chain import Chain
 
 PERIOD = 10_000_000
-PULSE = EdgeOrder(Edge.FIRST, Kind.PULSE, 1e-3, 0.05)
+PULSE = EdgeCommand(Edge.FIRST, CommandKind.PULSE, 1e-3, 0.05)
 
 
 class Desk:
     """A driver whose chain is at rest, and the kicks that it told of."""
 
-    def __init__(self, named: NamedChain) -> None:
+    def __init__(self) -> None:
         self.told: list[Kick] = []
-        actuators = joint_actuators(named, (), lambda _: 0.1)
-        self.driver = ChainDriver(
-            named, actuators, PneumaticActuator(), 0.5, 0.2, self.told.append
-        )
-        self.angles = named.chain.uniform_state(-1)
+        chain = Chain(number_of_rotors=8)
+        self.driver = ChainDriver(chain, PneumaticActuator(), 0.5, 0.2, self.told.append)
+        self.angles = chain.uniform_state(-1)
         self.stamp = 10**18
 
     def frame(self, step: int = PERIOD) -> float | None:
@@ -43,13 +40,13 @@ class Desk:
 
 
 @pytest.fixture
-def desk(named: NamedChain) -> Desk:
-    return Desk(named)
+def desk() -> Desk:
+    return Desk()
 
 
-def test_an_order_begins_with_the_frame_after_it_and_ends_with_a_zero(desk: Desk) -> None:
+def test_a_command_begins_with_the_frame_after_it_and_ends_with_a_zero(desk: Desk) -> None:
     assert not desk.driver.busy
-    desk.driver.order('edge_command', PULSE, Edge.FIRST)
+    desk.driver.command('edge_command', PULSE, Edge.FIRST)
     assert desk.driver.busy
     assert desk.torques(7) == [pytest.approx(1e-3)] * 5 + [0.0, None]
     (kick,) = desk.told
@@ -59,10 +56,10 @@ def test_an_order_begins_with_the_frame_after_it_and_ends_with_a_zero(desk: Desk
     assert not desk.driver.busy
 
 
-def test_an_order_that_takes_over_is_told_of_apart(desk: Desk) -> None:
-    desk.driver.order('edge_command', PULSE, Edge.FIRST)
+def test_a_command_that_takes_over_is_told_of_apart(desk: Desk) -> None:
+    desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
-    desk.driver.order('nudge', PULSE, Edge.FIRST)
+    desk.driver.command('nudge', PULSE, Edge.FIRST)
     desk.torques(8)
     assert [(kick.source, kick.cut_short) for kick in desk.told] == [
         ('edge_command', True),
@@ -74,7 +71,7 @@ def test_an_order_that_takes_over_is_told_of_apart(desk: Desk) -> None:
 
 @pytest.mark.parametrize('duration', [0.05, 1.2])
 def test_frames_that_cease_for_long_cut_short_what_goes_on(desk: Desk, duration: float) -> None:
-    desk.driver.order('edge_command', replace(PULSE, duration=duration), Edge.FIRST)
+    desk.driver.command('edge_command', replace(PULSE, duration=duration), Edge.FIRST)
     desk.torques(2)
     desk.frame(step=10**9)
     desk.torques(25)
@@ -83,19 +80,19 @@ def test_frames_that_cease_for_long_cut_short_what_goes_on(desk: Desk, duration:
 
 
 def test_stamps_that_go_back_end_everything(desk: Desk) -> None:
-    desk.driver.order('edge_command', PULSE, Edge.FIRST)
+    desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     with pytest.raises(ValueError, match='all torques are dropped'):
         desk.frame(step=-(10**9))
     assert not desk.driver.driving
     assert desk.torques(4)[-1] is None
     assert [kick.cut_short for kick in desk.told] == [True]
-    desk.driver.order('edge_command', PULSE, Edge.FIRST)
+    desk.driver.command('edge_command', PULSE, Edge.FIRST)
     assert desk.torques(6) == [pytest.approx(1e-3)] * 5 + [0.0]
 
 
 def test_a_stamp_that_stands_still_is_refused_and_nothing_is_lost(desk: Desk) -> None:
-    desk.driver.order('edge_command', PULSE, Edge.FIRST)
+    desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     with pytest.raises(ValueError, match='must be later than the one before'):
         desk.frame(step=0)

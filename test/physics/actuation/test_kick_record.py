@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The last kick is what was sent and booked: told once, whole, and honest about its source."""
+"""The last kick is what was sent and measured: told once, whole, and honest about its source."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder, Kind
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.kick_record import Delivered, Kick, KickRecord
 from soliton_linkage.linear.rigidity import Edge
-from soliton_linkage_nodes.edge_actuator.kick_record import Delivered, Kick, KickRecord
 
 PERIOD = 10_000_000
-KICK = EdgeOrder(Edge.FIRST, Kind.KICK, 3.0)
-PULSE = EdgeOrder(Edge.FIRST, Kind.PULSE, 0.01, 0.1)
+KICK = EdgeCommand(Edge.FIRST, CommandKind.KICK, 3.0)
+PULSE = EdgeCommand(Edge.FIRST, CommandKind.PULSE, 0.01, 0.1)
 TORQUES = np.array([1.0, -2.0])
 IMPULSES = np.array([0.5, 0.0])
 
@@ -20,10 +20,10 @@ IMPULSES = np.array([0.5, 0.0])
 class Desk:
     """A record, and what it told."""
 
-    def __init__(self, booked: bool) -> None:
+    def __init__(self, measured: bool) -> None:
         self.told: list[Kick] = []
         self.record = KickRecord(2, self.told.append)
-        self.record.booked = booked
+        self.record.measured = measured
 
     def frame(self, number: int) -> None:
         """Note a frame of rotors that turn by 0.1 and by 0.3 rad a period."""
@@ -40,8 +40,8 @@ class Desk:
         self.record.deliver(Delivered(stamp=number * PERIOD, **{**nothing, **fields}))
 
 
-def test_unbooked_torques_act_a_frame_after_they_were_sent() -> None:
-    desk = Desk(booked=False)
+def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
+    desk = Desk(measured=False)
     for number in range(6):
         desk.frame(number)
         if number == 1:
@@ -61,8 +61,8 @@ def test_unbooked_torques_act_a_frame_after_they_were_sent() -> None:
     assert not desk.record.open
 
 
-def test_booked_torques_are_told_with_the_difference_of_the_books() -> None:
-    desk = Desk(booked=True)
+def test_measured_torques_are_told_with_the_difference_of_the_ledger() -> None:
+    desk = Desk(measured=True)
     desk.deliver(0, work_of_torques=5.0, impulse_of_torques=np.array([1.0, 1.0]))
     desk.frame(1)
     desk.record.begin(PERIOD, 'edge_command', PULSE)
@@ -78,8 +78,8 @@ def test_booked_torques_are_told_with_the_difference_of_the_books() -> None:
     assert (kick.cut_short, kick.measured) == (True, True)
 
 
-def test_an_order_that_takes_over_splits_the_books_at_its_frame() -> None:
-    desk = Desk(booked=True)
+def test_a_command_that_takes_over_splits_the_ledger_at_its_frame() -> None:
+    desk = Desk(measured=True)
     desk.frame(1)
     desk.record.begin(PERIOD, 'edge_command', PULSE)
     desk.record.sent(TORQUES, saturated=False)
@@ -100,7 +100,7 @@ def test_an_order_that_takes_over_splits_the_books_at_its_frame() -> None:
 
 
 def test_sources_that_join_in_are_told_of_together() -> None:
-    desk = Desk(booked=False)
+    desk = Desk(measured=False)
     desk.frame(1)
     for source, asked in (('edge_command', PULSE), ('~/commands', None), ('~/commands', None)):
         desk.record.begin(PERIOD, source, asked)
@@ -109,16 +109,16 @@ def test_sources_that_join_in_are_told_of_together() -> None:
     assert (kick.source, kick.asked, kick.cut_short) == ('edge_command, ~/commands', PULSE, True)
 
 
-def test_an_unbooked_kick_is_told_at_once() -> None:
-    desk = Desk(booked=False)
+def test_an_unmeasured_kick_is_told_at_once() -> None:
+    desk = Desk(measured=False)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     (kick,) = desk.told
     assert (kick.work, kick.asked, kick.measured, kick.peak_torque) == (0.75, KICK, False, 0.0)
     np.testing.assert_array_equal(kick.impulse, IMPULSES)
 
 
-def test_a_booked_kick_is_told_with_its_work_while_torques_act_beside_it() -> None:
-    desk = Desk(booked=True)
+def test_a_measured_kick_is_told_with_its_work_while_torques_act_beside_it() -> None:
+    desk = Desk(measured=True)
     desk.deliver(0, impulses=7, work_of_impulses=2.0)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     desk.deliver(1, impulses=7, work_of_impulses=2.0, torques_act=True, work_of_torques=9.0)
@@ -130,7 +130,7 @@ def test_a_booked_kick_is_told_with_its_work_while_torques_act_beside_it() -> No
 
 
 def test_kicks_of_one_frame_are_told_of_together() -> None:
-    desk = Desk(booked=True)
+    desk = Desk(measured=True)
     desk.deliver(0)
     for number in range(3):
         desk.record.kicked(PERIOD, 'nudge', KICK, (number + 1) * IMPULSES, 0.1)
@@ -140,8 +140,8 @@ def test_kicks_of_one_frame_are_told_of_together() -> None:
     np.testing.assert_array_equal(desk.told[0].impulse, 3 * IMPULSES)
 
 
-def test_a_kick_that_is_never_booked_did_nothing() -> None:
-    desk = Desk(booked=True)
+def test_a_kick_that_is_never_measured_did_nothing() -> None:
+    desk = Desk(measured=True)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     for number in range(1, 60):
         desk.frame(number)
@@ -151,7 +151,7 @@ def test_a_kick_that_is_never_booked_did_nothing() -> None:
 
 
 def test_torques_whose_books_cease_are_told_as_far_as_they_are_known() -> None:
-    desk = Desk(booked=True)
+    desk = Desk(measured=True)
     desk.deliver(0, work_of_torques=1.0)
     desk.frame(1)
     desk.record.begin(PERIOD, 'nudge', PULSE)

@@ -8,17 +8,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder
-from soliton_linkage.dynamics.torque_books import TorqueBooks
-from soliton_linkage_nodes.messages.conversions import Array
+from soliton_linkage.actuation.edge_command import EdgeCommand
+from soliton_linkage.dynamics.work import TorqueLedger
+from soliton_linkage.linkage.chain import Array
 
-# How long the simulator's books are waited for [ns], in the time of joint_states.
 _PATIENCE = 10**9 // 2
+"""How long the simulator's account is waited for [ns], in the time of the frames: many frames of
+the slowest simulator, and no longer than a person waits for an answer."""
 
 
 @dataclass(frozen=True)
 class Delivered:
-    """What has been done to the chain by the instant of a frame, as the simulator booked it."""
+    """What has been done to the chain by the instant of a frame, as the simulator measured it."""
 
     stamp: int
     """Of the frame [ns]."""
@@ -42,7 +43,7 @@ class Kick:
     """Of the frame that it began with [ns]."""
     source: str
     """Topics that it came by."""
-    asked: EdgeOrder | None
+    asked: EdgeCommand | None
     """Of the edge actuator; None where joints were commanded."""
     duration: float
     """How long torques acted [s]."""
@@ -59,14 +60,14 @@ class Kick:
 
 
 @dataclass(eq=False)
-class _Spell:
+class _TorqueEpisode:
     """A stretch of torques, while it lasts and until it is settled."""
 
     stamp: int
-    books: TorqueBooks
+    ledger: TorqueLedger
     before: Delivered | None
     sources: list[str] = field(default_factory=list)
-    asked: EdgeOrder | None = None
+    asked: EdgeCommand | None = None
     saturated: bool = False
     cut_short: bool = False
     ended: int | None = None
@@ -77,7 +78,7 @@ class _Spell:
 class _Impulse:
     stamp: int
     source: str
-    asked: EdgeOrder
+    asked: EdgeCommand
     impulses: Array
     work: float
 
@@ -91,73 +92,74 @@ class KickRecord:
 
     def __init__(self, number_of_rotors: int, tell: Callable[[Kick], None]) -> None:
         """`tell` takes each kick that is over."""
-        self.booked = False
-        """Whether somebody books what is delivered."""
+        self.measured = False
+        """Whether somebody measures what is delivered."""
         self._rotors = number_of_rotors
         self._tell = tell
-        self._delivered: Delivered | None = None
+        self.delivered: Delivered | None = None
+        """What the simulator has measured so far."""
         self._impulses: list[_Impulse] = []
-        self._spell: _Spell | None = None
-        self._ended: list[_Spell] = []
-        nothing: tuple[_Spell | None, Array] = (None, np.zeros(number_of_rotors))
+        self._stretch: _TorqueEpisode | None = None
+        self._ended: list[_TorqueEpisode] = []
+        nothing: tuple[_TorqueEpisode | None, Array] = (None, np.zeros(number_of_rotors))
         self._acting, self._sent = nothing, nothing
         self._frame: tuple[int, Array] | None = None
 
     @property
     def open(self) -> bool:
         """Whether there is something to be told of."""
-        return bool(self._impulses or self._ended or self._spell)
+        return bool(self._impulses or self._ended or self._stretch)
 
     @property
     def waiting(self) -> int:
-        """How many impulses were sent that are not booked yet."""
+        """How many impulses were sent that are not measured yet."""
         return len(self._impulses)
 
     def kicked(
-        self, stamp: int, source: str, asked: EdgeOrder, impulses: Array, work: float
+        self, stamp: int, source: str, asked: EdgeCommand, impulses: Array, work: float
     ) -> None:
         """Note impulses that were sent [N m s], and the work that they do if they act now [J]."""
         kick = _Impulse(stamp, source, asked, impulses, work)
-        if self.booked:
+        if self.measured:
             self._impulses.append(kick)
         else:
             self._tell_impulses([kick], kick.work, measured=False)
 
-    def begin(self, stamp: int, source: str, asked: EdgeOrder | None) -> None:
+    def begin(self, stamp: int, source: str, asked: EdgeCommand | None) -> None:
         """Note that torques begin, or that one more source joins in."""
-        if self._spell is None:
-            before = None if self._ended else self._delivered
-            self._spell = _Spell(stamp, TorqueBooks(self._rotors), before)
-        if source not in self._spell.sources:
-            self._spell.sources.append(source)
-        self._spell.asked = asked or self._spell.asked
+        if self._stretch is None:
+            before = None if self._ended else self.delivered
+            self._stretch = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
+        if source not in self._stretch.sources:
+            self._stretch.sources.append(source)
+        self._stretch.asked = asked or self._stretch.asked
 
     def interrupt(self) -> None:
         """Note that frames failed to come for long while torques acted."""
-        if self._spell is not None:
-            self._spell.cut_short = True
+        if self._stretch is not None:
+            self._stretch.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
         """Note that torques are over, or that others take their place from this frame on."""
-        if self._spell is not None:
-            self._spell.ended, self._spell.superseded = stamp, superseded
-            self._spell.cut_short |= cut_short
-            self._ended.append(self._spell)
-            self._spell = None
+        if self._stretch is not None:
+            self._stretch.ended, self._stretch.superseded = stamp, superseded
+            self._stretch.cut_short |= cut_short
+            self._ended.append(self._stretch)
+            self._stretch = None
 
     def sent(self, torques: Array, saturated: bool) -> None:
         """Note the torques that were sent with the current frame [N m], shape (N,)."""
-        self._sent = (self._spell, torques)
-        if self._spell is not None:
-            self._spell.saturated |= saturated
+        self._sent = (self._stretch, torques)
+        if self._stretch is not None:
+            self._stretch.saturated |= saturated
 
     def frame(self, stamp: int, angles: Array) -> None:
         """Note a frame of joint states: stamp [ns], angles [rad], shape (N,)."""
         if self._frame is not None:
             before, angles_before = self._frame
-            spell, torques = self._acting
-            if spell is not None:
-                spell.books.add(torques, angles - angles_before, (stamp - before) / 1e9)
+            stretch, torques = self._acting
+            if stretch is not None:
+                stretch.ledger.add(torques, angles - angles_before, (stamp - before) / 1e9)
         self._acting, self._sent = self._sent, (None, 0 * angles)
         self._frame = (stamp, angles)
         self._settle(stamp)
@@ -165,18 +167,18 @@ class KickRecord:
             self._frame = None
 
     def deliver(self, delivered: Delivered) -> None:
-        """Note what the simulator has booked."""
-        before = self._delivered
-        self._delivered = delivered
+        """Note what the simulator has measured."""
+        before = self.delivered
+        self.delivered = delivered
         count = delivered.impulses - (before.impulses if before else 0)
         if self._impulses and count > 0:
             kicks, self._impulses = self._impulses[:count], self._impulses[count:]
             work = delivered.work_of_impulses - (before.work_of_impulses if before else 0.0)
             self._tell_impulses(kicks, work, measured=True)
         if self._ended:
-            spell = self._ended[0]
-            over = spell.superseded or not delivered.torques_act
-            if over and delivered.stamp > (spell.ended or 0):
+            stretch = self._ended[0]
+            over = stretch.superseded or not delivered.torques_act
+            if over and delivered.stamp > (stretch.ended or 0):
                 self._close(delivered)
 
     def abandon(self, stamp: int) -> None:
@@ -186,41 +188,41 @@ class KickRecord:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Tell of what nobody will book any more."""
+        """Tell of what nobody will measure any more."""
         late = [kick for kick in self._impulses if stamp - kick.stamp > _PATIENCE]
         if late:
             del self._impulses[: len(late)]
             self._tell_impulses(late, 0.0, measured=True, refused=True)
         while self._ended:
-            spell = self._ended[0]
-            at_work = self._acting[0] is spell or self._sent[0] is spell
-            patient = self.booked and stamp - (spell.ended or 0) <= _PATIENCE
+            stretch = self._ended[0]
+            at_work = self._acting[0] is stretch or self._sent[0] is stretch
+            patient = self.measured and stamp - (stretch.ended or 0) <= _PATIENCE
             if at_work or patient:
                 return
-            self._close(self._delivered if self.booked else None)
+            self._close(self.delivered if self.measured else None)
 
     def _close(self, after: Delivered | None) -> None:
-        spell = self._ended.pop(0)
-        account = spell.books.account
+        stretch = self._ended.pop(0)
+        account = stretch.ledger.totals
         impulse, work = account.impulse, account.work
         if after is not None:
-            before = spell.before
+            before = stretch.before
             impulse = after.impulse_of_torques - (before.impulse_of_torques if before else 0.0)
             work = after.work_of_torques - (before.work_of_torques if before else 0.0)
-            following = self._ended[0] if self._ended else self._spell
+            following = self._ended[0] if self._ended else self._stretch
             if following is not None:
                 following.before = after
         self._tell(
             Kick(
-                spell.stamp,
-                ', '.join(spell.sources),
-                spell.asked,
+                stretch.stamp,
+                ', '.join(stretch.sources),
+                stretch.asked,
                 account.duration,
                 impulse,
                 work,
                 account.peak_torque,
-                spell.saturated,
-                spell.cut_short,
+                stretch.saturated,
+                stretch.cut_short,
                 after is not None,
             )
         )

@@ -5,24 +5,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
-from soliton_linkage.actuation.edge_drive import EdgeOrder
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuator import Actuator
+from soliton_linkage.actuation.edge_command import EdgeCommand
+from soliton_linkage.actuation.joint_drive import Rotors
+from soliton_linkage.actuation.kick_record import Kick, KickRecord
 from soliton_linkage.actuation.torque_drive import TorqueDrive
 from soliton_linkage.linear.rigidity import Edge
-from soliton_linkage_nodes.edge_actuator.kick_record import Kick, KickRecord
-from soliton_linkage_nodes.messages.command_conversions import JointActuators, Rotors
-from soliton_linkage_nodes.messages.conversions import Array, NamedChain
+from soliton_linkage.linkage.chain import Array, Chain
 
 _NANOSECONDS = 10**9
+"""In a second."""
 
 
 @dataclass(frozen=True)
-class _Command:
+class _Waiting:
     source: str
     begin: Callable[[float], None]
-    order: EdgeOrder | None = None
-    takes_over: bool = False
+    command: EdgeCommand | None = None
 
 
 class ChainDriver:
@@ -34,20 +35,18 @@ class ChainDriver:
 
     def __init__(
         self,
-        named: NamedChain,
-        actuators: JointActuators,
-        pneumatics: PneumaticActuator,
+        chain: Chain,
+        actuator: Actuator,
         timeout: float,
         longest_gap: float,
         tell: Callable[[Kick], None],
     ) -> None:
         """Start at rest; joint commands and gaps between frames last no longer than given [s]."""
-        self.named = named
-        self.actuators = actuators
-        self.record = KickRecord(named.rotors, tell)
-        self._drive = TorqueDrive(named.chain, pneumatics, timeout)
+        self.chain = chain
+        self.record = KickRecord(chain.number_of_rotors, tell)
+        self._drive = TorqueDrive(chain, actuator, timeout)
         self._longest_gap = longest_gap
-        self._commands: list[_Command] = []
+        self._waiting: list[_Waiting] = []
         self._driving = False
         self._origin: int | None = None
         self._last = 0
@@ -55,38 +54,28 @@ class ChainDriver:
     @property
     def busy(self) -> bool:
         """Whether the next frame matters."""
-        return bool(self._commands) or self._driving or self.record.open
+        return bool(self._waiting) or self._driving or self.record.open
 
     @property
     def driving(self) -> bool:
         """Whether torques act."""
         return self._driving
 
-    def order(self, source: str, order: EdgeOrder, side: Edge) -> None:
-        """Carry out a lasting order at an edge, in place of the last one."""
-
-        def begin(time: float) -> None:
-            self._drive.edges.obey(order, side, time)
-
-        self._commands.append(_Command(source, begin, order, takes_over=True))
+    def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
+        """Carry out a lasting command at an edge, in place of the last one."""
+        begin = partial(self._drive.edges.command, command, side)
+        self._waiting.append(_Waiting(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
         """Hold torques [N m] on rotors, both of shape (named,)."""
-
-        def begin(time: float) -> None:
-            self._drive.joints.hold(rotors, torques, time)
-
-        self._commands.append(_Command(source, begin))
+        self._waiting.append(_Waiting(source, partial(self._drive.joints.hold, rotors, torques)))
 
     def follow(
         self, source: str, rotors: Rotors, times: Array, torques: Array, delay: float
     ) -> None:
         """Lead torques [N m] of rotors through points at times [s] after a delay [s]."""
-
-        def begin(time: float) -> None:
-            self._drive.joints.follow(rotors, times + delay, torques, time)
-
-        self._commands.append(_Command(source, begin))
+        begin = partial(self._drive.joints.follow, rotors, times + delay, torques)
+        self._waiting.append(_Waiting(source, begin))
 
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
         """Torques to send with a frame [N m], shape (N,), or None where there is nothing to send.
@@ -125,21 +114,21 @@ class ChainDriver:
         self.record.abandon(self._last)
 
     def _begin(self, time: float, stamp: int) -> None:
-        commands, self._commands = self._commands, []
-        for command in commands:
-            if command.takes_over and self._driving:
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
+            if each.command is not None and self._driving:
                 unfinished = self._drive.edges.unfinished(time)
                 self.record.end(stamp, superseded=True, cut_short=unfinished)
-            command.begin(time)
+            each.begin(time)
             if self._drive.active:
-                self.record.begin(stamp, command.source, command.order)
+                self.record.begin(stamp, each.source, each.command)
                 self._driving = True
 
     def _drop(self, stamp: int) -> None:
-        self._commands.clear()
+        self._waiting.clear()
         self.record.end(stamp, cut_short=True)
         self._drive = TorqueDrive(
-            self.named.chain, self._drive.edges.pneumatics, self._drive.joints.timeout
+            self.chain, self._drive.edges.actuator, self._drive.joints.timeout
         )
         self._driving = False
         self._origin = None

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands to the actuators: each is checked whole, and then carried out or refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from soliton_linkage.actuation.actuator import Actuator
+from soliton_linkage.actuation.chain_driver import ChainDriver
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
+from soliton_linkage.dynamics.work import work_of_impulse
+from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_msgs import msg
+from soliton_linkage_nodes.edge_actuator.latest_frames import LatestFrames
+from soliton_linkage_nodes.edge_actuator.outlets import ActuatorOutlets
+from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
+from soliton_linkage_nodes.messages.command_conversions import (
+    JointActuators,
+    edge_command_from_msg,
+    efforts_from_array,
+    efforts_from_msg,
+    trajectory_from_msg,
+)
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+
+_MOST_KICKS_WAITING = 50
+"""Half of what the queue of rotor_impulses holds, so that none that is accepted is lost."""
+
+
+@dataclass(frozen=True)
+class ActuatedChain:
+    """A chain, the actuators on its joints, and what drives it."""
+
+    named: NamedChain
+    joints: JointActuators
+    driver: ChainDriver
+
+
+class Commands:
+    """Carries out commands to a chain, each by a method that raises ValueError to refuse it."""
+
+    def __init__(
+        self,
+        settings: EdgeActuatorParameters,
+        actuator: Actuator,
+        frames: LatestFrames,
+        outlets: ActuatorOutlets,
+    ) -> None:
+        """Command a chain that is not known yet."""
+        self.settings = settings
+        self.chain: ActuatedChain | None = None
+        self._actuator = actuator
+        self._limits = EdgeLimits(settings.speed_limit, settings.torque_limit)
+        self._frames = frames
+        self._outlets = outlets
+
+    def nudge(self, source: str, message: Float64) -> None:
+        """Kick as the parameters say."""
+        kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
+        if self.settings.nudge_as == CommandKind.KICK.value:
+            self._command(source, kick)
+            return
+        kick.check(self._limits, self._actuator)
+        chain = self._ready().named.chain
+        duration = self.settings.nudge_duration
+        self._command(source, kick.as_pressure(chain, self._actuator, duration))
+
+    def edge_command(self, source: str, message: msg.EdgeCommand) -> None:
+        """Command an actuator at an edge."""
+        command = edge_command_from_msg(message)
+        self._check_age(message.header.stamp)
+        self._command(source, command)
+
+    def joint_commands(self, source: str, message: JointState) -> None:
+        """Hold torques of named joints."""
+        chain = self._ready()
+        rotors, torques = efforts_from_msg(chain.joints, message)
+        self._check_age(message.header.stamp)
+        self._frames.check_fresh()
+        chain.driver.hold(source, rotors, torques)
+
+    def efforts(self, source: str, message: Float64MultiArray) -> None:
+        """Hold torques of all joints that carry an actuator."""
+        chain = self._ready()
+        rotors, torques = efforts_from_array(chain.joints, message)
+        self._frames.check_fresh()
+        chain.driver.hold(source, rotors, torques)
+
+    def trajectory(self, source: str, message: JointTrajectory) -> None:
+        """Lead torques of joints through points."""
+        chain = self._ready()
+        rotors, times, torques = trajectory_from_msg(chain.joints, message)
+        delay = -self._age(message.header.stamp)
+        if times[-1] + delay < 0:
+            raise ValueError(
+                f'~/joint_trajectory was over {-times[-1] - delay:.3g} s ago; send it in time, or '
+                'with a stamp of 0, which means now'
+            )
+        self._frames.check_fresh()
+        chain.driver.follow(source, rotors, times, torques, delay)
+
+    def _command(self, source: str, command: EdgeCommand) -> None:
+        command.check(self._limits, self._actuator)
+        chain = self._ready(command.instantaneous)
+        frame, stamp = self._frames.read(chain.named)
+        linkage, angles = chain.named.chain, frame.angles
+        side, mode = resolved_edge_mode(linkage, angles, command.edge, anywhere=command.vents)
+        meant = replace(command, edge=side)
+        if command.instantaneous:
+            kicks = command.kind is CommandKind.KICK
+            period = None if kicks else self._frames.period(stamp)
+            self._kick(chain, source, meant, meant.impulses(linkage, mode, period), frame, stamp)
+        else:
+            chain.driver.command(source, meant, side)
+
+    def _kick(
+        self,
+        chain: ActuatedChain,
+        source: str,
+        command: EdgeCommand,
+        impulses: Array,
+        frame: Frame,
+        stamp: int,
+    ) -> None:
+        record = chain.driver.record
+        if record.waiting >= _MOST_KICKS_WAITING:
+            raise ValueError(
+                f'{record.waiting} kicks wait for the simulator, the limit is '
+                f'{_MOST_KICKS_WAITING}; kick less often'
+            )
+        self._outlets.kick(chain.named, impulses)
+        rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
+        work = work_of_impulse(chain.named.chain, rates, impulses)
+        record.measured = self._outlets.measured
+        record.kicked(stamp, source, command, impulses, work)
+
+    def _ready(self, at_once: bool = False) -> ActuatedChain:
+        """Return the chain; ValueError where it or a listener is missing."""
+        self._outlets.check_heard(at_once)
+        if self.chain is None:
+            raise ValueError(
+                'the chain is not known yet; publish chain or set chain_from to parameters'
+            )
+        return self.chain
+
+    def _age(self, stamp: Time) -> float:
+        """How long ago a command was made [s]; 0 for one without a stamp."""
+        made = time_from_msg(stamp)
+        return (self._outlets.now - made) / SECOND if made else 0.0
+
+    def _check_age(self, stamp: Time) -> None:
+        age, limit = self._age(stamp), self.settings.command_timeout
+        if limit and age > limit:
+            raise ValueError(
+                f'the command is {age:.3g} s old, the limit is {limit:g} s; send it in time, or '
+                'raise command_timeout'
+            )

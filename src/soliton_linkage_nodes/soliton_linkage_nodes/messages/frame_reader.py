@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states in the order of the rotors, as far as they show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    JointStates,
+    check_length,
+    check_names,
+)
+
+
+class FrameReader:
+    """Reads joint states in the order of the rotors, as far as they show them."""
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        """Read these joints, rotor 0 first."""
+        self.joint_names = tuple(joint_names)
+        self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
+        self._names: tuple[str, ...] | None = None
+        self._joints = self._places = np.zeros(0, dtype=np.intp)
+        self._as_they_are = False
+
+    def read(self, joints: JointStates) -> Frame:
+        """Angles and rates of all rotors, NaN where the joint states do not tell them.
+
+        Joints that are no rotors are passed over. Raises ValueError where no rotor is named, or
+        a joint is twice, and for arrays that are not as long as that of the names.
+        """
+        check_length('joint_states.position', joints.name, joints.position)
+        if joints.name is not self._names and joints.name != self._names:
+            self._learn(joints.name)
+        angles = self._ordered(joints.position)
+        if not len(joints.velocity):
+            return Frame(angles, None)
+        check_length('joint_states.velocity', joints.name, joints.velocity)
+        return Frame(angles, self._ordered(joints.velocity))
+
+    def _learn(self, names: tuple[str, ...]) -> None:
+        check_names('joint_states.name', names)
+        known = [(joint, self._rotors[n]) for joint, n in enumerate(names) if n in self._rotors]
+        if not known:
+            first = next(iter(self._rotors))
+            raise ValueError(
+                f'joint_states.name has none of the {len(self._rotors)} rotors, whose first is '
+                f'{first!r}; tell the names of the joints by the parameter joint_names'
+            )
+        self._joints, self._places = np.array(known, dtype=np.intp).T
+        self._as_they_are = names == self.joint_names
+        self._names = names
+
+    def _ordered(self, values: Array) -> Array:
+        if self._as_they_are:
+            return values.copy()
+        ordered = np.full(len(self._rotors), np.nan)
+        ordered[self._places] = values[self._joints]
+        return ordered

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Times since the epoch, in nanoseconds and as messages."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+
+SECOND = 10**9
+"""Nanoseconds."""
+
+
+def time_to_msg(nanoseconds: int) -> Time:
+    """Time since the epoch [ns] as a message."""
+    seconds, rest = divmod(nanoseconds, SECOND)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def time_from_msg(stamp: Time) -> int:
+    """Time since the epoch [ns]."""
+    return int(stamp.sec) * SECOND + int(stamp.nanosec)

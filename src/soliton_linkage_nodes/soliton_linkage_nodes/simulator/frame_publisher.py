@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The topics on which a simulator publishes its frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage_nodes.messages.cdr import publish_buffer
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.scheduling import let_others_go
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+from soliton_linkage_nodes.simulator.delivery import DeliveryPublisher
+from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
+from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
+
+
+class FramePublisher:
+    """Publishes `joint_states`, `chain`, `delivery` and `/clock`, stamped from an epoch on."""
+
+    def __init__(
+        self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
+    ) -> None:
+        """Publish as a node."""
+        self.epoch = 0
+        """Stamp of the first frame [ns]."""
+        self._node = node
+        self._named = named
+        self._joints = joints
+        self._rate = settings.publish_rate
+        deep = interfaces.stream_qos(len(joints))
+        self._joint_states = replace(interfaces.JOINT_STATES, qos=deep).publisher(node)
+        self._clock = interfaces.CLOCK.publisher(node) if settings.publish_clock else None
+        self._chain = interfaces.CHAIN.publisher(node)
+
+    @property
+    def subscribers(self) -> int:
+        """How many listen to the joint states."""
+        return int(self._joint_states.get_subscription_count())
+
+    @property
+    def depth(self) -> int:
+        """How many frames a subscriber can hold."""
+        return int(self._joint_states.qos_profile.depth)
+
+    def begin(self) -> None:
+        """Announce the chain; the first frame is now."""
+        self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        self._chain.publish(chain_to_msg(self._named, time_to_msg(self.epoch)))
+        self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
+
+    def publish(self, frame: int, simulation: Simulation) -> None:
+        """Publish the frame of a number, that a simulation is at."""
+        stamp = self.epoch + round(frame * SECOND / self._rate)
+        if self._clock is not None:
+            self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
+        publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
+        let_others_go()
+        self._delivery.note(stamp, simulation)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.simulator.world import WorldParameters
+
+
+@dataclass(frozen=True)
+class SimulatorParameters(WorldParameters):
+    """Parameters of the simulator besides those of chain, gravity and sensors."""
+
+    publish_rate: float = quantity(
+        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
+    )
+    real_time_factor: float = quantity(
+        1.0,
+        'simulated time over that of the clock, 0 for as fast as possible',
+        '',
+        0.0,
+        1000.0,
+        adjustable=True,
+    )
+    missing_joints: tuple[str, ...] = quantity(
+        (), 'joints left out of joint_states, by name or number; empty for none'
+    )
+    command_timeout: float = quantity(
+        0.5, 'time after which torques are dropped without a new message, 0 for never', 's', 0.0
+    )
+    impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0)
+    torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0)
+    publish_clock: bool = quantity(False, 'whether to publish the simulated time on /clock')
+    subscribers: int = quantity(
+        0, 'number of subscribers of joint_states to wait for before time begins', '', 0, 1000
+    )

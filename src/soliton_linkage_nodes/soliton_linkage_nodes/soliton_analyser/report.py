@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an analyser says about itself: what it sees, and where that is not what it was told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.estimation.analyser import Analysis
+from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
+
+_SURE_TO_DISAGREE = 0.999
+"""Confidence in another class of motion above which the parameters are called wrong [1]."""
+
+
+def describe(analysis: JointStateAnalysis) -> tuple[str, bool]:
+    """How the analysis is doing, in a sentence, and whether that is a warning."""
+    analyser, latest = analysis.analyser, analysis.latest
+    if analyser is None or latest is None:
+        return 'no frame yet', False
+    disagreement = _disagreement(latest)
+    if disagreement:
+        return disagreement, True
+    if latest.unseen:
+        return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not seen', True
+    solitons = f'{len(latest.solitons)} solitons, {latest.estimate.status.value}'
+    if analyser.limitation:
+        return f'{solitons}; {analyser.limitation}', True
+    return solitons, False
+
+
+def _disagreement(latest: Analysis) -> str:
+    """Say so where the angles speak for another class of motion than the parameters."""
+    told, shown = latest.motion, latest.measured_motion
+    sure = shown.confidence > _SURE_TO_DISAGREE
+    if told is None or shown.motion is None or shown.motion is told or not sure:
+        return ''
+    return (
+        f'the angles are those of a {shown.motion.value} (confidence {shown.confidence:.4f}), '
+        f'the parameters those of a {told.value}; check chain.rotor_length, chain.spacing and '
+        'chain.rest_angle'
+    )
+
+
+def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
+    """Figures of the analysis."""
+    analyser, latest = analysis.analyser, analysis.latest
+    if analyser is None or latest is None:
+        return {}
+    return {
+        'late frames': analyser.late,
+        'solitons': len(latest.solitons),
+        'status': latest.estimate.status.value,
+        'unseen rotors': latest.unseen,
+        'noise [rad]': latest.estimate.noise,
+        'misfit [rad]': latest.estimate.misfit,
+        'starts': analyser.starts,
+        'motion of the angles': getattr(latest.measured_motion.motion, 'value', 'unknown'),
+        'confidence': latest.measured_motion.confidence,
+        'encoder offsets [rad]': ', '.join(
+            f'{analysis.joint_names[rotor]} {analyser.offsets[rotor]:.4f} +- '
+            f'{analyser.offset_deviations[rotor]:.4f}'
+            for rotor in np.flatnonzero(analyser.offsets)
+        ),
+    }

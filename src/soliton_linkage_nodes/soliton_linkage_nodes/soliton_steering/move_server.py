@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The action move_soliton, of which one goal at a time is under way."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+
+from soliton_linkage.steering.steering import Ended, Outcome, WallState
+from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.messages.move_conversions import (
+    move_feedback_to_msg,
+    move_result_to_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+
+_FEEDBACK_PERIOD = 0.1
+"""Shortest time between two messages of feedback [s], which a person reads."""
+
+
+class MoveServer(ActionServer):
+    """An action server whose goals end when they are concluded, not when a function returns."""
+
+    def __init__(
+        self,
+        node: Node,
+        take: Callable[[ServerGoalHandle], None],
+        cancel: Callable[[ServerGoalHandle], CancelResponse],
+    ) -> None:
+        """Serve; `take` is called with each goal, `cancel` with each that is to be cancelled."""
+        super().__init__(
+            node,
+            MoveSoliton,
+            interfaces.MOVE_SOLITON,
+            lambda _: None,
+            handle_accepted_callback=take,
+            cancel_callback=cancel,
+        )
+        self.goal: ServerGoalHandle | None = None
+        """The goal that is under way."""
+        self.begun = 0
+        """How many goals were."""
+        self._of = node
+        self._told_at = -math.inf
+
+    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
+        """Leave a goal that executes to the callbacks of its node."""
+
+    def begin(self, handle: ServerGoalHandle) -> None:
+        """Have a goal under way."""
+        self.goal = handle
+        self.begun += 1
+
+    def tell(self, wall: WallState | None, phonon_energy: float) -> None:
+        """Publish feedback on the goal that is under way, now and then."""
+        now = time.monotonic()
+        if self.goal is not None and wall is not None and now - self._told_at >= _FEEDBACK_PERIOD:
+            self._told_at = now
+            self.goal.publish_feedback(move_feedback_to_msg(wall, phonon_energy))
+
+    def conclude(self, ended: Ended) -> None:
+        """End the goal that is under way, if any."""
+        handle, self.goal = self.goal, None
+        if handle is not None:
+            self.end(handle, ended)
+
+    def end(self, handle: ServerGoalHandle, ended: Ended) -> None:
+        """Bring a goal to its terminal state and send its result."""
+        if ended.outcome is Outcome.REACHED:
+            handle.succeed()
+        elif ended.outcome is Outcome.STOPPED and handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        if self._of.executor is not None:
+            super().notify_execute(handle, lambda _: move_result_to_msg(ended))

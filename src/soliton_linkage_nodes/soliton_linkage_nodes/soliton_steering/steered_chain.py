@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A chain whose soliton is steered, frame by frame."""
+
+from __future__ import annotations
+
+import math
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.steering.phonon_watch import PhononWatch
+from soliton_linkage.steering.settings import SteeringSettings
+from soliton_linkage.steering.steering import Ended, Steering, WallState
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
+from soliton_linkage_nodes.runtime.stamps import SECOND
+from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
+
+
+class SteeredChain:
+    """The steering of a named chain, and the phonons that it leaves."""
+
+    def __init__(self, named: NamedChain, settings: SolitonSteeringParameters) -> None:
+        """Steer with the given actuators; raises ValueError where the chain does not allow it."""
+        self.named = named
+        rotors = _rotors(named, settings.actuated_joints)
+        orbit = UniformOrbit(named.chain)
+        allocation = TorqueAllocation(orbit, rotors, settings.torque_limit, settings.strain_limit)
+        self.steering = Steering(orbit, allocation, SteeringSettings(tolerance=settings.tolerance))
+        self._phonons = PhononWatch(orbit)
+        self._epoch: int | None = None
+
+    @property
+    def wall(self) -> WallState | None:
+        """The soliton, None where there is none."""
+        return self.steering.wall
+
+    @property
+    def place(self) -> float:
+        """Of the soliton [rotor spacings], NaN where there is none."""
+        return math.nan if self.wall is None else self.wall.place
+
+    @property
+    def phonon_energy(self) -> float:
+        """Beside the soliton [J]."""
+        return self._phonons.energy
+
+    def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, Ended | None]:
+        """Torques to send with a frame of a stamp [ns], and the end of a move, where there are."""
+        if self._epoch is None:
+            self._epoch = stamp
+        instant = (stamp - self._epoch) / SECOND
+        held = self.steering.holding
+        ended = self.steering.observe(instant, frame.angles)
+        if self.steering.estimate is not None:
+            self._phonons.update(instant, frame.rates, self.steering.estimate.arc)
+        torques = self.steering.torques()
+        return torques if held or self.steering.holding else None, ended
+
+
+def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
+    """Numbers of the rotors that joints belong to."""
+    for joint in joints:
+        if joint not in named.numbers:
+            raise ValueError(
+                f'actuated_joints names {joint!r}, which is none of {named.joint_names[0]!r} to '
+                f'{named.joint_names[-1]!r}; name joints of the chain, or none for all of them'
+            )
+    return tuple(named.numbers[joint] for joint in joints)

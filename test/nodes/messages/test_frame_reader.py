@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states are read as far as they go, and refused where they contradict themselves."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    default_joint_names,
+    joint_states_from_msg,
+)
+from soliton_linkage_nodes.messages.frame_reader import FrameReader
+
+NAMES = default_joint_names(5)
+ANGLES = np.array([0.1, -2.0, 3.5, 40.0, -0.0])
+RATES = np.array([1.0, 2.0, -3.0, 1e-300, 5.0])
+
+
+def joint_state(**changes: Any) -> JointState:
+    fields = {'name': list(NAMES), 'position': list(ANGLES), 'velocity': list(RATES)}
+    return JointState(**{**fields, **changes})
+
+
+def test_frames_are_read_as_far_as_they_go() -> None:
+    reader = FrameReader(NAMES)
+
+    def read(message: JointState) -> Frame:
+        return reader.read(joint_states_from_msg(message))
+
+    message = JointState(
+        name=['gripper', 'rotor_4', 'rotor_0', 'rotor_2'],
+        position=[9.0, 4.5, math.inf, math.nan],
+        velocity=[8.0, 1.0, 2.0, 3.0],
+    )
+    for _ in range(2):
+        frame = read(message)
+        np.testing.assert_array_equal(frame.angles, [math.inf, math.nan, math.nan, math.nan, 4.5])
+        assert frame.rates is not None
+        np.testing.assert_array_equal(frame.rates, [2.0, math.nan, 3.0, math.nan, 1.0])
+    message.velocity = []
+    assert read(message).rates is None
+    message.name, message.position = ['rotor_1'], [7.0]
+    np.testing.assert_array_equal(read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
+
+
+def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> None:
+    reader = FrameReader(NAMES)
+    joints = joint_states_from_msg(joint_state())
+    frame = reader.read(joints)
+    np.testing.assert_array_equal(frame.angles, ANGLES)
+    np.testing.assert_array_equal(frame.rates, RATES)
+    frame.angles[:] = 0.0
+    np.testing.assert_array_equal(joints.position, ANGLES)
+
+
+@pytest.mark.parametrize(
+    ('message', 'complaint'),
+    [
+        (joint_state(name=[]), 'position has 5 values for 0 names'),
+        (joint_state(name=list('abcde')), 'has none of the 5 rotors, whose first is'),
+        (joint_state(name=['rotor_1'] * 5), "'rotor_1' twice; name each joint once"),
+        (joint_state(position=[1.0]), 'position has 1 values for 5 names'),
+        (joint_state(velocity=[1.0]), 'velocity has 1 values for 5 names'),
+    ],
+)
+def test_joint_states_that_contradict_themselves_are_refused(
+    message: JointState, complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        FrameReader(NAMES).read(joint_states_from_msg(message))

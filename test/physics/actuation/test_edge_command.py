@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands are checked whole, and those without a time are impulses of a known size."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
+from soliton_linkage.actuation.edge_drive import EdgeDrive
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
+from soliton_linkage.linkage.chain import Chain
+
+ACTUATOR = PneumaticActuator()
+LIMITS = EdgeLimits(speed=100.0, torque=0.1)
+KICK, PRESSURE, PULSE = CommandKind
+CHAIN = Chain(number_of_rotors=6)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'complaint'),
+    [
+        ({'kind': KICK, 'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
+        ({'kind': KICK, 'ramp_up': math.nan}, 'ramp_up of a kick = nan s must be 0'),
+        ({'kind': PULSE, 'duration': -1.0}, 'duration = -1 s must be a finite number'),
+        ({'kind': PULSE, 'ramp_down': math.inf}, 'ramp_down = inf s must be a finite'),
+        ({'kind': PRESSURE, 'ramp_up': math.nan}, 'ramp_up = nan s must be a finite'),
+        (
+            {'kind': PRESSURE, 'ramp_down': 0.1},
+            'ramp_down = 0.1 s must be 0 for a pressure',
+        ),
+        (
+            {'kind': KICK, 'value': 101.0},
+            'speed = 101 rad/s must lie in the range -100',
+        ),
+        (
+            {'kind': KICK, 'value': math.nan},
+            'speed = nan rad/s must be a finite number',
+        ),
+        (
+            {'kind': PULSE, 'value': -0.2},
+            r'torque = -0.2 N m must lie .* raise torque_limit',
+        ),
+        (
+            {'kind': PRESSURE, 'value': 3e5},
+            'pressure = 300000 Pa must lie in the range',
+        ),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_refused(fields: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        EdgeCommand(**{'edge': Edge.FIRST, 'value': 0.0, **fields}).check(LIMITS, ACTUATOR)
+
+
+@pytest.mark.parametrize(
+    ('command', 'instantaneous'),
+    [
+        (EdgeCommand(Edge.FIRST, KICK, 1.0), True),
+        (EdgeCommand(Edge.FIRST, PULSE, 1.0), True),
+        (EdgeCommand(Edge.FIRST, PULSE, 1.0, ramp_up=0.1), False),
+        (EdgeCommand(Edge.FIRST, PULSE, 1.0, 0.1), False),
+        (EdgeCommand(Edge.FIRST, PRESSURE, 1.0), False),
+    ],
+)
+def test_kicks_and_pulses_without_a_time_are_impulses(
+    command: EdgeCommand, instantaneous: bool
+) -> None:
+    assert command.instantaneous == instantaneous
+
+
+def test_the_impulses_of_a_kick_give_its_speed_along_the_mode() -> None:
+    angles = CHAIN.uniform_state(-1)
+    _, mode = resolved_edge_mode(CHAIN, angles, Edge.NEAREST)
+    simulation = ElasticSimulation(CHAIN, angles, 0 * angles, 1e-3)
+    simulation.kick(EdgeCommand(Edge.FIRST, KICK, -3.0).impulses(CHAIN, mode, None))
+    np.testing.assert_allclose(simulation.rates, -3.0 * mode, rtol=1e-12)
+
+
+def test_a_pulse_without_a_time_acts_for_one_period() -> None:
+    pulse = EdgeCommand(Edge.FIRST, PULSE, 0.05)
+    mode = np.full(6, 0.1)
+    np.testing.assert_allclose(pulse.impulses(CHAIN, mode, 0.002), 1e-4 * mode, rtol=1e-12)
+    with pytest.raises(ValueError, match='which is not known yet; give a duration'):
+        pulse.impulses(CHAIN, mode, None)
+
+
+@pytest.mark.parametrize('speed', [0.5, -0.5])
+def test_a_kick_as_a_pressure_has_the_impulse_of_the_kick(speed: float) -> None:
+    kick = EdgeCommand(Edge.FIRST, KICK, speed)
+    pressure = kick.as_pressure(CHAIN, ACTUATOR, 0.1)
+    assert (pressure.kind, pressure.duration) == (PRESSURE, 0.1)
+    drive = EdgeDrive(ACTUATOR)
+    drive.command(pressure, Edge.FIRST, 0.0)
+    impulse = drive.mean_torque(0.0, 5.0).torque * 5.0
+    assert impulse == pytest.approx(CHAIN.moment_of_inertia * speed, rel=1e-9)
