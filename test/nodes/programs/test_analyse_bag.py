@@ -6,7 +6,6 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +27,12 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
     frame_to_msg,
-    time_from_msg,
-    time_to_msg,
 )
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
-from soliton_linkage_nodes.programs.analyse_bag import chain_of_file, main
+from soliton_linkage_nodes.programs.analyse_bag import main
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
@@ -98,16 +96,17 @@ def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> No
 def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
     graph: Graph, tmp_path: Path
 ) -> None:
-    bag = bag_of(tmp_path, frames())
+    sent = frames()
+    bag = bag_of(tmp_path, sent)
     states = graph.hear(interfaces.SOLITON_STATE)
     topic = interfaces.CHAIN
     chain = graph.user.create_publisher(topic.type, topic.name, topic.qos)
     chain.publish(chain_to_msg(NAMED, time_to_msg(START)))
     graph.start(SolitonAnalyser)
     joints = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames():
+    for frame in sent:
         joints.publish(frame)
-    graph.until(lambda: len(states) == len(frames()), 'all states')
+    graph.until(lambda: len(states) == len(sent), 'all states')
     assert list(map(repr, states_of(bag))) == list(map(repr, states))
 
 
@@ -170,37 +169,6 @@ def test_frames_that_are_refused_are_passed_over(
     assert 'refused joint_states: joint_states.position has 3 values for 10 names' in said
     assert '1 were late' in said
     assert len(rows(tmp_path / 'out')) == len(frames()) - 1
-
-
-@pytest.mark.parametrize(
-    ('content', 'complaint'),
-    [
-        ('just words', 'is no parameter file'),
-        ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
-        ('/**: {ros__parameters: {chain.mass: -1.0}}', 'mass = -1.0 must lie in the range'),
-        (
-            '/**: {ros__parameters: {chain.number_of_rotors: 3, joint_names: [a, b]}}',
-            'joint_names has 2 names for 3 rotors; name one joint a rotor',
-        ),
-    ],
-)
-def test_a_file_that_describes_no_chain_is_refused(
-    tmp_path: Path, content: str, complaint: str
-) -> None:
-    path = tmp_path / 'chain.yaml'
-    path.write_text(content)
-    with pytest.raises(ValueError, match=complaint):
-        chain_of_file(path)
-
-
-def test_a_file_may_name_the_joints(tmp_path: Path) -> None:
-    path = tmp_path / 'chain.yaml'
-    path.write_text(
-        'soliton_analyser:\n  ros__parameters:\n    chain.number_of_rotors: 2\n'
-        '    joint_names: [left, right]\n    noise: 0.1\n'
-    )
-    chain = replace(Chain(), number_of_rotors=2)
-    assert chain_of_file(path) == NamedChain(chain, ('left', 'right'))
 
 
 def test_what_is_no_bag_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,7 +61,7 @@ def test_the_summary_is_valid_json_and_true_to_the_bag() -> None:
     assert summary['rotors'] == 20
     assert summary['lost_messages'] == 0
     assert summary['publish_rate_hz'] == pytest.approx(50, rel=1e-3)
-    speeds = [crossing.speed for crossing in run.crossings]
+    speeds = [crossing.place_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
 
 

@@ -12,10 +12,10 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    time_to_msg,
 )
-from soliton_linkage_nodes.programs.experiment import Observer
+from soliton_linkage_nodes.programs.experiment_observer import Observer
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 CHAIN = Chain(number_of_rotors=8)
 

@@ -3,46 +3,57 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from collections.abc import Callable
 
-from graphs import Graph
+import pytest
+from graphs import Graph, values
 from programs import Program
 
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
+pytestmark = pytest.mark.usefixtures('often')
+
 QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 250.0, 'tolerance': 1e-8}
 
 
-def steered(graph: Graph) -> SolitonSteering:
-    """Return a steering that sees the wall of a simulated chain."""
+def steered(graph: Graph) -> Callable[[], float]:
+    """Start a steering that sees the wall of a simulated chain; return what tells its rotor."""
+    reports = graph.reports('soliton_steering')
     graph.start(Simulator, QUICK)
-    steering: SolitonSteering = graph.start(SolitonSteering, {'state_timeout': 5.0})
-    graph.until(lambda: steering._place >= 0, 'a wall')
-    return steering
+    graph.start(SolitonSteering, {'state_timeout': 5.0})
+
+    def rotor() -> float:
+        return float(values(reports[-1])['rotor']) if reports else math.nan
+
+    graph.until(lambda: rotor() >= 0, 'a wall')
+    return rotor
 
 
 def test_it_ends_when_the_soliton_is_there(graph: Graph, start: Callable[..., Program]) -> None:
-    steering = steered(graph)
+    rotor = steered(graph)
     program = start('move_soliton', '2.5')
     graph.until(lambda: program.process.poll() is not None, 'the end of the move')
     assert program.process.returncode == 0
     assert program.said[0].startswith('rotor [')
     assert 'J in phonons' in program.said[0]
     assert program.said[-1].startswith('the wall is held at rotor 2.')
-    assert abs(steering._place - 2.5) < 0.1
+    graph.next_report('soliton_steering')
+    assert abs(rotor() - 2.5) < 0.1
 
 
 def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Program]) -> None:
-    steering = steered(graph)
+    rotor = steered(graph)
     program = start('move_soliton', '6', '--speed', '1')
-    graph.until(lambda: steering._place > 0.5, 'a wall on its way')
+    graph.until(lambda: rotor() > 0.5, 'a wall on its way')
     program.process.send_signal(signal.SIGINT)
     graph.until(lambda: program.process.poll() is not None, 'the end of the move')
     assert program.process.returncode == 130
     assert program.said[-1].startswith('the wall is held at rotor ')
-    assert steering._place < 5
+    graph.next_report('soliton_steering')
+    assert rotor() < 5
 
 
 def test_a_refusal_is_said(graph: Graph, start: Callable[..., Program]) -> None:

@@ -24,10 +24,10 @@ def test_it_publishes_one_nudge_and_ends(graph: Graph, start: Callable[..., Prog
 
 
 def test_it_says_that_nobody_listens(start: Callable[..., Program]) -> None:
-    program = start('nudge', '10')
+    program = start('nudge', '10', '--timeout', '0.5')
     assert program.wait() == 1
     assert program.said == [
-        'nudge: /nudge has 0 of 1 subscribers after 5 s; start edge_actuator first'
+        'nudge: /nudge has 0 of 1 subscribers after 0.5 s; start edge_actuator first'
     ]
 
 

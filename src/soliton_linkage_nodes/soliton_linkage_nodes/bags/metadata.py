@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ import yaml
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 METADATA_VERSION: Final = 9
+"""Of the layout that Jazzy's rosbag2 writes; older ones lack fields that we fill."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -26,6 +28,11 @@ class StoredFile:
     messages: int
     start: int
     end: int
+
+
+def suite_version() -> str:
+    """Version of the suite that writes a bag."""
+    return version('soliton_linkage_nodes')
 
 
 def bag_information(

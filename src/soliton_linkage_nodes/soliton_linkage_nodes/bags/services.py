@@ -10,9 +10,9 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from soliton_linkage_msgs import srv
+from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 
-_OURS = {'Seek': srv.Seek, 'SetRate': srv.SetRate, 'GetRate': srv.GetRate}
+_OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], str | None]) -> None:

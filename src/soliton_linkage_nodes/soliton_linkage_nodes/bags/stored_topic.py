@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,11 +22,17 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from rosbags.typesys.store import Typestore
 
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
+"""A duration without end as rosbag2 writes it: the largest of its 32-bit numbers."""
 
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """A topic of a bag: numbers count from 1, in the order in which topics were added."""
+    """A topic of a bag; numbers count from 1, in the order in which topics were added.
+
+    Its type is told by name, by the text of the definition in a format such as 'ros2msg', and by
+    the hash (digest) of that. Profiles are the offered qualities of service, as rosbag2 writes
+    them; an empty text stands for what is not known.
+    """
 
     number: int
     name: str
@@ -34,7 +41,6 @@ class StoredTopic:
     definition_format: str
     digest: str
     profiles: str
-    """Offered quality of service, as rosbag2 writes it."""
     serialization: str = 'cdr'
 
 
@@ -57,7 +63,29 @@ def type_definition(name: str) -> tuple[str, str]:
         ) from error
 
 
-def profiles_text(profiles: list[QoSProfile]) -> str:
+def completed(
+    number: int,
+    name: str,
+    type_name: str,
+    definition: tuple[str, str] | None,
+    digest: str,
+    profiles: str,
+) -> StoredTopic:
+    """A topic whose definition, if it was lost, is that of the installed type, or else empty.
+
+    The definition given is its encoding and text.
+    """
+    encoding, text = definition or ('ros2msg', '')
+    if not text or not digest:
+        try:
+            known, known_digest = type_definition(type_name)
+        except ValueError:
+            known, known_digest = '', ''
+        text, digest = text or known, digest or known_digest
+    return StoredTopic(number, name, type_name, text, encoding, digest, profiles)
+
+
+def profiles_text(profiles: Sequence[QoSProfile]) -> str:
     """Qualities of service as rosbag2 writes them."""
     if not profiles:
         return ''

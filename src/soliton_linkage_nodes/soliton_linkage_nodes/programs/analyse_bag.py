@@ -11,61 +11,32 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from soliton_linkage.estimation.analyser import Analysis
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import Track, find_crossings
-from soliton_linkage.studies.pictures import draw_kymograph, draw_track
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.studies.pictures import kymograph_figure, track_figure
+from soliton_linkage.studies.plates import save_figure
 from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
     open_bag,
-    read_chain,
 )
 from soliton_linkage_nodes.messages.conversions import (
-    FrameReader,
+    JointStates,
     NamedChain,
-    check_names,
-    default_joint_names,
 )
-from soliton_linkage_nodes.messages.joint_states import JointStates
+from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.state_conversions import columns, row
 from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.start import INTERRUPTED
 
 _MOST_DRAWN = 4000
-_STOPPED = 130
-
-
-def chain_of_file(path: Path) -> NamedChain:
-    """Chain of a parameter file, by its chain.* and joints; raises ValueError for none."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-        nodes = content.values()
-        given = {key: value for node in nodes for key, value in node['ros__parameters'].items()}
-    except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
-        raise ValueError(
-            f'{path} is no parameter file ({error}); give one as config/flipper.yaml'
-        ) from error
-    known = described_fields(Chain)
-    parameters = {
-        key.removeprefix('chain.'): value for key, value in given.items() if key[:6] == 'chain.'
-    }
-    unknown = sorted(parameters.keys() - known)
-    if unknown:
-        raise ValueError(f'{path}: chain.{unknown[0]} is unknown; known: {", ".join(known)}')
-    chain = Chain(**parameters)
-    joints = tuple(given.get('joint_names', ())) or default_joint_names(chain.number_of_rotors)
-    check_names(f'{path}: joint_names', joints)
-    if len(joints) != chain.number_of_rotors:
-        raise ValueError(
-            f'{path}: joint_names has {len(joints)} names for {chain.number_of_rotors} rotors; '
-            'name one joint a rotor'
-        )
-    return NamedChain(chain, joints)
+"""Frames that a picture shows at most, more than it has columns."""
 
 
 class Drawn:
@@ -94,8 +65,9 @@ class Drawn:
         times = (np.array(stamps) - stamps[0]) * 1e-9
         track = Track(times, np.array(rotors), np.array(velocities) / chain.spacing)
         recording = Recording(times, np.array(angles), np.empty((0, chain.number_of_rotors)))
-        draw_kymograph(chain, recording, track, folder / 'kymograph.png')
-        draw_track(chain, track, find_crossings(chain, track), folder / 'track.png')
+        save_figure(kymograph_figure(chain, recording, track), folder / 'kymograph.png')
+        crossings = find_crossings(chain, track)
+        save_figure(track_figure(chain, track, crossings), folder / 'track.png')
 
 
 def analyse(bag: Path, folder: Path, given: NamedChain | None, noise: float | None) -> int:
@@ -136,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
     except KeyboardInterrupt:
         print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
-        sys.exit(_STOPPED)
+        sys.exit(INTERRUPTED)
 
 
 def _parser() -> argparse.ArgumentParser:

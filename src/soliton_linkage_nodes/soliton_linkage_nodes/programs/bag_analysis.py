@@ -14,16 +14,17 @@ from soliton_linkage_nodes.bags.read.older_messages import is_older
 from soliton_linkage_nodes.bags.read.reading import (
     decoder,
     find_topic,
-    read_chain,
     read_messages,
     read_topic,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_from_msg
-from soliton_linkage_nodes.messages.joint_states import (
-    JointStateDecoder,
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.conversions import (
     JointStates,
+    NamedChain,
+    chain_from_msg,
     joint_states_from_msg,
 )
+from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
 

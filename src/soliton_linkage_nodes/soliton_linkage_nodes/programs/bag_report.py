@@ -14,12 +14,17 @@ import numpy as np
 
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, track_point
-from soliton_linkage.studies.pictures import draw_kymograph, draw_track
+from soliton_linkage.studies.pictures import kymograph_figure, track_figure
+from soliton_linkage.studies.plates import save_figure
 from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_recording, read_topic
-from soliton_linkage_nodes.messages.conversions import NamedChain, solitons_from_msg, time_from_msg
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
+from soliton_linkage_nodes.programs.linkage_bags import read_recording
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _BEFORE_NUDGE = 0.5
+"""What of the rest before the nudge is shown [s]."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +97,13 @@ def largest_difference(
 def draw(run: RecordedRun, folder: Path) -> None:
     """Draw kymograph.png and track.png."""
     chain = run.named.chain
-    draw_kymograph(chain, run.recording, run.track, folder / 'kymograph.png')
-    draw_track(chain, run.track, run.crossings, folder / 'track.png')
+    save_figure(kymograph_figure(chain, run.recording, run.track), folder / 'kymograph.png')
+    save_figure(track_figure(chain, run.track, run.crossings), folder / 'track.png')
 
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
     """Return what the bag alone tells, for summary.json."""
-    speeds = [crossing.speed for crossing in run.crossings]
+    speeds = [crossing.place_rate for crossing in run.crossings]
     return {
         'motion': run.named.chain.motion.value,
         'rotors': run.named.rotors,

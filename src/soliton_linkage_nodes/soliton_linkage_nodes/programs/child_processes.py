@@ -14,9 +14,14 @@ from pathlib import Path
 from ament_index_python.packages import get_package_prefix
 
 _PACKAGE = 'soliton_linkage_nodes'
+LONGEST_START = 30.0
+"""How long nodes may take until they hear each other, on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
+"""PR_SET_PDEATHSIG of prctl(2)."""
 _TIME_TO_STOP = 1.5
+"""Before a node is killed where nobody waits for its results [s]: all must stop within 2 s."""
 _LOG_TAIL = 5
+"""Lines of a log that are told when a node has ended."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 

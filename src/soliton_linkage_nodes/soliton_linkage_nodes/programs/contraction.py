@@ -20,6 +20,7 @@ import domain_coordinator
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.accuracy.contraction import (
     ContractedWall,
     ContractionStudy,
@@ -27,19 +28,22 @@ from soliton_linkage.studies.accuracy.contraction import (
     read_contraction_study,
     rest_width,
 )
-from soliton_linkage.studies.progress import ProgressLine
 from soliton_linkage.studies.settings import load_settings
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_chain
+from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.child_processes import ChildProcesses, isolate
+from soliton_linkage_nodes.programs.child_processes import LONGEST_START, ChildProcesses, isolate
+from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import stop_on_signals
+from soliton_linkage_nodes.start import INTERRUPTED
 
 _RATE = 250.0
+"""Frames of a recording [Hz], some 1500 of a wall."""
 _SECONDS = 6.0
-_LONGEST_START = 30.0
+"""How long a wall is recorded [s]."""
 _WAY = 0.8
+"""Part of the study's time for a wall that the recording takes: it ends before the far edge."""
 _UNLIMITED = 1e9
-_STOPPED = 130
+"""Limit of kicks [rad/s] and impulses [N m s] for walls faster than a real actuator makes."""
 
 
 def record(
@@ -75,9 +79,9 @@ def record(
             'nudge',
             [],
             environment,
-            [repr(nudge), '--subscribers=2', f'--timeout={_LONGEST_START}'],
+            [repr(nudge), '--subscribers=2', f'--timeout={LONGEST_START}'],
         )
-        if not processes.wait('nudge', 2 * _LONGEST_START):
+        if not processes.wait('nudge', 2 * LONGEST_START):
             raise RuntimeError('the nudge found nobody to hear it; see the logs')
         if stopping.wait(_SECONDS):
             raise KeyboardInterrupt
@@ -146,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(f'\ncontraction: {error}')
     except KeyboardInterrupt:
         print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
-        sys.exit(_STOPPED)
+        sys.exit(INTERRUPTED)
     print(f'bags, contraction.md and contraction.png are in {options.output}')
 
 

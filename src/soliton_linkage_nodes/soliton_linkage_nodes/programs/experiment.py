@@ -10,35 +10,29 @@ import os
 import shutil
 import sys
 import threading
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import domain_coordinator
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from std_msgs.msg import Float64
 
-from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage.studies.progress import ProgressLine
-from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.messages.conversions import chain_from_msg, time_from_msg
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.programs.bag_report import (
     RecordedRun,
     draw,
     largest_difference,
-    places,
     read_run,
     summarise,
 )
-from soliton_linkage_nodes.programs.child_processes import ChildProcesses, isolate
+from soliton_linkage_nodes.programs.child_processes import LONGEST_START, ChildProcesses, isolate
+from soliton_linkage_nodes.programs.experiment_observer import Observer
+from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import initialise, interrupt_on_signals, stop_on_signals
+from soliton_linkage_nodes.start import INTERRUPTED
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _UNUSED = (
@@ -50,81 +44,14 @@ _UNUSED = (
     interfaces.DIAGNOSTICS,
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
-_LONGEST_START = 30.0
 _LONGEST_END = 10.0
-_SPIN = 0.02
+"""For the recorder to write what waits for the disk [s]."""
 _NEAR_EDGE = 2.0
-_AFTERWARDS = 1.2
-_INTERRUPTED = 130
-
-
-@dataclass(frozen=True)
-class ExperimentParameters:
-    """Parameters of the experiment."""
-
-    scenario: str = quantity('flipper', 'name of the experiment and of its bag')
-    nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
-    time_limit: float = quantity(
-        60.0, 'time within which the soliton must be back', 's', 1.0, 3600.0
-    )
-    replay_rate: float = quantity(2.0, 'how much faster the bag is replayed', '', 0.01, 100.0)
-
-
-class Observer(Node):
-    """Sees the solitons and hears how the nodes are; can nudge the chain."""
-
-    def __init__(self, **kwargs: Any) -> None:
-        """Connect the topics."""
-        super().__init__('experiment', **kwargs)
-        self.settings = declare(self, ExperimentParameters)
-        refuse_unknown(self)
-        self.reports: dict[str, DiagnosticStatus] = {}
-        self.states: dict[int, tuple[float, ...]] = {}
-        self.rotors = 0
-        self.rotor = math.nan
-        self.velocity = 0.0
-        self._spacing = 1.0
-        topic = interfaces.NUDGE
-        self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
-        self.state_subscription = self._subscribe(interfaces.SOLITON_STATE, self._on_state)
-        self._subscribe(interfaces.CHAIN, self._on_chain)
-        self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
-
-    def forget(self) -> None:
-        """Begin anew, with what nodes say from now on."""
-        self.reports.clear()
-        self.states.clear()
-
-    @property
-    def informed(self) -> bool:
-        """Whether the chain and a state of it have been heard, in whatever order."""
-        return self.rotors > 0 and bool(self.states)
-
-    def figures(self, node: str) -> dict[str, str]:
-        """Return the figures of a node's latest report."""
-        report = self.reports.get(node)
-        return {} if report is None else {pair.key: pair.value for pair in report.values}
-
-    def well(self, node: str) -> bool:
-        """Whether a node has reported, without a warning."""
-        return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
-
-    def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
-        return self.create_subscription(topic.type, topic.name, callback, topic.qos)
-
-    def _on_chain(self, message: Any) -> None:
-        named = chain_from_msg(message)
-        self.rotors, self._spacing = named.rotors, named.chain.spacing
-
-    def _on_state(self, message: SolitonState) -> None:
-        self.states[time_from_msg(message.header.stamp)] = places(message)
-        self.rotor = message.solitons[0].rotor if message.solitons else math.nan
-        if message.solitons:
-            self.velocity = message.solitons[0].velocity / self._spacing
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            self.reports[status.name.partition(':')[0]] = status
+"""How near the soliton comes to an edge to have been there [rotor spacings]; it turns there."""
+_LONGEST_SILENCE = 6.2
+"""For a node that reports once a second [s]."""
+_QUIET = 0.5
+"""After so long without a state none is on its way any more [s]."""
 
 
 class Experiment:
@@ -159,7 +86,7 @@ class Experiment:
             self._processes.stop()
         # Nothing is left to be stopped in good order.
         interrupt_on_signals()
-        self._go_on()
+        self._interrupted()
         run = read_run(self.bag)
         return self._report(run, replayed, pacing)
 
@@ -173,7 +100,7 @@ class Experiment:
         }
         for node in _NODES:
             self._start(node, own.get(node, []))
-        self._wait_until(self._ready, _LONGEST_START, self._unready)
+        self._wait_until(self._ready, LONGEST_START, self._unready)
 
     def _start(self, node: str, arguments: list[str]) -> None:
         common = ['--params-file', str(self._configuration)]
@@ -242,7 +169,7 @@ class Experiment:
         self._observer.reports.pop('simulator', None)
         self._wait_until(
             lambda: 'simulator' in self._observer.reports,
-            _AFTERWARDS + 5,
+            _LONGEST_SILENCE,
             lambda: 'the simulator stopped reporting',
         )
         pacing = self._observer.figures('simulator')
@@ -261,7 +188,7 @@ class Experiment:
         self._start('soliton_analyser', [])
         self._wait_until(
             lambda: self._observer.figures('soliton_analyser').get('subscribers') == '1',
-            _LONGEST_START,
+            LONGEST_START,
             lambda: 'the analyser did not start',
         )
         topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
@@ -274,24 +201,28 @@ class Experiment:
             ],
         )
         line = ProgressLine('replaying', 0)
-        while not self._processes.wait('bag_player', 0):
-            self._go_on()
-            self._executor.spin_once(timeout_sec=_SPIN)
+
+        def played() -> bool:
             line.total = float(self._observer.figures('bag_player').get('messages', 0))
             line.show(len(self._observer.states))
+            return self._processes.wait('bag_player', 0)
+
+        spin_until(self._executor, played, math.inf, self._interrupted)
         self._settle()
         self._processes.stop()
         line.end(f'Replayed {len(self._observer.states)} frames.')
         return dict(self._observer.states)
 
     def _settle(self) -> None:
-        """Take what is still on its way, until nothing has come for half a second."""
-        quiet_since, seen = time.monotonic(), -1
-        while time.monotonic() - quiet_since < 0.5:
-            self._go_on()
-            self._executor.spin_once(timeout_sec=_SPIN)
-            if len(self._observer.states) != seen:
-                quiet_since, seen = time.monotonic(), len(self._observer.states)
+        """Take what is still on its way."""
+        seen = -1
+
+        def more() -> bool:
+            return len(self._observer.states) > seen
+
+        while more():
+            seen = len(self._observer.states)
+            spin_until(self._executor, more, _QUIET, self._interrupted)
 
     def _report(
         self, run: RecordedRun, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
@@ -314,17 +245,18 @@ class Experiment:
     def _wait_until(
         self, condition: Callable[[], bool], seconds: float, complaint: Callable[[], str]
     ) -> None:
-        deadline = time.monotonic() + seconds
-        while not condition():
-            self._go_on()
+        def give_up() -> bool:
             self._processes.check()
-            if time.monotonic() > deadline:
-                raise RuntimeError(complaint())
-            self._executor.spin_once(timeout_sec=_SPIN)
+            return self._interrupted()
 
-    def _go_on(self) -> None:
+        if not spin_until(self._executor, condition, seconds, give_up):
+            raise RuntimeError(complaint())
+
+    def _interrupted(self) -> bool:
+        """Never true: it raises KeyboardInterrupt."""
         if self._stopping.is_set():
             raise KeyboardInterrupt
+        return False
 
 
 def main() -> None:
@@ -349,7 +281,7 @@ def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
         _conclude(experiment.run(), output, bag)
     except KeyboardInterrupt:
         _say('Stopped.' + (f' The recording so far is in {bag}.' if bag and bag.exists() else ''))
-        return _INTERRUPTED
+        return INTERRUPTED
     except (RuntimeError, ValueError, OSError) as error:
         print(f'\nThe experiment failed: {error}', file=sys.stderr)
         return 1

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -16,15 +16,16 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.msg import Chain
+from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
+from soliton_linkage_nodes.start import INTERRUPTED
 
 _LONGEST_WAIT = 5.0
-_SPIN = 0.02
-_INTERRUPTED = 130
+"""For a steering that runs to be found, with room for a busy machine [s]."""
 
 
 class Mover(Node):
@@ -76,22 +77,14 @@ class Mover(Node):
             f'{on_the_way.phonon_energy:.1e} J in phonons',
         )
 
-    def _wait(self, condition: Callable[[], bool], seconds: float = float('inf')) -> bool:
+    def _wait(self, condition: Callable[[], bool], seconds: float = math.inf) -> bool:
         """Spin until a condition holds; False where it is too late or interrupted."""
-        deadline = time.monotonic() + seconds
-        while not condition():
-            if self._stopping.is_set() or time.monotonic() > deadline:
-                return False
-            self._spinning.spin_once(timeout_sec=_SPIN)
-        return True
+        return spin_until(self._spinning, condition, seconds, self._stopping.is_set)
 
     def _finish(self, condition: Callable[[], bool]) -> None:
         """Spin until a condition holds, which it does soon even where interrupted."""
-        deadline = time.monotonic() + 2 * _LONGEST_WAIT
-        while not condition():
-            if time.monotonic() > deadline:
-                raise ValueError(f'{interfaces.MOVE_SOLITON} does not respond')
-            self._spinning.spin_once(timeout_sec=_SPIN)
+        if not spin_until(self._spinning, condition, 2 * _LONGEST_WAIT):
+            raise ValueError(f'{interfaces.MOVE_SOLITON} does not respond')
 
 
 def main() -> None:
@@ -111,5 +104,5 @@ def main() -> None:
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
     sys.exit(result is None or result.outcome != MoveSoliton.Result.REACHED)

@@ -17,10 +17,12 @@ from std_msgs.msg import Float64
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.matching import wait_for_subscriber
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
+from soliton_linkage_nodes.start import INTERRUPTED
 
 _LONGEST_WAIT = 5.0
+"""For an actuator that runs to be found, with room for a busy machine [s]."""
 _POLL_INTERVAL = Duration(seconds=0.1)
-_INTERRUPTED = 130
+"""How soon it ends when it is told to."""
 
 
 def publish_nudge(
@@ -71,4 +73,4 @@ def main() -> None:
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)

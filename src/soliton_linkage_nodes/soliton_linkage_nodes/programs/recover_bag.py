@@ -7,7 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 
 

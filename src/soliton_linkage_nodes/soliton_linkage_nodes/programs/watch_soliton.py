@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import Chain, SolitonState
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import run

@@ -9,23 +9,24 @@ from typing import Any
 
 import pytest
 
-from soliton_linkage_nodes.bags.play import transport
 from soliton_linkage_nodes.bags.play.transport import Transport, Turn
 
 SECOND = 10**9
 
 
-class Clock:
+class Clock(threading.Condition):
     """A clock that goes on only while somebody waits."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.now = 1000.0
 
     def __call__(self) -> float:
         return self.now
 
-    def wait(self, timeout: float) -> None:
-        self.now += timeout
+    def wait(self, timeout: float | None = None) -> bool:
+        self.now += timeout or 0.0
+        return False
 
 
 @pytest.fixture
@@ -36,8 +37,7 @@ def clock() -> Clock:
 @pytest.fixture
 def started(clock: Clock) -> Callable[..., Transport]:
     def start(*arguments: Any) -> Transport:
-        moved: Any = Transport(*arguments, clock=clock)
-        moved._changed.wait = clock.wait
+        moved = Transport(*arguments, clock=clock, changed=clock)
         moved.start(0)
         return moved
 
@@ -124,11 +124,12 @@ def test_there_is_no_step_where_there_is_no_pause() -> None:
     assert not Transport().play_next()
 
 
-def test_a_step_that_nobody_takes_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, '_LONGEST_STEP', 0.05)
-    moved = Transport(paused=True)
+def test_a_step_that_nobody_takes_is_forgotten() -> None:
+    moved = Transport(paused=True, longest_step=0.05)
     assert not moved.play_next()
-    assert not moved._steps
+    moved.start(0)
+    threading.Timer(0.05, moved.stop).start()
+    assert moved.wait_for(0) is Turn.STOP
 
 
 def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop() -> None:

@@ -38,7 +38,7 @@ def write(name: Path, named: NamedChain, storage: str, compression: str = 'none'
         sent.append((full_name, stamp, serialize_message(message)))
         writer.write(topics[full_name], stamp, sent[-1][2])
         if number % 20 == 0:
-            writer._file.flush()
+            writer.flush()
     writer.close({'key': 'value'})
     return sent
 
@@ -208,7 +208,7 @@ def test_topics_may_be_added_while_it_is_written(tmp_path: Path) -> None:
     for number in range(12):
         stored = writer.add_topic(f'/n{number}', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
         writer.write(stored, START + number, serialize_message(interfaces.NUDGE.type(data=1.0)))
-        writer._file.flush()
+        writer.flush()
     writer.close()
     with Reader(writer.path) as reader:
         assert [c.topic for c, _, _ in reader.messages()] == [f'/n{n}' for n in range(12)]
@@ -217,7 +217,7 @@ def test_topics_may_be_added_while_it_is_written(tmp_path: Path) -> None:
 def test_the_history_of_a_publisher_may_be_unknown(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / 'run', 'mcap')
     qos = QoSProfile(depth=0, history=HistoryPolicy.UNKNOWN)
-    writer.add_topic_of_publishers('/x', 'std_msgs/msg/Float64', [qos, interfaces.NUDGE.qos])
+    writer.add_topic('/x', 'std_msgs/msg/Float64', qos, interfaces.NUDGE.qos)
     writer.close()
     told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
     (topic,) = told['rosbag2_bagfile_information']['topics_with_message_count']

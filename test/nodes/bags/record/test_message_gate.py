@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.record import message_gate
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
 
@@ -30,6 +28,7 @@ def test_after_a_pause_the_last_latched_message_of_each_topic_passes() -> None:
     other = Source('/map', 'x/msg/Y', (), latched=True)
     messages = [message(LATCHED, 1), message(other, 2), message(STREAM, 3), message(LATCHED, 4)]
     assert gate.take(messages) == []
+    assert gate.held == 2
     assert gate.resume() == [messages[1], messages[3]]
     assert gate.take([messages[2]]) == [messages[2]]
     gate.paused = True
@@ -53,11 +52,8 @@ def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
     assert gate.snapshot() == []
 
 
-def test_the_last_seconds_take_no_more_memory_than_they_may(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(message_gate, '_MOST_KEPT', 1000)
-    gate = MessageGate(snapshot=3600.0)
+def test_the_last_seconds_take_no_more_memory_than_they_may() -> None:
+    gate = MessageGate(snapshot=3600.0, most_kept=1000)
     messages = [message(STREAM, stamp, 100) for stamp in range(50)]
     gate.take(messages)
     assert gate.snapshot() == messages[-10:]

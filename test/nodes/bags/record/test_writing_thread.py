@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import re
 import resource
 import subprocess
 import threading
@@ -26,6 +25,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 STORAGES = ('mcap', 'sqlite3')
+NUDGES = Source('/nudge', 'std_msgs/msg/Float64', (interfaces.NUDGE.qos,))
 
 
 @pytest.fixture
@@ -69,13 +69,8 @@ def test_a_full_disk_ends_it_with_one_line(
     assert 'choose another output; ' in failed
 
 
-@pytest.mark.parametrize('storage', STORAGES)
 def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
-    graph: Graph,
-    named: NamedChain,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    storage: str,
+    graph: Graph, named: NamedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write = BagWriter.write_all
     stalled = threading.Event()
@@ -87,7 +82,7 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
         write(*arguments)
 
     monkeypatch.setattr(BagWriter, 'write_all', stalling)
-    given = {'output': str(tmp_path / 'run'), 'storage': storage, 'topics': ['joint_states']}
+    given = {'output': str(tmp_path / 'run'), 'topics': ['joint_states']}
     recorder = graph.start(BagRecorder, given)
     publisher = graph.speak(interfaces.JOINT_STATES)
     sent = [serialize_message(frame_message(named, number)) for number in range(2000)]
@@ -103,45 +98,39 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
 
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('largest', [0, 100_000])
-def test_what_a_full_disk_took_can_be_read(
-    graph: Graph,
-    start: Callable[..., Program],
-    named: NamedChain,
-    small_disk: Path,
-    storage: str,
-    largest: int,
-) -> None:
-    given = ['-p', f'output:={small_disk / "run"}', '-p', f'storage:={storage}']
-    given += ['-p', f'max_bag_size:={largest}']
-    program = start('bag_recorder', '--ros-args', *given)
-    publisher = graph.speak(interfaces.JOINT_STATES)
+def test_what_a_full_disk_took_can_be_read(small_disk: Path, storage: str, largest: int) -> None:
+    bag = small_disk / 'run'
+    thread = WritingThread(
+        lambda: BagWriter(bag, storage, largest_file=largest, flush_interval=0.0)
+    )
     sent: list[bytes] = []
-
-    def ended() -> bool:
-        sent.extend(publish_frames(publisher, named, 100))
-        return program.process.poll() is not None
-
-    graph.until(ended, 'the end of the recorder')
-    assert program.process.returncode == 1
-    _, failed = program.said
-    held = messages_of(small_disk / 'run_0')['/joint_states']
+    while thread.failure is None:
+        messages = [Taken(NUDGES, len(sent) + n, os.urandom(100)) for n in range(100)]
+        sent += [message.serialized for message in messages]
+        thread.put(messages)
+    thread.close({})
+    held = messages_of(small_disk / 'run_0')['/nudge']
     assert len(held) > 1000
     assert held == sent[: len(held)]
-    assert f"bag '{small_disk}/run_0' cannot be written: " in failed
+    failed = str(thread.failure)
+    assert f"bag '{bag}_0' cannot be written: " in failed
     assert 'full' in failed or 'No space left' in failed
-    assert re.search(r'; choose another output; the \d+ messages before are kept$', failed)
+    assert failed.endswith(f'; choose another output; the {len(held)} messages before are kept')
 
 
 def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
     named: NamedChain, tmp_path: Path
 ) -> None:
     gate = threading.Event()
-    thread = WritingThread(lambda: BagWriter(tmp_path / 'run', 'mcap'), most_waiting=1000)
-    thread._post(gate.wait)
-    topic = interfaces.NUDGE
-    source = Source('/nudge', 'std_msgs/msg/Float64', (topic.qos,))
+
+    class SlowDisk(BagWriter):
+        def split(self) -> None:
+            gate.wait()
+
+    thread = WritingThread(lambda: SlowDisk(tmp_path / 'run', 'mcap'), most_waiting=1000)
+    thread.split()
     for number in range(100):
-        thread.put([Taken(source, number, bytes(100))])
+        thread.put([Taken(NUDGES, number, bytes(100))])
     gate.set()
     thread.close({})
     assert thread.dropped == {'/nudge': 90}

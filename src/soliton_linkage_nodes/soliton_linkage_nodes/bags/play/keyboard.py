@@ -12,6 +12,9 @@ import tty
 from collections.abc import Callable, Mapping
 
 _POLL_INTERVAL = 0.1
+"""How soon it stops when it is told to [s]."""
+_MOST_READ = 64
+"""Bytes that are read at one go, many more than a person types in that time."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
@@ -51,7 +54,7 @@ class Keyboard:
     def _run(self) -> None:
         while not self._stopping.is_set():
             ready, _, _ = select.select([self._terminal], [], [], _POLL_INTERVAL)
-            pressed = os.read(self._terminal, 64).decode(errors='replace') if ready else ''
+            pressed = os.read(self._terminal, _MOST_READ).decode(errors='replace') if ready else ''
             if ready and not pressed:
                 return
             for key in _keys(pressed):

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from soliton_linkage_nodes.runtime import interfaces
 
 _POLL_INTERVAL = 0.05
+"""How soon a replay that waits for an answer stops when it is told to [s]."""
 
 
 class Lockstep:
@@ -22,33 +23,46 @@ class Lockstep:
     An answer to a frame is one to all frames before it, which the analyser may have refused.
     """
 
-    def __init__(self, node: Node, topic: str, window: int, limit: float) -> None:
-        """Listen to a topic of soliton states; no more frames than `window` are unanswered.
+    def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
+        """Listen to the states beside a topic of frames, of which `window` may be unanswered.
 
         Where none is answered for `limit` [s], those that were sent are given up.
         """
         self.given_up = 0
+        self.frames = frames
+        self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'
         self._window = window
         self._limit = limit
         self._changed = threading.Condition()
         self._unanswered: deque[bytes] = deque()
         self._subscription = node.create_subscription(
-            interfaces.SOLITON_STATE.type, topic, self._answer, interfaces.stream_qos(), raw=True
+            interfaces.SOLITON_STATE.type,
+            self.states,
+            self._answer,
+            interfaces.stream_qos(),
+            raw=True,
         )
 
-    @property
-    def analysers(self) -> int:
-        """How many publishers of soliton states it hears."""
-        return int(self._subscription.get_publisher_count())
+    def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
+        """Wait until somebody publishes states; ValueError where nobody has after a time [s]."""
+        deadline = time.monotonic() + limit
+        while not self._subscription.get_publisher_count():
+            if stopping.wait(_POLL_INTERVAL):
+                return
+            if time.monotonic() > deadline:
+                raise ValueError(
+                    f'nothing publishes {interfaces.SOLITON_STATE.name} after {limit:g} s; '
+                    'start soliton_analyser, or set lockstep to false'
+                )
 
-    def sent(self, frame: bytes) -> None:
-        """Count a frame that is about to be sent."""
-        with self._changed:
-            self._unanswered.append(_stamp(frame))
-
-    def wait_for_room(self, stopped: Callable[[], bool]) -> None:
-        """Wait until one more frame may be sent."""
+    def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
+        """Wait until one more frame may be sent, or, for another topic, until all are answered."""
+        if topic != self.frames:
+            self.settle(stopped)
+            return
         self._wait(self._window - 1, stopped)
+        with self._changed:
+            self._unanswered.append(_stamp(message))
 
     def settle(self, stopped: Callable[[], bool]) -> None:
         """Wait until every frame is answered."""

@@ -8,8 +8,10 @@ import time
 from collections.abc import Callable
 from enum import Enum
 
+RATES = (1e-3, 1e3)
+"""Slowest and fastest that a bag is played, against as it was recorded."""
 _LONGEST_WAIT = 0.1
-_LONGEST_STEP = 1.0
+"""From one call of `meanwhile` to the next [s]: a line that is shown does not seem to stall."""
 
 
 class Turn(Enum):
@@ -24,7 +26,8 @@ class Transport:
     """Plays the time of a bag [ns] at a rate; another thread may pause, seek, step and stop it.
 
     The time that is played is `p = p0 + rate (t - t0)`, with a new (t0, p0) at each change.
-    Where it is not paced, every message is due at once, except in a pause.
+    Where it is not paced, every message is due at once, except in a pause. `stopping` is set once
+    nothing passes any more.
     """
 
     def __init__(
@@ -33,9 +36,16 @@ class Transport:
         paused: bool = False,
         paced: bool = True,
         clock: Callable[[], float] = time.monotonic,
+        longest_step: float = 1.0,
+        changed: threading.Condition | None = None,
     ) -> None:
-        """Stand still until the first `start`."""
-        self._changed = threading.Condition()
+        """Stand still until the first `start`; a step that is not taken is forgotten soon [s].
+
+        Waits on the condition, which goes on as the clock does.
+        """
+        self.stopping = threading.Event()
+        self._longest_step = longest_step
+        self._changed = changed or threading.Condition()
         self._clock = clock
         self._paced = paced
         self._rate = rate
@@ -44,7 +54,6 @@ class Transport:
         self._since = clock()
         self._steps = 0
         self._sought: int | None = None
-        self._stopped = False
 
     @property
     def rate(self) -> float:
@@ -94,11 +103,11 @@ class Transport:
     def play_next(self) -> bool:
         """Let one message pass in a pause; False where there is no pause, or no message."""
         with self._changed:
-            if not self._paused or self._stopped:
+            if not self._paused or self.stopping.is_set():
                 return False
             self._steps += 1
             self._changed.notify_all()
-            passed = self._changed.wait_for(lambda: not self._steps, _LONGEST_STEP)
+            passed = self._changed.wait_for(lambda: not self._steps, self._longest_step)
             self._steps = 0
             return passed
 
@@ -111,7 +120,7 @@ class Transport:
     def stop(self) -> None:
         """Let nothing pass any more."""
         with self._changed:
-            self._stopped = True
+            self.stopping.set()
             self._changed.notify_all()
 
     def take_sought(self) -> int:
@@ -127,7 +136,7 @@ class Transport:
         while True:
             with self._changed:
                 early = self._early(stamp)
-                if self._stopped:
+                if self.stopping.is_set():
                     return Turn.STOP
                 if self._sought is not None:
                     return Turn.SEEK

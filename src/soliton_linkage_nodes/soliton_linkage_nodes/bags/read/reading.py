@@ -7,22 +7,19 @@ import importlib
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.reader import DirectoryReader
 
-from soliton_linkage.linkage.recording import Recording
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
 from soliton_linkage_nodes.bags.read.older_messages import OlderMessages, is_older
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    chain_from_msg,
-    frame_from_msg,
-    time_from_msg,
-)
+from soliton_linkage_nodes.bags.storages.registry import STORAGES, storage_of, suffixes
+
+if TYPE_CHECKING:
+    from rosbags.rosbag2.reader import ReaderProtocol
 
 
 @contextmanager
@@ -30,18 +27,19 @@ def open_bag(path: Path) -> Iterator[Reader]:
     """Open a bag to read; raises ValueError where it is missing or cannot be read."""
     if not path.exists():
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
-    if path.is_dir() and not (path / METADATA_FILE).exists() and _files_of(path):
+    unfinished = path.is_dir() and not (path / METADATA_FILE).exists()
+    if unfinished and any(map(storage_of, path.iterdir())):
         raise ValueError(
             f'bag {str(path)!r} cannot be read: it has no {METADATA_FILE}; its recorder still '
             f'runs, or was killed, and then recover_bag {path} makes a whole bag of it'
         )
     try:
-        reader = Reader(path)
+        reader = _reader(path)
         reader.open()
     except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
             f'bag {str(path)!r} cannot be read: {_one_line(error)} '
-            'Give a directory with metadata.yaml and an .mcap or .db3 file, or, where it is '
+            f'Give a directory with metadata.yaml and an {suffixes()} file, or, where it is '
             f'damaged, try recover_bag {path}'
         ) from error
     try:
@@ -131,28 +129,6 @@ def decoder(connection: Connection) -> Callable[[bytes], Any]:
     return decode
 
 
-def read_chain(reader: Reader) -> NamedChain:
-    """Return the last chain that a bag holds."""
-    chains = [message for _, message in read_topic(reader, 'chain')]
-    if not chains:
-        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain')
-    return chain_from_msg(chains[-1])
-
-
-def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
-    """Return the chain of a bag and its joint states; time 0 is the first frame."""
-    named = read_chain(reader)
-    messages = [message for _, message in read_topic(reader, 'joint_states')]
-    if not messages:
-        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
-    frames = [frame_from_msg(named, message) for message in messages]
-    stamps = [time_from_msg(message.header.stamp) for message in messages]
-    times = np.array([stamp - stamps[0] for stamp in stamps], dtype=np.float64) * 1e-9
-    rates = [frame.rates for frame in frames if frame.rates is not None]
-    complete = np.array(rates) if len(rates) == len(frames) else np.empty((0, named.rotors))
-    return named, Recording(times, np.array([frame.angles for frame in frames]), complete)
-
-
 def message_class(type_name: str) -> Any:
     """Return the class of a message type such as 'sensor_msgs/msg/JointState'."""
     package, _, name = type_name.partition('/msg/')
@@ -175,8 +151,20 @@ def latched(connection: Connection) -> bool:
     return any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in profiles)
 
 
-def _files_of(folder: Path) -> list[Path]:
-    return [path for path in folder.iterdir() if path.suffix in ('.mcap', '.db3')]
+def _reader(path: Path) -> Reader:
+    """A reader of a bag of any storage; rosbags by itself knows two."""
+    by_suffix = {each.suffix: each.reader for each in STORAGES.values()}
+    by_name = {name: each.reader for name, each in STORAGES.items()}
+
+    class AnyFolder(DirectoryReader):
+        STORAGE_PLUGINS = by_name
+
+    everything: dict[str, type[ReaderProtocol]] = {'dir': AnyFolder, **by_suffix}
+
+    class AnyBag(Reader):
+        STORAGE_PLUGINS = everything
+
+    return AnyBag(path)
 
 
 def _one_line(error: Exception) -> str:

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version
+from dataclasses import replace
 from pathlib import Path
 
 from rclpy.qos import QoSProfile
@@ -17,18 +18,16 @@ from soliton_linkage_nodes.bags.metadata import (
     bag_information,
     write_metadata,
 )
-from soliton_linkage_nodes.bags.record.mcap_writer import McapWriter
-from soliton_linkage_nodes.bags.record.sqlite_writer import SqliteWriter
+from soliton_linkage_nodes.bags.storages.registry import STORAGES
+from soliton_linkage_nodes.bags.storages.storage import FileWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, type_definition
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
-STORAGES = ('mcap', 'sqlite3')
-COMPRESSIONS = ('none', 'zstd')
-
-_FLUSH_INTERVAL = 0.25
 _NOTE_INTERVAL = 1.0
+"""How often changed texts are put into the file, which in mcap keeps every version [s]."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-_SECOND = 10**9
+"""Room for the index of a day's mcap file, which takes some 100 bytes a chunk [B]."""
 
 
 class BagWriter:
@@ -49,11 +48,15 @@ class BagWriter:
         compression: str = 'none',
         largest_file: int = 0,
         longest_file: float = 0.0,
+        flush_interval: float = 0.25,
     ) -> None:
         """Create the directory; a new file is begun after so many bytes or seconds, if any."""
-        if compression != 'none' and storage != 'mcap':
+        writers = STORAGES[storage].writers
+        if compression not in writers:
+            others = ', '.join(n for n, each in STORAGES.items() if compression in each.writers)
             raise ValueError(
-                f'compression {compression!r} is not for storage {storage!r}; use mcap, or none'
+                f'compression {compression!r} is not for storage {storage!r}; '
+                f'use {others}, or none'
             )
         self.path = name
         self.topics: list[StoredTopic] = []
@@ -62,11 +65,13 @@ class BagWriter:
         self._begun: int | None = None
         self._name = name.name
         self._storage = storage
-        self._codec = '' if compression == 'none' else compression
+        self._create = writers[compression]
+        self._suffix = STORAGES[storage].suffix
+        self._flush_interval = flush_interval
         self._largest_file = largest_file
-        self._longest_file = round(longest_file * _SECOND)
+        self._longest_file = round(longest_file * SECOND)
         self._files: list[StoredFile] = []
-        self._counts: dict[int, int] = {}
+        self._counts: Counter[int] = Counter()
         self._custom_data: dict[str, str] = {}
         self._noted: dict[str, str] = {}
         self._flushed_at = time.monotonic()
@@ -89,26 +94,19 @@ class BagWriter:
         """Files begun so far."""
         return len(self._files) + 1
 
-    def add_topic(self, topic: str, type_name: str, qos: QoSProfile) -> StoredTopic:
-        """Begin to store a topic, with the quality of service to replay it with.
+    def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
+        """Begin to store a topic, with the qualities of service that its publishers offer.
 
         Raises ValueError where the definition of its type is not to be had.
         """
-        return self.add_topic_of_publishers(topic, type_name, [qos])
-
-    def add_topic_of_publishers(
-        self, topic: str, type_name: str, profiles: Sequence[QoSProfile]
-    ) -> StoredTopic:
-        """Begin to store a topic that several publishers offer, each in its quality of service."""
         definition, digest = type_definition(type_name)
-        text = profiles_text(list(profiles))
+        text = profiles_text(profiles)
         stored = StoredTopic(0, topic, type_name, definition, 'ros2msg', digest, text)
         return self.add_stored_topic(stored)
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
         """Begin to store a topic that is told whole; return it with its number in this bag."""
-        number = len(self.topics) + 1
-        stored = StoredTopic(**{**topic.__dict__, 'number': number})
+        stored = replace(topic, number=len(self.topics) + 1)
         self.topics.append(stored)
         with self._complaining():
             self._file.add_topic(stored)
@@ -134,13 +132,18 @@ class BagWriter:
         """Hand what was written to the system, if the last time was not just now."""
         now = time.monotonic()
         with self._complaining():
-            if now - self._flushed_at >= _FLUSH_INTERVAL:
+            if now - self._flushed_at >= self._flush_interval:
                 self._flushed_at = now
                 self._file.flush()
             if self._custom_data != self._noted and now - self._noted_at >= _NOTE_INTERVAL:
                 self._noted_at = now
                 self._noted = dict(self._custom_data)
                 self._file.note(self._noted)
+
+    def flush(self) -> None:
+        """Hand what was written to the system now."""
+        with self._complaining():
+            self._file.flush()
 
     def note(self, custom_data: Mapping[str, str]) -> None:
         """Keep texts in the bag's metadata, also if the bag is never closed."""
@@ -188,27 +191,24 @@ class BagWriter:
     def _is_full(self, span: int) -> bool:
         return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
 
-    def _open_file(self) -> McapWriter | SqliteWriter:
-        suffix = McapWriter.suffix if self._storage == 'mcap' else SqliteWriter.suffix
-        path = self.path / f'{self._name}_{len(self._files)}{suffix}'
-        if self._storage == 'mcap':
-            return McapWriter(path, self._codec, f'soliton_linkage {suite_version()}')
-        return SqliteWriter(path)
+    def _file_name(self) -> str:
+        return f'{self._name}_{len(self._files)}{self._suffix}'
+
+    def _open_file(self) -> FileWriter:
+        return self._create(self.path / self._file_name())
 
     def _close_file(self) -> None:
         self._file.flush()
         start, end = self._file.span or (time.time_ns(),) * 2
-        name = f'{self._name}_{len(self._files)}{self._file.suffix}'
-        stored = StoredFile(name, sum(self._file.counts.values()), start, end)
+        stored = StoredFile(self._file_name(), sum(self._file.counts.values()), start, end)
         self._file.close(as_text(self._information([stored])))
-        for number, count in self._file.counts.items():
-            self._counts[number] = self._counts.get(number, 0) + count
-        self._file.counts = {}
+        self._counts.update(self._file.counts)
+        self._file.counts = Counter()
         self._files.append(stored)
 
     def _information(self, last: Sequence[StoredFile]) -> dict[str, object]:
         counts = {
-            topic: self._counts.get(topic.number, 0) + self._file.counts.get(topic.number, 0)
+            topic: self._counts[topic.number] + self._file.counts[topic.number]
             for topic in self.topics
         }
         files = [*self._files, *last]
@@ -222,11 +222,6 @@ class BagWriter:
             raise OSError(
                 f'bag {str(self.path)!r} cannot be written: {error}; choose another output'
             ) from error
-
-
-def suite_version() -> str:
-    """Version of the suite that writes a bag."""
-    return version('soliton_linkage_nodes')
 
 
 def _first_free(name: Path) -> Path:

@@ -17,6 +17,7 @@ from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
 from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
 
 _DEPTH = 5000
+"""Messages that a queue holds while nobody takes them: five seconds of a topic at 1000 Hz."""
 
 
 class Inlet:

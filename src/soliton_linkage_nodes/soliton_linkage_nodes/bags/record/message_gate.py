@@ -7,9 +7,10 @@ from collections import deque
 from collections.abc import Iterable
 
 from soliton_linkage_nodes.bags.record.writing_thread import Taken
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
-_SECOND = 10**9
 _MOST_KEPT = 512 * 2**20
+"""What the last seconds of a snapshot may take in memory [B]."""
 
 
 class MessageGate:
@@ -19,13 +20,21 @@ class MessageGate:
     understood. The last seconds of a snapshot take 512 MiB at most.
     """
 
-    def __init__(self, snapshot: float = 0.0, paused: bool = False) -> None:
+    def __init__(
+        self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
+    ) -> None:
         """Keep the last seconds for snapshots, or, for 0, let everything pass."""
         self.paused = paused
-        self._window = round(snapshot * _SECOND)
+        self._most_kept = most_kept
+        self._window = round(snapshot * SECOND)
         self._latched: dict[str, Taken] = {}
         self._kept: deque[Taken] = deque()
         self._bytes = 0
+
+    @property
+    def held(self) -> int:
+        """How many messages it holds back."""
+        return len(self._kept) + len(self._latched)
 
     def take(self, messages: Iterable[Taken]) -> list[Taken]:
         """Return those of some messages that are to be recorded now."""
@@ -62,7 +71,8 @@ class MessageGate:
 
     def _forget(self) -> None:
         while self._kept and (
-            self._kept[-1].stamp - self._kept[0].stamp > self._window or self._bytes > _MOST_KEPT
+            self._kept[-1].stamp - self._kept[0].stamp > self._window
+            or self._bytes > self._most_kept
         ):
             old = self._kept.popleft()
             self._bytes -= len(old.serialized)

@@ -15,7 +15,9 @@ from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _TICK = 0.1
+"""How often the bag is told of the time where no messages come, so that it flushes [s]."""
 _MOST_WAITING = 512 * 2**20
+"""What may wait in memory [B]: ten seconds of a thousand rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,8 @@ class WritingThread:
 
     def put(self, messages: Sequence[Taken]) -> None:
         """Have messages written, soon."""
+        if not messages:
+            return
         size = sum(len(message.serialized) for message in messages)
         with self._changed:
             if self.failure is not None or self._bytes + size > self._most_waiting:
@@ -152,8 +156,8 @@ class WritingThread:
     def _begin(self, source: Source) -> StoredTopic | None:
         if source not in self._topics:
             try:
-                self._topics[source] = self._writer.add_topic_of_publishers(
-                    source.name, source.type_name, source.profiles
+                self._topics[source] = self._writer.add_topic(
+                    source.name, source.type_name, *source.profiles
                 )
             except ValueError as error:
                 self._topics[source] = None

@@ -16,22 +16,26 @@ from backports import zstd
 
 from soliton_linkage_nodes.bags.metadata import read_metadata
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.rescue.mcap_rescue import RescuedMcap
-from soliton_linkage_nodes.bags.rescue.rescued import RescuedFile, completed
-from soliton_linkage_nodes.bags.rescue.sqlite_rescue import RescuedSqlite
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.bags.rescue.packed_files import PACKED, unpack_file
+from soliton_linkage_nodes.bags.storages.registry import STORAGES, storage_of, suffixes
+from soliton_linkage_nodes.bags.storages.storage import RescuedFile
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
-_SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _ZSTD = b'\x28\xb5\x2f\xfd'
-_STEP = 2**20
 _SHOW_EVERY = 1000
+"""Messages from one call of `show` to the next, which costs as much as reading a few."""
 
 Show = Callable[[int], None]
 
 
 @dataclass
 class BagReport:
-    """What a bag holds, and what is wrong with it."""
+    """What a bag holds, and what is wrong with it.
+
+    `counts` holds the messages of each topic, `start` and `end` the stamps of the first and the
+    last [ns], `damage` a line for each wound. `lost` counts messages that were recorded and
+    cannot be read any more, as far as is known.
+    """
 
     path: Path
     storage: str
@@ -41,7 +45,6 @@ class BagReport:
     end: int = 0
     damage: list[str] = field(default_factory=list)
     lost: int = 0
-    """Messages that were recorded and cannot be read any more, as far as is known."""
     custom_data: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -52,7 +55,7 @@ class BagReport:
 
 def check_bag(path: Path, show: Show = lambda done: None) -> BagReport:
     """Read a bag to the last byte; raises ValueError where it is none."""
-    return _read(path, _NoWriter(), False, show)
+    return _Reading(path, None, False, show).report
 
 
 def recover_bag(
@@ -63,109 +66,72 @@ def recover_bag(
     `doubtful` brings back messages whose checksum is wrong, too. Raises ValueError where nothing
     is to be brought back, and OSError where the new bag cannot be written.
     """
-    writer = _LateWriter(output, _storage_of(_files_of(path)))
-    report = _read(path, writer, doubtful, show)
-    if not report.counts:
+    reading = _Reading(path, output, doubtful, show)
+    report, writer = reading.report, reading.writer
+    if writer is None:
         why = '; '.join(report.damage) or 'it is empty'
         raise ValueError(f'bag {str(path)!r} has nothing that could be brought back: {why}')
     custom = {**report.custom_data, 'recovered_from': str(path)}
     if report.damage:
         custom['damage'] = '; '.join(report.damage)
-    return report, writer.close(custom)
+    writer.close(custom)
+    return report, writer.path
 
 
-class _NoWriter:
-    """Takes messages and keeps nothing."""
+class _Reading:
+    """A bag that was read to the last byte, and written into a new one where there is an output.
 
-    def begin(self, topic: StoredTopic) -> None:
-        """Take a topic."""
+    The new bag is begun with the first topic: of nothing there is none.
+    """
 
-    def write(self, topic: StoredTopic, stamp: int, serialized: bytes) -> None:
-        """Take a message."""
+    def __init__(self, path: Path, output: Path | None, doubtful: bool, show: Show) -> None:
+        files = _files_of(path)
+        self.report = BagReport(path, _storage_of(files[0]), files)
+        self.writer: BagWriter | None = None
+        self._output = output
+        self._show = show
+        self._topics: dict[tuple[str, str], StoredTopic] = {}
+        information = read_metadata(path) if path.is_dir() else None
+        types = _types_in(information)
+        for file in files:
+            with _opened(file, doubtful) as rescued:
+                told = rescued.topics.values()
+                self._take(rescued, {topic: self._known(_named(topic, types)) for topic in told})
+                self.report.custom_data.update(rescued.custom_data)
+                self.report.damage += [f'{file.name}: {damage}' for damage in rescued.damage]
+                self.report.lost += rescued.lost
+        _compare(self.report, information, path)
 
+    def _known(self, topic: StoredTopic) -> StoredTopic | None:
+        """The topic as it is in all files; None where its type is lost."""
+        key = (topic.name, topic.type_name)
+        if topic.type_name and key not in self._topics:
+            self._topics[key] = replace(topic, number=len(self._topics) + 1)
+            self.report.counts[self._topics[key]] = 0
+            if self._output is not None:
+                self.writer = self.writer or BagWriter(self._output, self.report.storage)
+                self.writer.add_stored_topic(self._topics[key])
+        return self._topics.get(key)
 
-class _LateWriter(_NoWriter):
-    """Writes a bag that is created with its first topic."""
-
-    def __init__(self, name: Path, storage: str) -> None:
-        """Create nothing yet."""
-        self._name = name
-        self._storage = storage
-        self._writer: BagWriter | None = None
-        self._stored: dict[StoredTopic, StoredTopic] = {}
-
-    def begin(self, topic: StoredTopic) -> None:
-        """Begin to store a topic."""
-        if self._writer is None:
-            self._writer = BagWriter(self._name, self._storage)
-        self._stored[topic] = self._writer.add_stored_topic(topic)
-
-    def write(self, topic: StoredTopic, stamp: int, serialized: bytes) -> None:
-        """Store a message."""
-        if self._writer is not None:
-            self._writer.write(self._stored[topic], stamp, serialized)
-
-    def close(self, custom_data: Mapping[str, str]) -> Path:
-        """Finish the bag and return its path."""
-        if self._writer is None:
-            raise ValueError(f'bag {str(self._name)!r} was never begun')
-        self._writer.close(custom_data)
-        return self._writer.path
-
-
-def _read(path: Path, writer: _NoWriter, doubtful: bool, show: Show) -> BagReport:
-    files = _files_of(path)
-    report = BagReport(path, _storage_of(files), files)
-    information = read_metadata(path) if path.is_dir() else None
-    types = _types_in(information)
-    known: dict[tuple[str, str], StoredTopic] = {}
-    for file in files:
-        with _opened(file, doubtful) as rescued:
-            mine: dict[StoredTopic, StoredTopic] = {}
-            for topic in rescued.topics:
-                named = _named(topic, types)
-                key = (named.name, named.type_name)
-                if named.type_name and key not in known:
-                    known[key] = replace(named, number=len(known) + 1)
-                    report.counts[known[key]] = 0
-                    writer.begin(known[key])
-                if key in known:
-                    mine[topic] = known[key]
-            _take(report, rescued, mine, writer, show)
-            report.custom_data.update(rescued.custom_data)
-            _note(report, file, rescued)
-    _compare(report, information, path)
-    return report
-
-
-def _take(
-    report: BagReport,
-    rescued: RescuedFile,
-    topics: Mapping[StoredTopic, StoredTopic],
-    writer: _NoWriter,
-    show: Show,
-) -> None:
-    nameless = 0
-    for topic, stamp, data in rescued.messages():
-        mine = topics.get(topic)
-        if mine is None:
-            nameless += 1
-            continue
-        serialized = zstd.decompress(data) if data.startswith(_ZSTD) else data
-        writer.write(mine, stamp, serialized)
-        report.counts[mine] += 1
-        report.start = stamp if report.start is None else min(report.start, stamp)
-        report.end = max(report.end, stamp)
-        if not report.messages % _SHOW_EVERY:
-            show(report.messages)
-    if nameless:
-        rescued.findings.damage.append(f'{nameless} messages are of topics whose types are lost')
-        rescued.findings.lost += nameless
-
-
-def _note(report: BagReport, file: Path, rescued: RescuedFile) -> None:
-    report.damage += [f'{file.name}: {damage}' for damage in rescued.findings.damage]
-    report.lost += rescued.findings.lost
+    def _take(
+        self, rescued: RescuedFile, topics: Mapping[StoredTopic, StoredTopic | None]
+    ) -> None:
+        report, nameless = self.report, 0
+        for topic, stamp, data in rescued.messages():
+            known = topics[topic]
+            if known is None:
+                nameless += 1
+                continue
+            if self.writer is not None:
+                packed = data.startswith(_ZSTD)
+                self.writer.write(known, stamp, zstd.decompress(data) if packed else data)
+            report.counts[known] += 1
+            report.start = stamp if report.start is None else min(report.start, stamp)
+            report.end = max(report.end, stamp)
+            if not report.messages % _SHOW_EVERY:
+                self._show(report.messages)
+        if nameless:
+            rescued.complain(f'{nameless} messages are of topics whose types are lost', nameless)
 
 
 def _compare(report: BagReport, information: Mapping[str, Any] | None, path: Path) -> None:
@@ -212,9 +178,9 @@ def _files_of(path: Path) -> list[Path]:
     if not path.exists():
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
     candidates = [path] if path.is_file() else list(path.iterdir())
-    files = [file for file in candidates if file.is_file() and _kind_of(file) in _SUFFIXES]
+    files = [file for file in candidates if file.is_file() and storage_of(_plain(file))]
     if not files:
-        raise ValueError(f'bag {str(path)!r} has no .mcap or .db3 file; give a bag directory')
+        raise ValueError(f'bag {str(path)!r} has no {suffixes()} file; give a bag directory')
     return sorted(files, key=_place)
 
 
@@ -223,41 +189,24 @@ def _place(file: Path) -> tuple[int, str]:
     return (int(number[1]) if number else 0, file.name)
 
 
-def _kind_of(file: Path) -> str:
-    return Path(file.stem).suffix if file.suffix == '.zstd' else file.suffix
+def _plain(file: Path) -> Path:
+    """Path of a file as it was called before it was packed."""
+    return Path(file.stem) if file.suffix == PACKED else file
 
 
-def _storage_of(files: list[Path]) -> str:
-    return _SUFFIXES[_kind_of(files[0])]
+def _storage_of(file: Path) -> str:
+    return storage_of(_plain(file)) or ''
 
 
 @contextmanager
 def _opened(file: Path, doubtful: bool) -> Iterator[RescuedFile]:
+    storage = STORAGES[_storage_of(file)]
+    if file.suffix != PACKED:
+        yield storage.rescue(file, doubtful)
+        return
     with TemporaryDirectory(prefix='recover_bag_') as folder:
-        plain = file
-        if file.suffix == '.zstd':
-            plain = Path(folder, file.stem)
-            damage = _unpack(file, plain)
-        rescued = _read_file(plain, doubtful)
-        if file.suffix == '.zstd' and damage:
-            rescued.findings.damage.insert(0, damage)
+        plain = Path(folder, file.stem)
+        damage = unpack_file(file, plain)
+        rescued = storage.rescue(plain, doubtful)
+        rescued.damage[:0] = [damage] if damage else []
         yield rescued
-
-
-def _read_file(file: Path, doubtful: bool) -> RescuedFile:
-    return RescuedMcap(file, doubtful) if file.suffix == '.mcap' else RescuedSqlite(file)
-
-
-def _unpack(file: Path, plain: Path) -> str | None:
-    """Unpack a file as far as it can be; return what is wrong with it."""
-    unpacker = zstd.ZstdDecompressor()
-    with file.open('rb') as packed, plain.open('wb') as out:
-        try:
-            while piece := packed.read(_STEP):
-                while piece:
-                    unpacker = zstd.ZstdDecompressor() if unpacker.eof else unpacker
-                    out.write(unpacker.decompress(piece))
-                    piece = unpacker.unused_data if unpacker.eof else b''
-        except zstd.ZstdError as error:
-            return f'its compression is damaged: {error}'
-    return None if unpacker.eof else 'its compression is cut short'

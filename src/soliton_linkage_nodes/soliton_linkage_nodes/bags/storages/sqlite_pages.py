@@ -12,10 +12,15 @@ Row = tuple[int, tuple[Value, ...]]
 
 MAGIC = b'SQLite format 3\x00'
 _FILE_HEADER = 100
+"""Bytes of the header that the first page begins with."""
 _LEAF_OF_TABLE = 0x0D
+"""First byte of a page that holds rows."""
 _PAGE_HEADER = 8
+"""Bytes of the header of such a page."""
 _DEFAULT_PAGE = 4096
+"""Size of a page where nobody asked for another [B]."""
 _SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 7: 8, 8: 0, 9: 0}
+"""Bytes of a value by its serial type, of those whose size is fixed."""
 
 
 class DamagedRow(ValueError):

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.rescue.sqlite_pages import SqlitePages
+from soliton_linkage_nodes.bags.storages.sqlite_pages import SqlitePages
 
 VALUES = st.one_of(
     st.none(),
@@ -24,7 +24,7 @@ VALUES = st.one_of(
 ROWS = st.lists(st.tuples(st.integers(-(2**62), 2**62), VALUES, VALUES), max_size=30)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(ROWS, st.sampled_from([512, 1024, 4096, 65536]))
 def test_every_row_is_read_as_sqlite3_reads_it(
     rows: list[tuple[int, object, object]], page: int

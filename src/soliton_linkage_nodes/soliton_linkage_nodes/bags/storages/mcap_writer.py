@@ -12,31 +12,30 @@ from io import BytesIO
 from pathlib import Path
 from zlib import crc32
 
-from soliton_linkage_nodes.bags.read import mcap_records as mcap
-from soliton_linkage_nodes.bags.read.mcap_records import Channel, Opcode, Schema
+from soliton_linkage_nodes.bags.metadata import suite_version
+from soliton_linkage_nodes.bags.storages import mcap_records as mcap
+from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Schema
+from soliton_linkage_nodes.bags.storages.storage import FileWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-_DEFINITIONS_INTERVAL = 10.0
-NOTES = 'soliton_linkage'
+"""Size from which on a chunk is written [B]: a damaged byte costs a chunk, and of smaller ones
+the heads and indexes count. The format's own writers take 768 KiB to 4 MiB."""
 
 
-class McapWriter:
-    """Writes one file. Chunks carry checksums, and definitions are told again every ten seconds.
+class McapWriter(FileWriter):
+    """Writes chunks that carry checksums, and tells the definitions again every ten seconds.
 
-    Whatever part of the file is lost, the messages in the rest can thus be understood. Methods
-    raise OSError where the disk refuses; the file is then cut back to its last whole chunk.
-    `counts` holds the messages of each topic, `span` the stamps of the first and the last [ns].
+    Whatever part of the file is lost, the messages in the rest can thus be understood. Where the
+    disk refuses, the file is cut back to its last whole chunk.
     """
 
-    suffix = '.mcap'
-
-    def __init__(self, path: Path, codec: str, library: str) -> None:
-        """Create the file; codec is '' or 'zstd'."""
+    def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
+        """Create the file; codec is '' or 'zstd', the interval of definitions in seconds."""
+        super().__init__()
         self._end = 0
-        self.counts: dict[int, int] = {}
-        self.span: tuple[int, int] | None = None
         self._codec = codec
+        self._definitions_interval = definitions_interval
         self._file = path.open('xb', buffering=0)
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -46,6 +45,7 @@ class McapWriter:
         self._chunk_indexes: list[bytes] = []
         self._metadata: list[tuple[int, int, str]] = []
         self._told_at = time.monotonic()
+        library = f'soliton_linkage {suite_version()}'
         header = mcap.record(Opcode.HEADER, mcap.text(mcap.PROFILE), mcap.text(library))
         self._append(mcap.MAGIC + header)
 
@@ -111,7 +111,7 @@ class McapWriter:
         self._append(head, packed, indexes)
         self._chunk_indexes.append(index)
         if stamps:
-            self.span = widened(widened(self.span, start), end)
+            self._widen((start, end))
 
     def discard(self) -> None:
         """Forget what the disk refused."""
@@ -121,7 +121,7 @@ class McapWriter:
 
     def note(self, texts: Mapping[str, str]) -> None:
         """Keep texts at this place of the file."""
-        self._add_metadata(NOTES, texts)
+        self._add_metadata(mcap.NOTES, texts)
 
     def close(self, metadata: str) -> None:
         """Write what is left, the bag's metadata and the index, and end the file."""
@@ -137,7 +137,7 @@ class McapWriter:
     def _begin_chunk(self) -> None:
         self._chunk.seek(0)
         self._places.clear()
-        if time.monotonic() - self._told_at > _DEFINITIONS_INTERVAL:
+        if time.monotonic() - self._told_at > self._definitions_interval:
             self._told_at = time.monotonic()
             self._chunk.writelines(map(mcap.schema_record, self._schemas.values()))
             self._chunk.writelines(map(mcap.channel_record, self._channels.values()))
@@ -197,8 +197,3 @@ class McapWriter:
             self._file.seek(begin)
             raise
         self._end = begin + size
-
-
-def widened(span: tuple[int, int] | None, stamp: int) -> tuple[int, int]:
-    """Return a span of time that a stamp lies in as well."""
-    return (stamp, stamp) if span is None else (min(span[0], stamp), max(span[1], stamp))

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.read import mcap_records as mcap
-from soliton_linkage_nodes.bags.read.mcap_records import Channel, Message, Schema
+from soliton_linkage_nodes.bags.storages import mcap_records as mcap
+from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Message, Schema
 
 TEXTS = st.text(alphabet=st.characters(exclude_categories=['Cs']), max_size=20)
 NUMBERS = st.integers(0, 2**16 - 1)

@@ -19,7 +19,11 @@ _MESSAGE_RECORD_HEADER: Final = struct.Struct('<BQHIQQ')
 RECORD_HEADER: Final = struct.Struct('<BQ')
 CHUNK_HEADER: Final = struct.Struct('<QQQI')
 CODECS: Final = ('', 'zstd', 'lz4')
+_PIECE: Final = 4096
+"""Size of what is unpacked at one go [B]: so much before damage may be lost with it."""
 PROFILE: Final = 'ros2'
+NOTES: Final = 'soliton_linkage'
+"""Name of the records of metadata in which a bag that is not closed keeps its texts."""
 
 
 class Opcode(IntEnum):
@@ -215,9 +219,14 @@ def parse_metadata(body: bytes) -> tuple[str, dict[str, str]]:
     return fields.text(), fields.text_map()
 
 
-def parse_summary_start(body: bytes) -> int:
-    """Offset of the summary, 0 for none, of a footer's record."""
-    return Fields(body).number(8)
+def parse_message_index(body: bytes) -> list[int]:
+    """Stamps [ns] and offsets of an index of messages, by turns; ValueError where it is none."""
+    fields = Fields(body)
+    fields.take(2)
+    places = fields.sized()
+    if len(places) % 16 or fields.rest:
+        raise ValueError('an index of messages has the wrong length')
+    return list(struct.unpack(f'<{len(places) // 8}Q', places))
 
 
 @dataclass(frozen=True)
@@ -266,8 +275,8 @@ def _unpack_begun(
     """Unpack what can be: in pieces, so that what is before the damage comes out."""
     pieces = bytearray()
     try:
-        for begin in range(0, len(packed), 4096):
-            pieces += unpacker.decompress(packed[begin : begin + 4096])
+        for begin in range(0, len(packed), _PIECE):
+            pieces += unpacker.decompress(packed[begin : begin + _PIECE])
             if len(pieces) > size or unpacker.eof:
                 break
     except (zstd.ZstdError, RuntimeError, EOFError):

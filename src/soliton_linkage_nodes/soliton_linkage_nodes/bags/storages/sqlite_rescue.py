@@ -12,15 +12,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from soliton_linkage_nodes.bags.metadata import custom_data_of
-from soliton_linkage_nodes.bags.rescue.rescued import Findings, RescuedMessage, completed
-from soliton_linkage_nodes.bags.rescue.sqlite_pages import Row, SqlitePages
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.bags.storages.sqlite_pages import Row, SqlitePages
+from soliton_linkage_nodes.bags.storages.storage import RescuedFile
+from soliton_linkage_nodes.bags.stored_topic import completed
 
 _ENCODINGS = ('ros2msg', 'ros2idl', '')
 _JOURNALS = ('-journal', '-wal')
 
 
-class RescuedSqlite:
+class RescuedSqlite(RescuedFile):
     """The intact messages of a sqlite3 file, and what is known of their topics.
 
     A copy is opened, for sqlite3 mends what an interrupted transaction left. A file that passes
@@ -28,43 +28,35 @@ class RescuedSqlite:
     checksums: bytes that changed within a message go unnoticed.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Look through the file."""
-        self.findings = Findings()
-        self.custom_data: dict[str, str] = {}
-        self._topics: dict[int, StoredTopic] = {}
+    def _learn(self, path: Path) -> None:
         self._folder = TemporaryDirectory(prefix='recover_bag_')
         self._path = self._mended(path)
         self._damaged = 0
+        self._seen: set[int] = set()
         complaint = _complaint(self._path)
         self._sound = complaint is None
         if complaint is not None:
-            self.findings.damage.append(f'sqlite3 says: {complaint}')
-        self._learn()
-        self.topics = list(self._topics.values())
+            self.complain(f'sqlite3 says: {complaint}')
+        self._learn_topics()
 
-    def messages(self) -> Iterator[RescuedMessage]:
-        """Yield the intact messages; `findings` is complete after the last."""
-        seen: set[int] = set()
-        unknown = 0
-        for number, values in self._message_rows():
-            topic = self._topics.get(values[1])
-            if not self._sound:
-                if number in seen:
-                    continue
-                seen.add(number)
-            if topic is None:
-                unknown += 1
-                continue
-            self.findings.messages += 1
-            yield topic, values[2], values[3]
-        if unknown:
-            self.findings.damage.append(f'{unknown} messages are of topics whose names are lost')
+    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
+        if self._sound:
+            with _opened(self._path) as database:
+                query = 'SELECT topic_id, timestamp, data FROM messages ORDER BY id'
+                yield from database.execute(query)
+            database.close()
+            return
+        for number, values in self._rows():
+            message = _message(values)
+            if message is not None and number not in self._seen:
+                self._seen.add(number)
+                yield message
+
+    def _conclude(self) -> None:
         if self._damaged:
-            self.findings.damage.append(f'{self._damaged} rows cannot be put together')
-        if seen:
-            self._damaged = max(self._damaged, max(seen) - len(seen))
-        self.findings.lost = unknown + self._damaged
+            self.complain(f'{self._damaged} rows cannot be put together')
+        gaps = max(self._seen) - len(self._seen) if self._seen else 0
+        self.lost += max(self._damaged, gaps)
 
     def _mended(self, path: Path) -> Path:
         """Return the file, or, where a transaction was interrupted, a copy that sqlite3 mended."""
@@ -95,24 +87,12 @@ class RescuedSqlite:
                 yield from pages.rows()
                 self._damaged = pages.damaged
 
-    def _message_rows(self) -> Iterator[tuple[int, tuple[Any, ...]]]:
-        if self._sound:
-            with _opened(self._path) as database:
-                query = 'SELECT id, topic_id, timestamp, data FROM messages ORDER BY id'
-                for row in database.execute(query):
-                    yield row[0], row
-            database.close()
-            return
-        for number, values in self._rows():
-            if _is_message(values):
-                yield number, values
-
-    def _learn(self) -> None:
+    def _learn_topics(self) -> None:
         """Learn of topics from the tables, or from every row that looks as if it told of one."""
         if self._sound:
             rows = list(_small_rows(self._path))
         else:
-            rows = [row for row in self._rows() if not _is_message(row[1])]
+            rows = [row for row in self._rows() if _message(row[1]) is None]
         definitions: dict[str, tuple[str, str, str]] = {}
         for _, values in rows:
             if len(values) == 5 and _is_definition(values):
@@ -123,7 +103,7 @@ class RescuedSqlite:
             if _is_topic(values):
                 _, name, type_name, _, profiles, digest = (*map(_text, values), '', '')[:6]
                 encoding, text, known = definitions.get(type_name, ('ros2msg', '', ''))
-                self._topics[number] = completed(
+                self.topics[number] = completed(
                     number, name, type_name, (encoding, text), digest or known, profiles
                 )
 
@@ -162,13 +142,12 @@ def _small_rows(path: Path) -> Iterator[tuple[int, tuple[Any, ...]]]:
     database.close()
 
 
-def _is_message(values: tuple[Any, ...]) -> bool:
-    return (
-        len(values) == 4
-        and isinstance(values[1], int)
-        and isinstance(values[2], int)
-        and isinstance(values[3], bytes)
-    )
+def _message(values: tuple[Any, ...]) -> tuple[int, int, bytes] | None:
+    """Topic number, stamp [ns] and bytes in a row that looks as if it were a message's."""
+    match values:
+        case (_, int(topic), int(stamp), bytes(data)):
+            return topic, stamp, data
+    return None
 
 
 def _is_definition(values: tuple[Any, ...]) -> bool:

@@ -12,9 +12,13 @@ from pathlib import Path
 import yaml
 
 from soliton_linkage_nodes.bags.metadata import METADATA_VERSION
+from soliton_linkage_nodes.bags.storages.storage import FileWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _MOST_ROWS_BYTES = 2**20
+"""Size of messages that are inserted at one go [B]: each insertion costs a call of sqlite3."""
+_ROW_BYTES = 40
+"""About what a row takes beside its message: its numbers, stamp, lengths and its index [B]."""
 _SCHEMA = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
 CREATE TABLE metadata(
@@ -38,23 +42,17 @@ INSERT INTO schema(schema_version, ros_distro) VALUES (4, 'jazzy');
 """
 
 
-class SqliteWriter:
+class SqliteWriter(FileWriter):
     """Writes one file, by one transaction from one flush to the next.
 
     Transactions keep a rollback journal: at every instant the file is a bag, or becomes one when
-    it is opened, and a disk that is full leaves the last transaction out. Methods raise OSError
-    where the disk refuses. `counts` holds the messages of each topic, `span` the stamps of the
-    first and the last [ns].
+    it is opened, and a disk that is full leaves the last transaction out.
     """
-
-    suffix = '.db3'
 
     def __init__(self, path: Path) -> None:
         """Create the file."""
-        self.counts: dict[int, int] = {}
-        self.span: tuple[int, int] | None = None
+        super().__init__()
         self._types: set[str] = set()
-        self._path = path
         self._bytes = 0
         self._rows: list[tuple[int, int, bytes]] = []
         self._rows_bytes = 0
@@ -103,7 +101,7 @@ class SqliteWriter:
     def write(self, number: int, stamp: int, serialized: bytes) -> None:
         """Store a message of a topic."""
         self._rows.append((number, stamp, serialized))
-        self._rows_bytes += len(serialized) + 40
+        self._rows_bytes += len(serialized) + _ROW_BYTES
         self.counts[number] += 1
         if self._rows_bytes > _MOST_ROWS_BYTES:
             with _as_os_error():
@@ -123,8 +121,7 @@ class SqliteWriter:
             self._database.execute('BEGIN')
         self._pending.update(number for number, _, _ in self._rows)
         self._rows.clear()
-        for number, count in self._pending.items():
-            self.counts[number] -= count
+        self.counts.subtract(self._pending)
         self._pending.clear()
         self.span = self._whole_span
 
@@ -156,8 +153,7 @@ class SqliteWriter:
         self._database.executemany(
             'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', self._rows
         )
-        stamps = [*(self.span or ()), *(stamp for _, stamp, _ in self._rows)]
-        self.span = (min(stamps), max(stamps))
+        self._widen([stamp for _, stamp, _ in self._rows])
         self._pending.update(number for number, _, _ in self._rows)
         self._bytes += self._rows_bytes
         self._rows.clear()

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The topics on which the messages of a bag leave."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
+from rosbags.interfaces import Connection
+
+from soliton_linkage_nodes.bags.play.lockstep import Lockstep
+from soliton_linkage_nodes.bags.read.older_messages import is_older
+from soliton_linkage_nodes.bags.read.reading import decoder, latched, message_class
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.matching import wait_for_subscriber
+
+_POLL_INTERVAL = Duration(seconds=0.02)
+"""How soon it stops waiting when it is told to."""
+_LONGEST_DELIVERY = 10.0
+"""How long a subscriber may take for the last messages before it is taken to be gone [s]."""
+
+
+class ReplayOutlets:
+    """Publishes messages as they are, or, where their definition has changed, as it is now.
+
+    Waiting for subscribers ends when `stopping` is set.
+    """
+
+    def __init__(
+        self, node: Node, connections: Sequence[Connection], stopping: threading.Event
+    ) -> None:
+        """Create a publisher of each topic; say of which types nothing is installed."""
+        self.published = 0
+        self._node = node
+        self._stopping = stopping
+        self._lockstep: Lockstep | None = None
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
+        self._publishers: dict[str, Publisher] = {}
+        self._counts = {connection.topic: connection.msgcount for connection in connections}
+        for connection in connections:
+            try:
+                self._open(connection)
+            except ValueError as error:
+                node.get_logger().warning(f'{connection.topic} is not played: {error}')
+
+    @property
+    def total(self) -> int:
+        """Messages that the bag holds of the topics that are published."""
+        return sum(self._counts[topic] for topic in self._publishers)
+
+    def keep_step(self, lockstep: Lockstep) -> None:
+        """Publish no frame before the analyser has answered those before, nor its states."""
+        self._publishers.pop(lockstep.states, None)
+        self._lockstep = lockstep
+
+    def of(self, connections: Iterable[Connection]) -> list[Connection]:
+        """Those of some topics that are published."""
+        return [c for c in connections if c.topic in self._publishers]
+
+    def publish(self, connection: Connection, serialized: bytes) -> None:
+        """Publish a message, in lockstep as soon as its turn has come."""
+        topic = connection.topic
+        if topic in self._decoders:
+            serialized = serialize_message(self._decoders[topic](serialized))
+        if self._lockstep is not None:
+            self._lockstep.wait_for_turn(topic, serialized, self._stopping.is_set)
+        self._publishers[topic].publish(serialized)
+        if self._lockstep is not None and topic != self._lockstep.frames:
+            self._wait_until_acknowledged([self._publishers[topic]])
+        self.published += 1
+
+    def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
+        """Wait for subscribers of topics and for the analyser, each for a time [s].
+
+        Raises ValueError where it is to keep step and there is no analyser.
+        """
+        for topic in topics:
+            if topic not in self._publishers or self._stopping.is_set():
+                continue
+            heard = wait_for_subscriber(self._publishers[topic], limit, self._stopping)
+            if not heard and not self._stopping.is_set():
+                self._node.get_logger().warning(
+                    f'nothing subscribes to {topic} after {limit:g} s; playing to nobody'
+                )
+        if self._lockstep is not None:
+            self._lockstep.wait_for_the_analyser(limit, self._stopping)
+
+    def deliver(self) -> None:
+        """Stay until every subscriber has what was published, and the analyser its last frame."""
+        self._wait_until_acknowledged(self._publishers.values())
+        if self._lockstep is not None:
+            self._lockstep.settle(self._stopping.is_set)
+
+    def _open(self, connection: Connection) -> None:
+        message_type = message_class(connection.msgtype)
+        if is_older(connection):
+            self._decoders[connection.topic] = decoder(connection)
+        qos = interfaces.latched_qos() if latched(connection) else interfaces.stream_qos()
+        publisher = self._node.create_publisher(message_type, connection.topic, qos)
+        self._publishers[connection.topic] = publisher
+
+    def _wait_until_acknowledged(self, publishers: Collection[Publisher]) -> None:
+        deadline = time.monotonic() + _LONGEST_DELIVERY
+        for publisher in publishers:
+            while time.monotonic() < deadline and not self._stopping.is_set():
+                if publisher.wait_for_all_acked(_POLL_INTERVAL):
+                    break

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A thread that takes messages from the middleware and passes them on to the bag."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from operator import attrgetter
+
+from soliton_linkage_nodes.bags.record.account import RecordingAccount
+from soliton_linkage_nodes.bags.record.inlets import Inlet, InletFinder
+from soliton_linkage_nodes.bags.record.message_gate import MessageGate
+from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
+
+_POLL_INTERVAL = 0.02
+"""How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""
+_SEARCH_INTERVAL = 0.25
+"""How often the graph is asked for new topics and publishers, which takes a millisecond [s]."""
+
+
+class TakingThread:
+    """Takes what the inlets have, and writes what the gate lets pass, in the order of receipt.
+
+    The subscriptions belong to a node that no executor spins: executors give a callback either
+    the raw message or its sequence number, and cost ten times as much as taking a few at a time.
+    """
+
+    def __init__(self, finder: InletFinder, gate: MessageGate, bag: WritingThread) -> None:
+        """Begin to take."""
+        self.failure: Exception | None = None
+        self._finder = finder
+        self._gate = gate
+        self._bag = bag
+        self._lock = threading.Lock()
+        self._account = RecordingAccount()
+        self._inlets: list[Inlet] = []
+        self._add(finder.of_suite())
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='taking')
+        self._thread.start()
+
+    @property
+    def heard(self) -> list[str]:
+        """Topics that somebody publishes."""
+        return [inlet.source.name for inlet in self._inlets if inlet.publishers]
+
+    @property
+    def losses(self) -> dict[str, int]:
+        """How many messages of each topic were published and are not in the bag."""
+        dropped = self._bag.dropped
+        return {i.source.name: i.gaps.lost + dropped[i.source.name] for i in self._inlets}
+
+    def pause(self) -> None:
+        """Record nothing."""
+        with self._lock:
+            self._gate.paused = True
+
+    def resume(self) -> None:
+        """Go on, with what latched topics said last in the meantime."""
+        with self._lock:
+            self._bag.put(self._gate.resume())
+
+    def snapshot(self) -> None:
+        """Write the last seconds."""
+        with self._lock:
+            self._bag.put(self._gate.snapshot())
+
+    def stop(self) -> dict[str, str]:
+        """Take what is left, and return what the bag is to say of the recording."""
+        self._stopping.set()
+        self._thread.join()
+        return self._account.texts(self.losses)
+
+    def _run(self) -> None:
+        search_at = time.monotonic()
+        last_round = False
+        try:
+            while not last_round:
+                last_round = self._stopping.wait(_POLL_INTERVAL)
+                batch = [message for inlet in self._inlets for message in inlet.drain()]
+                if time.monotonic() >= search_at and not last_round:
+                    search_at = time.monotonic() + _SEARCH_INTERVAL
+                    batch += [message for inlet in self._inlets for message in inlet.adapt()]
+                    self._add(self._finder.find())
+                    self._bag.note(self._account.texts(self.losses))
+                self._account.hear(batch)
+                batch.sort(key=attrgetter('stamp'))
+                with self._lock:
+                    self._bag.put(self._gate.take(batch))
+        except Exception as error:
+            self.failure = error
+
+    def _add(self, inlets: Sequence[Inlet]) -> None:
+        for inlet in inlets:
+            self._bag.begin(inlet.source)
+        self._inlets = [*self._inlets, *inlets]

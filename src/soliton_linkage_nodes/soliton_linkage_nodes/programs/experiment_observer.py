@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an experiment sees and hears of the nodes that it runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages.conversions import chain_from_msg
+from soliton_linkage_nodes.programs.bag_report import places
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
+
+
+@dataclass(frozen=True)
+class ExperimentParameters:
+    """Parameters of the experiment."""
+
+    scenario: str = quantity('flipper', 'name of the experiment and of its bag')
+    nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
+    time_limit: float = quantity(
+        60.0, 'time within which the soliton must be back', 's', 1.0, 3600.0
+    )
+    replay_rate: float = quantity(2.0, 'how much faster the bag is replayed', '', 0.01, 100.0)
+
+
+class Observer(Node):
+    """Sees the solitons and hears how the nodes are; can nudge the chain."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Connect the topics."""
+        super().__init__('experiment', **kwargs)
+        self.settings = declare(self, ExperimentParameters)
+        refuse_unknown(self)
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self.states: dict[int, tuple[float, ...]] = {}
+        self.rotors = 0
+        self.rotor = math.nan
+        self.velocity = 0.0
+        self._spacing = 1.0
+        topic = interfaces.NUDGE
+        self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        self.state_subscription = self._subscribe(interfaces.SOLITON_STATE, self._on_state)
+        self._subscribe(interfaces.CHAIN, self._on_chain)
+        self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
+
+    def forget(self) -> None:
+        """Begin anew, with what nodes say from now on."""
+        self.reports.clear()
+        self.states.clear()
+
+    @property
+    def informed(self) -> bool:
+        """Whether the chain and a state of it have been heard, in whatever order."""
+        return self.rotors > 0 and bool(self.states)
+
+    def figures(self, node: str) -> dict[str, str]:
+        """Return the figures of a node's latest report."""
+        report = self.reports.get(node)
+        return {} if report is None else {pair.key: pair.value for pair in report.values}
+
+    def well(self, node: str) -> bool:
+        """Whether a node has reported, without a warning."""
+        return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
+
+    def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
+        return self.create_subscription(topic.type, topic.name, callback, topic.qos)
+
+    def _on_chain(self, message: Any) -> None:
+        named = chain_from_msg(message)
+        self.rotors, self._spacing = named.rotors, named.chain.spacing
+
+    def _on_state(self, message: SolitonState) -> None:
+        self.states[time_from_msg(message.header.stamp)] = places(message)
+        self.rotor = message.solitons[0].rotor if message.solitons else math.nan
+        if message.solitons:
+            self.velocity = message.solitons[0].velocity / self._spacing
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name.partition(':')[0]] = status
