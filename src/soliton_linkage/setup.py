@@ -18,14 +18,12 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
         ('share/soliton_linkage', ['package.xml']),
     ],
-    install_requires=['matplotlib', 'numpy', 'pyyaml', 'scipy'],
+    install_requires=['matplotlib', 'numba>=0.58', 'numpy', 'pyyaml', 'scipy'],
     extras_require={
-        'compiled': ['numba'],
         'benchmark': [
             'heyoka; python_version >= "3.11"',
             'mcap',
             'mujoco; python_version >= "3.11"',
-            'numba',
         ],
     },
     entry_points={

@@ -15,23 +15,20 @@ from matplotlib.image import imread
 
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, follow
-from soliton_linkage.studies.pictures import draw_kymograph, draw_track
+from soliton_linkage.studies.pictures import (
+    kymograph,
+    kymograph_figure,
+    track_figure,
+    track_places,
+    track_velocities,
+)
+from soliton_linkage.studies.plates import save_figure
 
 CHAIN = chain_of(FLIPPER, 20)
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """Every figure that is saved while a test runs."""
-    figures: list[Figure] = []
-    save = Figure.savefig
-
-    def remember(figure: Figure, *arguments: Any, **options: Any) -> None:
-        figures.append(figure)
-        save(figure, *arguments, **options)
-
-    monkeypatch.setattr(Figure, 'savefig', remember)
-    return figures
+def new_axes() -> Any:
+    return Figure().subplots()
 
 
 @pytest.fixture
@@ -40,11 +37,9 @@ def recording() -> Recording:
     return Recording(0.5 * np.arange(9) + 2, walls, np.zeros_like(walls))
 
 
-def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(
-    recording: Recording, drawn: list[Figure], tmp_path: Path
-) -> None:
-    draw_kymograph(CHAIN, recording, follow(CHAIN, recording), tmp_path / 'picture.png')
-    axes = drawn[0].axes[0]
+def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(recording: Recording) -> None:
+    axes = new_axes()
+    assert kymograph(axes, CHAIN, recording, follow(CHAIN, recording)) is axes
     (image,) = axes.images
     lean = CHAIN.rotor_length * np.sin(recording.angles)
     assert np.array_equal(image.get_array(), lean.T)
@@ -54,37 +49,29 @@ def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(
     assert image.norm.vmax == -image.norm.vmin == pytest.approx(lean[0, 0], rel=1e-3)
 
 
-def test_the_track_lies_over_the_wall_of_the_kymograph(
-    recording: Recording, drawn: list[Figure], tmp_path: Path
-) -> None:
+def test_the_track_lies_over_the_wall_of_the_kymograph(recording: Recording) -> None:
     track = follow(CHAIN, recording)
-    draw_kymograph(CHAIN, recording, track, tmp_path / 'picture.png')
-    (line,) = drawn[0].axes[0].lines
+    (line,) = kymograph(new_axes(), CHAIN, recording, track).lines
     assert line.get_xdata() == pytest.approx(recording.times)
     assert line.get_ydata() == pytest.approx(np.linspace(9.5, 10.5, 9), abs=0.001)
 
 
-def test_a_long_kymograph_is_thinned_out_and_keeps_its_span(
-    drawn: list[Figure], tmp_path: Path
-) -> None:
+def test_a_long_kymograph_is_thinned_out_and_keeps_its_span() -> None:
     times = 0.01 * np.arange(9000)
     angles = np.repeat(CHAIN.uniform_state(1)[None], 9000, axis=0)
     recording = Recording(times, angles, np.empty((0, 20)))
     track = Track(times, np.full(9000, np.nan), np.full(9000, np.nan))
-    draw_kymograph(CHAIN, recording, track, tmp_path / 'picture.png')
-    (image,) = drawn[0].axes[0].images
+    (image,) = kymograph(new_axes(), CHAIN, recording, track).images
     assert image.get_array().shape[1] < 4000
     assert image.get_extent()[:2] == pytest.approx([0, 90], abs=0.05)
 
 
-def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing(
-    drawn: list[Figure], tmp_path: Path
-) -> None:
+def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing() -> None:
     times = np.linspace(0, 10, 11)
     track = Track(times, 2 * times, np.full(11, 2.0))
     crossings = (Crossing(1.0, 4.0, 1, 2.0), Crossing(6.0, 9.0, -1, 3.0))
-    draw_track(CHAIN, track, crossings, tmp_path / 'picture.png')
-    place, velocity = drawn[0].axes
+    place, velocity = track_places(new_axes(), CHAIN, track), new_axes()
+    assert track_velocities(velocity, track, crossings) is velocity
     assert place.lines[0].get_ydata() == pytest.approx(track.rotors)
     assert place.get_ylim() == (0, 19)
     means = [
@@ -98,16 +85,15 @@ def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_pictures_are_written_where_they_are_asked_and_name_the_chain(
-    example: tuple[float, float], drawn: list[Figure], tmp_path: Path
+def test_figures_of_one_frame_show_something_and_name_the_chain(
+    example: tuple[float, float], tmp_path: Path
 ) -> None:
     chain = chain_of(example, 8)
     recording = Recording(np.zeros(1), chain.uniform_state(1)[None], np.empty((0, 8)))
     track = follow(chain, recording)
-    draw_kymograph(chain, recording, track, tmp_path / 'kymograph.png')
-    draw_track(chain, track, (), tmp_path / 'track.png')
-    for name, figure in zip(('kymograph.png', 'track.png'), drawn, strict=True):
-        assert imread(tmp_path / name).std() > 0.01
+    for figure in (kymograph_figure(chain, recording, track), track_figure(chain, track, ())):
+        save_figure(figure, tmp_path / 'picture.png')
+        assert imread(tmp_path / 'picture.png').std() > 0.01
         title = figure.axes[0].get_title()
         assert chain.motion.value in title
         assert '8 rotors' in title

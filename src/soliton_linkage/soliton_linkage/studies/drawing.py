@@ -28,14 +28,26 @@ BLUE = '#0072b2'
 RED = '#d55e00'
 GREEN = '#009e73'
 PURPLE = '#cc79a7'
+COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
+"""Of curves beside each other."""
+MARKERS = 'os^Dv'
+"""Of points beside each other."""
 CURVE_COLOURS = (BLUE, PURPLE)
 """Colours of the components of a configuration space."""
 LEAN_COLOURS = 'PuOr'
 """Colour map of u: orange where the rotors lean left, purple where they lean right."""
 
 _MARGIN = 0.35
+"""Room around what a chain can reach [rotor spacings]."""
 _ROW = 0.3
+"""Height of a row of projections [rotor spacings]."""
 _ARROW = 1.2
+"""Length of an arrow of a component 1 of a mode, over the longer of a and r."""
+
+
+def displacement(chain: Chain, angles: Array) -> Array:
+    """Horizontal displacements u_n = r sin(phi_n) of the masses [m], shape of the angles."""
+    return chain.positions(angles)[0]
 
 
 def pivot_points(chain: Chain) -> Array:
@@ -97,8 +109,8 @@ class ChainPicture:
         self.pivots, self.masses = _points(axes, chain)
         self.arrows = None
         if mode is not None:
-            self.arrows = draw_mode(axes, chain, angles, mode, arrow_length)
-        self.projections = draw_projections(axes, chain, angles) if projections else None
+            self.arrows = mode_quiver(axes, chain, angles, mode, arrow_length)
+        self.projections = projection_quiver(axes, chain, angles) if projections else None
         self.update(angles, mode)
         left, right, bottom, top = limits(chain, projections)
         axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -142,8 +154,7 @@ class ChainPicture:
             self.arrows.set_offsets(masses)
             self.arrows.set_UVC(*vectors.T)
         if self.projections is not None:
-            horizontal, _ = chain.positions(angles)
-            self.projections.set_UVC(horizontal, np.zeros_like(horizontal), horizontal)
+            move_projections(self.projections, chain, angles)
 
 
 def make_room(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
@@ -166,15 +177,26 @@ def make_room(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
     return width, height
 
 
-def draw_chain(axes: Axes, chain: Chain, angles: Array, *, rigid: bool = False) -> ChainPicture:
-    """Draw a chain at angles [rad], shape (N,), and return its artists (paper, Fig. 1b)."""
-    return ChainPicture(axes, chain, angles, rigid=rigid)
+def draw_chain(
+    axes: Axes,
+    chain: Chain,
+    angles: Array,
+    mode: Array | None = None,
+    *,
+    rigid: bool = False,
+    projections: bool = False,
+) -> Axes:
+    """Draw a chain at angles [rad] with its mode [1], if one is given, shape (N,) each.
+
+    With springs or rigid bars, and with u_n = r sin(phi_n) as arrows beneath (paper, Fig. 1).
+    """
+    return ChainPicture(axes, chain, angles, mode, rigid=rigid, projections=projections).axes
 
 
-def draw_mode(
+def mode_quiver(
     axes: Axes, chain: Chain, angles: Array, mode: Array, arrow_length: float | None = None
 ) -> Quiver:
-    """Draw a mode [1], shape (N,), as arrows at the masses (paper, Fig. 1b).
+    """Arrows of a mode [1], shape (N,), at the masses, for `ChainPicture` to move.
 
     They are the velocities of the masses times one factor, which makes an arrow of
     `arrow_length` [m] of a component 1; by itself 1.2 times the longer of a and r.
@@ -183,23 +205,29 @@ def draw_mode(
     return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
 
 
-def draw_projections(axes: Axes, chain: Chain, angles: Array) -> Quiver:
-    """Draw u_n = r sin(phi_n) [m] as an arrow beneath each rotor (paper, Figs. 1d, 2 and 3).
+def projection_quiver(axes: Axes, chain: Chain, angles: Array) -> Quiver:
+    """Arrows u_n = r sin(phi_n) [m] beneath the rotors, which `move_projections` moves.
 
     Purple arrows lean right, orange ones left. Where rotors are longer than the spacing, their
     arrows take turns in several rows.
     """
-    horizontal, _ = chain.positions(angles)
-    places = pivot_points(chain) + np.column_stack([np.zeros_like(horizontal), _rows(chain)])
-    vectors = np.column_stack([horizontal, np.zeros_like(horizontal)])
+    along = displacement(chain, angles)
+    places = pivot_points(chain) + np.column_stack([np.zeros_like(along), _rows(chain)])
+    vectors = np.column_stack([along, np.zeros_like(along)])
     arrows = _quiver(axes, places, vectors, 0.9 * _thickness(chain), None)
     arrows.set_cmap(LEAN_COLOURS)
     arrows.set_clim(-lean_scale(chain), lean_scale(chain))
-    arrows.set_array(horizontal)
+    arrows.set_array(along)
     return arrows
 
 
-def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
+def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
+    """Move the arrows of `projection_quiver` to angles [rad], shape (N,)."""
+    along = displacement(chain, angles)
+    arrows.set_UVC(along, np.zeros_like(along), along)
+
+
+def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
     """Draw configurations of a unit cell, staggered angles [rad] of shape (K, 2) a curve.
 
     The square is the torus of both angles, its opposite sides one; triangles are the ground
@@ -229,6 +257,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     axes.set_xticks(ticks, names)
     axes.set_yticks(ticks, names)
     axes.set(xlabel='θ₁ [rad]', ylabel='θ₂ [rad]')
+    return axes
 
 
 def broken_at_turns(curve: Array) -> Array:

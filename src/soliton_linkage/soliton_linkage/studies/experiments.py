@@ -12,12 +12,24 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage.solitons.static_wall import site_arc
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
+MIDDLE = 0.3
+"""Share of a chain about its middle in which a wall is measured: it is far from both edges [1]."""
+SNAPSHOTS = 10
+"""Frames of a wall that make its profile, as in the paper: ten places a rotor spacing."""
+PLACE = 'n - X [rotor spacings]'
+"""Name of the places of rotors from a wall."""
+
 _ARCTANH_REACH = 0.9
+"""Largest order field whose arctanh is fitted: beyond it rounding and wake make it run away."""
 _FRAMES = 600
+"""In which a chain is recorded while its wall crosses."""
 _SLACK = 1.1
+"""Times that a wall takes from edge to edge by theory, in which it has surely crossed [1]."""
+_TRANSIENT = 1.5
+"""Times that sound takes from edge to edge, in which the fastest wall has surely crossed [1]."""
 
 
 def kick_rates(
@@ -46,10 +58,14 @@ def kicked(chain: Chain, kick: float, duration: float, frames: int) -> Recording
 
 def moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
     """Record a kicked chain until its wall has crossed; also its speed [rotor spacings / s]."""
-    fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
-    duration = max(_SLACK * slow_crossing(chain, kick), 1.5 * fastest / chain.time_unit)
-    recording = kicked(chain, kick, duration, _FRAMES)
+    recording = kicked(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
+
+
+def crossing_duration(chain: Chain, kick: float) -> float:
+    """Time in which a kicked wall has crossed its chain, and some more [time units]."""
+    fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
+    return max(_SLACK * slow_crossing(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
 
 def slow_crossing(chain: Chain, kick: float) -> float:
@@ -75,7 +91,7 @@ class Snapshots:
     """Of the wall [rotor spacings / s], the slope of a line through its places."""
 
 
-def snapshots(chain: Chain, recording: Recording, count: int, share: float = 0.3) -> Snapshots:
+def snapshots(chain: Chain, recording: Recording, count: int, share: float = MIDDLE) -> Snapshots:
     """Frames with the wall in the middle share of the chain, on its first way through.
 
     The wall is where a line through the fields of two rotors passes through 0 (paper, Fig. 5).
@@ -101,6 +117,21 @@ def snapshots(chain: Chain, recording: Recording, count: int, share: float = 0.3
         angles=recording.angles[chosen],
         speed=abs(float(slope)),
     )
+
+
+def static_snapshots(chain: Chain, middle: float) -> tuple[Array, Array]:
+    """Rotors from the wall and order field of walls at rest at ten places a spacing, (K,) each.
+
+    Without edge rotors, which rest at one of two angles.
+    """
+    places, fields = [], []
+    for beyond in np.arange(SNAPSHOTS) / SNAPSHOTS:
+        angles = static_wall(chain, middle + beyond)
+        field, _ = order_field(chain, angles)
+        rotors = np.arange(chain.number_of_rotors)
+        places.append((rotors - zero_crossing(field))[1:-1])
+        fields.append(field[1:-1])
+    return np.ravel(places), np.ravel(fields)
 
 
 def wall_places(chain: Chain, recording: Recording) -> Array:

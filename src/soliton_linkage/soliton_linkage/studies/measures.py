@@ -25,8 +25,11 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
+"""Time units that are recorded before it is seen whether the wall has come back."""
 _WALL_REACH = 4
+"""Widths of a wall, or depths of the zero mode, that belong to it: beyond is 2 % at most."""
 _JUMP = 5
+"""Rotors from frame to frame that no wall goes: the fastest go two."""
 
 Value = float | int | str
 
@@ -82,7 +85,7 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     recording, track, crossings = send_wall(chain, trial)
     return {
         'outcome': _outcome(len(crossings)),
-        'speed': crossings[0].speed * chain.time_unit if crossings else math.nan,
+        'speed': crossings[0].place_rate * chain.time_unit if crossings else math.nan,
         'phonons': phonon_share(chain, recording, track, crossings[0]) if crossings else math.nan,
     }
 
@@ -119,7 +122,7 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
         piece = simulation.record(_PIECE * chain.time_unit)
         later = follow(chain, piece)
         recording = Recording(*_joined(recording, piece, ('times', 'angles', 'rates')))
-        track = Track(*_joined(track, later, ('times', 'rotors', 'velocities')))
+        track = Track(*_joined(track, later, ('times', 'rotors', 'place_rates')))
         crossings = tuple(
             crossing for crossing in find_crossings(chain, track) if _unbroken(track, crossing)
         )

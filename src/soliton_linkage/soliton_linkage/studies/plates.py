@@ -14,8 +14,11 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 _RESOLUTION = 150
+"""Of pictures as PNG [pixels per inch]: 1200 to 2000 pixels across."""
 _DIGITS = 5
+"""Significant digits of numbers in a table, more than most theories are good for."""
 _ROUNDING = 1e-11
+"""Error that a table shows as none: what rounding leaves of a sum of some thousand terms."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,7 @@ class Plate:
     def save(self, folder: Path, name: str) -> None:
         """Write the picture as PNG and PDF, and its data as CSV."""
         for suffix in ('png', 'pdf'):
-            # Without a date the same data make the same file.
-            metadata = {'CreationDate': None} if suffix == 'pdf' else None
-            self.figure.savefig(folder / f'{name}.{suffix}', dpi=_RESOLUTION, metadata=metadata)
+            save_figure(self.figure, folder / f'{name}.{suffix}')
         with (folder / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
             writer.writerow(['panel', 'series', 'x', 'y', 'x_name', 'y_name'])
@@ -82,6 +83,12 @@ class Plate:
                 (panel, series, repr(x), repr(y), *names)
                 for panel, series, x, y, *names in self.rows
             )
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a picture, of the kind that the suffix says; the same figure makes the same file."""
+    metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
+    figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 
 
 def write_table(

@@ -21,6 +21,7 @@ from typing import Any, Protocol, cast
 
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 _MOST = 1000
+"""Processes that may be asked for; more are a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 

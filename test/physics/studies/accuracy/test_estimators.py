@@ -126,7 +126,7 @@ def test_what_is_lost_has_failed(
         leg = orbit.leg(guess)
         return Estimate(orbit.place(guess) + off_by_widths * width, 0.5, (leg + other_leg) % 4)
 
-    monkeypatch.setattr(accuracy_estimators, '_ESTIMATORS', {'mine': estimate})
+    monkeypatch.setattr(accuracy_estimators, 'ESTIMATORS', {'mine': estimate})
     trial = EstimatorTrial(frames=20, noise=0.01, coarse_start=0.0, cold_every=1)
     found = errors(chain, trial, np.random.default_rng(3))['mine']
     assert np.isnan(found[:, 0]).tolist() == [failed] * 20

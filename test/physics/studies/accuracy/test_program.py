@@ -3,11 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -25,7 +20,7 @@ SPINNER = {'number_of_rotors': 14, 'rotor_length_ratio': 2.0, 'rest_angle': 1.18
 SETTINGS = {
     'single_frame': {
         'seed': 1,
-        'frames': 300,
+        'frames': 260,
         'cold_every': 50,
         'coarse_start': 0.5,
         'noises': [0.05],
@@ -71,19 +66,7 @@ def written(settings: object, path: Path) -> Path:
     return path
 
 
-def gone(group: int) -> bool:
-    """Whether a process group has ended within ten seconds; its last process tidies up."""
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.05)
-    return False
-
-
-def test_all_is_written_and_tables_are_the_same_from_two_processes(
+def test_all_is_written_and_tables_do_not_depend_on_the_process(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = written(SETTINGS, tmp_path / 'settings.yaml')
@@ -98,7 +81,7 @@ def test_all_is_written_and_tables_are_the_same_from_two_processes(
     study = accuracy.read_parts(load_settings(config), False)[0]
     assert isinstance(study, FrameStudy)
     cells = 2 * 2  # Two chains with one noise, in two chunks.
-    samples = accuracy.measured(study.tasks()[:cells], 2)
+    samples = [task() for task in study.tasks()[:cells]]
     write_lines(study.lines(samples), tmp_path)
     for name in ('table.md', 'table.csv'):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
@@ -175,31 +158,3 @@ def test_a_file_of_no_or_unknown_parts_is_refused(tmp_path: Path) -> None:
         accuracy.read_parts(load_settings(written({}, tmp_path / 'empty.yaml')), False)
     with pytest.raises(ValueError, match='other = 1 is not known; it may hold single_frame'):
         accuracy.read_parts(load_settings(written({'other': 1}, tmp_path / 'other.yaml')), False)
-
-
-@pytest.mark.parametrize('workers', ['0', '-1', 'two', '1001'])
-def test_a_number_of_workers_that_cannot_be_is_refused(
-    workers: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        accuracy.main([str(CONFIG), f'--workers={workers}'])
-    assert 'must be a whole number from 1 to 1000' in capsys.readouterr().err
-
-
-def test_ctrl_c_ends_it_at_once_with_one_line_and_leaves_no_process(tmp_path: Path) -> None:
-    command = [sys.executable, '-m', 'soliton_linkage.studies.accuracy.program', str(CONFIG)]
-    process = subprocess.Popen(
-        [*command, '--output', str(tmp_path / 'out'), '--workers', '2'],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stderr is not None
-    assert 'building the orbits' in process.stderr.readline()
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=10)
-    assert process.returncode == 130
-    assert 'stopped; nothing new is written' in said
-    assert 'Traceback' not in said
-    assert gone(process.pid)
-    assert not list((tmp_path / 'out').iterdir())

@@ -15,7 +15,6 @@ from soliton_linkage.studies.accuracy.table import (
     Accuracy,
     Line,
     accuracy_of,
-    name_of,
     write_lines,
 )
 
@@ -95,7 +94,3 @@ def test_the_table_holds_its_lines(tmp_path: Path) -> None:
     assert float(rows[0]['coverage of 95 % [%]']) == pytest.approx(94.5)
     assert rows[1]['coverage of 95 % [%]'] == ''
     assert [row['failures'] for row in rows] == ['3', '0']
-
-
-def test_a_name_says_class_and_parameters() -> None:
-    assert name_of(chain_of(SPINNER, 20)) == 'spinner (2, 1.18)'

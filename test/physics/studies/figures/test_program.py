@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-import time
+import importlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from soliton_linkage.studies.figures import program as figures
-from soliton_linkage.studies.figures.survey import wilson_interval
+from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[4] / 'config/studies/figures.yaml'
+SETTINGS = load_settings(CONFIG)
 
 # What a quick figure may be off by, from what limits it: rounding, the differences of a curve
 # in 1000 steps (1 %), the sound of 100 rotors (1e-3), the transient of a kick or a theory that
@@ -39,21 +36,9 @@ LIMITS = {
 }
 
 
-def gone(group: int) -> bool:
-    """Whether a process group has ended within ten seconds; its last process tidies up."""
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.05)
-    return False
-
-
-@pytest.mark.parametrize('name', list(figures.FIGURES))
+@pytest.mark.parametrize('name', list(FIGURES))
 def test_a_figure_is_written_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
-    lines = figures.draw(name, CONFIG, tmp_path, quick=True)
+    lines = figures.draw(FIGURES[name], SETTINGS.section(name), tmp_path, quick=True)
     assert {path.name for path in tmp_path.iterdir()} == {
         f'{name}.{suffix}' for suffix in ('png', 'pdf', 'csv')
     }
@@ -66,7 +51,7 @@ def test_a_figure_is_written_and_its_measurements_hold(name: str, tmp_path: Path
 
 
 def test_the_file_of_settings_names_every_figure_and_no_other() -> None:
-    assert set(load_settings(CONFIG).values) == set(figures.FIGURES)
+    assert set(SETTINGS.values) == set(FIGURES)
 
 
 def test_the_command_draws_what_is_asked_for_and_the_table(
@@ -74,36 +59,15 @@ def test_the_command_draws_what_is_asked_for_and_the_table(
 ) -> None:
     output = tmp_path / 'new/folder'
     arguments = [str(CONFIG), '--output', str(output), '--quick', '--workers', '2', '--only']
-    assert figures.main([*arguments, 'figure_1', 'figure_4']) == 0
+    assert figures.main([*arguments, 'soft_actuator', 'anti_kink_cost']) == 0
     table = (output / 'table.md').read_text(encoding='utf-8').splitlines()
     names = [line.split('|')[1].strip() for line in table[2:]]
-    assert names == sorted(names)
-    assert set(names) == {'figure_1', 'figure_4'}
-    assert (output / 'figure_4.pdf').exists()
+    assert list(dict.fromkeys(names)) == ['anti_kink_cost', 'soft_actuator']
+    assert (output / 'anti_kink_cost.pdf').exists()
     assert 'are in' in capsys.readouterr().out
-    assert figures.main([*arguments, 'figure_1']) == 0
+    assert figures.main([*arguments, 'anti_kink']) == 1
+    assert '--only anti_kink: there is no such name' in capsys.readouterr().err
     assert (output / 'table.md').read_text(encoding='utf-8').splitlines() == table
-
-
-@pytest.mark.parametrize('workers', ['0', '-1', '1.5', '1001', 'two'])
-def test_a_number_of_processes_that_cannot_be_is_refused(
-    workers: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        figures.main([str(CONFIG), '--workers', workers])
-    assert f'{workers!r} must be a whole number from 1 to 1000' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(('passed', 'count'), [(0, 10), (3, 10), (10, 10), (1, 1), (500, 1000)])
-def test_the_ends_of_an_interval_are_as_unlikely_as_they_should_be(
-    passed: int, count: int
-) -> None:
-    share = passed / count
-    low, high = wilson_interval(passed, count)
-    assert 0 <= low <= share <= high <= 1
-    for end in (low, high):
-        variance = end * (1 - end) / count
-        assert (share - end) ** 2 == pytest.approx(1.959964**2 * variance, rel=1e-5, abs=1e-15)
 
 
 def test_settings_that_cannot_be_drawn_are_named(
@@ -116,20 +80,47 @@ def test_settings_that_cannot_be_drawn_are_named(
     assert "figure_2.kick = 'fast' must be a number" in capsys.readouterr().err
 
 
-def test_ctrl_c_ends_it_at_once_and_leaves_no_process(tmp_path: Path) -> None:
-    command = [sys.executable, '-m', 'soliton_linkage.studies.figures.program', str(CONFIG)]
-    process = subprocess.Popen(
-        [*command, '--output', str(tmp_path)],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    deadline = time.monotonic() + 60
-    while not any(tmp_path.iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=10)
-    assert process.returncode == 130
-    assert 'stopped; the figures that were finished stay' in said
-    assert 'Traceback' not in said
-    assert gone(process.pid)
+OWN_FIGURE = """
+from matplotlib.figure import Figure
+
+from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.plates import Plate
+
+
+@FIGURES.add('own_parabola')
+def parabola(section, quick):
+    section.allow('points')
+    plate = Plate(Figure())
+    points = range(section.whole_number('points', 2, 100))
+    heights = [each**2 for each in points]
+    plate.figure.subplots().plot(points, heights)
+    plate.note('', 'parabola', ('x', 'y'), points, heights)
+    plate.compare('height', '', 'x²', heights[-1], 16.0)
+    return plate
+"""
+
+
+def test_a_figure_from_outside_is_drawn_with_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'own_figure.py').write_text(OWN_FIGURE, encoding='utf-8')
+    config = tmp_path / 'figures.yaml'
+    config.write_text('own_parabola: {points: 5}\n', encoding='utf-8')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(FIGURES, '_entries', dict(FIGURES))
+    importlib.import_module('own_figure')
+    assert figures.main([str(config), '--output', str(tmp_path), '--only', 'own']) == 0
+    assert (tmp_path / 'own_parabola.png').exists()
+    data = (tmp_path / 'own_parabola.csv').read_text(encoding='utf-8').splitlines()
+    assert data[-1] == ',parabola,4.0,16.0,x,y'
+    row = '| own_parabola | height |  | x² = 16 | 16 | 0 % |'
+    assert row in (tmp_path / 'table.md').read_text(encoding='utf-8')
+
+
+def test_a_figure_that_nobody_knows_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / 'figures.yaml'
+    config.write_text('figure_7: {}\n', encoding='utf-8')
+    assert figures.main([str(config), '--output', str(tmp_path)]) == 1
+    assert 'figure_7 = {} is not known; it may hold' in capsys.readouterr().err

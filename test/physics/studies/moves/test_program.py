@@ -13,7 +13,8 @@ from chains import FLIPPER, chain_of
 
 from soliton_linkage.steering.steering import Outcome
 from soliton_linkage.studies.moves import program as moves
-from soliton_linkage.studies.moves.runs import Condition, MoveRun, Task, made
+from soliton_linkage.studies.moves.runs import Condition, MoveRun, MoveTask, made
+from soliton_linkage.studies.moves.study import read_move_study, table_lines
 from soliton_linkage.studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[4] / 'config/studies/moves.yaml'
@@ -49,7 +50,7 @@ def test_it_writes_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_a_run_is_the_move_from_its_goal_to_its_end() -> None:
     chain = chain_of(FLIPPER, 8)
-    task = Task(chain, Condition(0.0, 0.0, 0.0), 2.0, 5.0, 0, 100.0, 0.5, 0.1)
+    task = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 5.0, 0, 100.0, 0.5, 0.1)
     run = made(task)
     assert run.outcome is Outcome.REACHED
     assert run.times[0] == 0
@@ -64,7 +65,7 @@ def test_a_run_is_the_move_from_its_goal_to_its_end() -> None:
 
 def test_a_goal_that_is_refused_is_said_to_be() -> None:
     chain = chain_of(FLIPPER, 8)
-    run = made(Task(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1))
+    run = made(MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1))
     assert run.outcome is Outcome.OUT_OF_CHAIN
     assert math.isnan(run.error)
     assert run.duration == 0
@@ -81,14 +82,14 @@ def test_the_table_holds_the_worst_of_what_was_reached() -> None:
         run(Outcome.REACHED, 0.002, 4e-6),
         run(Outcome.SOLITON_LOST, math.nan, 1.0),
     ]
-    *_, line, failed = moves.table_lines({('a', 'b'): runs, ('c', 'd'): runs[2:]})
+    *_, line, failed = table_lines({('a', 'b'): runs, ('c', 'd'): runs[2:]})
     assert line == '| a | b | 2 of 3 | 0.0100 | 4.0e-06 | 2.0e-06 | 3.0 to 3.0 |'
     assert failed == '| c | d | 0 of 1 |  |  |  |  |'
 
 
 def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
     settings = load_settings(CONFIG)
-    study, quick = (moves.read_study(settings, each) for each in (False, True))
+    study, quick = (read_move_study(settings, each) for each in (False, True))
     assert study.tasks.keys() == quick.tasks.keys()
     for key, tasks in study.tasks.items():
         assert quick.tasks[key] == tasks[: len(quick.tasks[key])]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.studies.measures import SweepTrial
-from soliton_linkage.studies.sweep.config import Axis, SweepStudy, read_study, trial_of
+from soliton_linkage.studies.sweep.config import Axis, SweepStudy, read_sweep_study, trial_of
 
 CONFIGS = sorted((Path(__file__).parents[4] / 'config/studies').glob('*.yaml'))
 SWEEPS = [path for path in CONFIGS if 'sweep:' in path.read_text(encoding='utf-8')]
@@ -25,7 +25,7 @@ GRID = 'sweep: {rest_angle: [0.5, 0.97]}'
 def study_of(tmp_path: Path, content: str, quick: bool = False) -> SweepStudy:
     path = tmp_path / 'mine.yaml'
     path.write_text(content, encoding='utf-8')
-    return read_study(path, quick)
+    return read_sweep_study(path, quick)
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3), st.integers(1, 3))
@@ -94,7 +94,7 @@ def test_what_is_swept_goes_before_what_is_given(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('path', SWEEPS, ids=lambda path: path.stem)
 def test_the_sweeps_of_the_project_are_read_and_thinned(path: Path) -> None:
-    whole, quick = read_study(path), read_study(path, quick=True)
+    whole, quick = read_sweep_study(path), read_sweep_study(path, quick=True)
     assert quick.name == f'{whole.name}-quick'
     assert quick.rows < whole.rows
     for axis, thinned in zip(whole.axes, quick.axes, strict=True):

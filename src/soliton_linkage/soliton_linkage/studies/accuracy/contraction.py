@@ -19,17 +19,18 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
-from soliton_linkage.studies.accuracy.table import name_of
+from soliton_linkage.studies.captions import class_and_shape
 from soliton_linkage.studies.drawing import BLUE, RED
-from soliton_linkage.studies.experiments import kicked, slow_crossing
+from soliton_linkage.studies.experiments import MIDDLE, crossing_duration, kicked
 from soliton_linkage.studies.plates import Comparison, Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 
-_MIDDLE = 0.3
-_SLACK = 1.1
 _QUICK_EVERY = 4
+"""Of how many kicks a quick study takes one."""
 _QUICK_FRAMES = 400
+"""Most frames of a wall in a quick study."""
 _FEWEST_FRAMES = 10
+"""With the wall in the middle of its chain, of which a mean and its spread mean something."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,7 @@ class ContractionStudy:
     def duration(self, walls: int, kick: int) -> float:
         """Time in which a wall crosses its chain [time units sqrt(M / k_e)], and some more."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
-        fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
-        return max(_SLACK * slow_crossing(chain, kicks[kick]), 1.5 * fastest / chain.time_unit)
+        return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
         """Kick a chain, both by number, and measure its wall from noisy angles."""
@@ -138,7 +138,7 @@ def passage_of(chain: Chain, frames: Sequence[tuple[AnalysedSoliton, ...]]) -> C
     """
     middle = (chain.number_of_rotors - 1) / 2
     alone = [walls[0] for walls in frames if len(walls) == 1]
-    there = np.array([abs(wall.rotor - middle) < _MIDDLE * middle for wall in alone], dtype=bool)
+    there = np.array([abs(wall.rotor - middle) < MIDDLE * middle for wall in alone], dtype=bool)
     entered = int(np.argmax(np.append(there, True)))
     left = entered + int(np.argmin(np.append(there[entered:], False)))
     inside = [wall for wall in alone[entered:left] if math.isfinite(wall.width_deviation)]
@@ -237,7 +237,7 @@ def _draw(
         label='measured from noisy angles, ± 2 std',
     )
     axes.set(xlabel='v / c', ylabel='w / w at rest', xlim=(0, 1), ylim=(0, 1.05))
-    axes.set(title=f'{name_of(walls.chain)}, {walls.chain.number_of_rotors} rotors')
+    axes.set(title=f'{class_and_shape(walls.chain)}, {walls.chain.number_of_rotors} rotors')
     axes.legend(loc='lower left')
     plate.note(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
     deviations = [passage.width_deviation for passage in passages]
@@ -257,7 +257,7 @@ def _comparisons(
         number = reference.kicks.index(kick) if known else 0
         speed, width = reference.speeds[number], reference.widths[number] / rest
         law = math.sqrt(max(1 - passage.speed**2, 0.0))
-        where = f'{name_of(chain)}, v₀ = {kick:g}'
+        where = f'{class_and_shape(chain)}, v₀ = {kick:g}'
         for quantity, deviation, paper, measured, expected in (
             ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),
             (

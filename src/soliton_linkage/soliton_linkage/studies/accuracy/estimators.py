@@ -3,7 +3,7 @@
 
 With independent noise of standard deviation sigma [rad] in every angle no unbiased estimate of
 the place has a standard deviation below sigma / Lambda [rotor spacings] (the bound of Cramer and
-Rao). Places count the arc of the zero-energy orbit, as in `cycle`.
+Rao). Places count the arc of the zero-energy orbit, as in `UniformOrbit`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from scipy.special import stdtrit
@@ -30,9 +30,13 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, cold'
 
 _FROM_EDGE = 2.0
+"""Widths of a wall from an edge, at which the edge changes its shape by 2 % of it."""
 _LOST_WIDTHS = 2.0
+"""Widths of a wall by which an estimate that is of this wall is off at most."""
 _LOST_BOUNDS = 6.0
+"""Least standard deviations by which it is off at most, where noise hides the wall."""
 _QUANTILE = 0.975
+"""Probability below the upper end of an interval of 95 %."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class Estimate:
     margin: float = math.nan
     """Half the stated interval of 95 % [rotor spacings]."""
     leg: int | None = None
-    """Of the cycle."""
+    """Of the orbit."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class EstimatorTrial:
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Takes the cycle, angles [rad] of shape (N,) and a coarse guess of the arc length [rad]."""
+"""Takes the orbit, angles [rad] of shape (N,) and a coarse guess of the arc length [rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:
@@ -79,7 +83,7 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
     """Estimators of the place of a wall by their names; the shifted field is that of spinners."""
     return {
         name: estimator
-        for name, estimator in _ESTIMATORS.items()
+        for name, estimator in ESTIMATORS.items()
         if name != SHIFTED_CROSSING or chain.motion is Motion.SPINNER
     }
 
@@ -93,7 +97,7 @@ def errors(
     told no place or not one alone, one that is off by more than two widths of the wall and by
     six times the bound, or another leg.
     """
-    orbit = cycle_of(chain)
+    orbit = orbit_of(chain)
     lost = max(
         _LOST_WIDTHS * chain.wall_width / chain.spacing,
         _LOST_BOUNDS * bound(chain, trial.noise),
@@ -122,7 +126,7 @@ def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     Places beyond that rotor and errors by estimator, both [rotor spacings], shape (points,)
     each. The walls are hung bar by bar, so that they owe nothing to the orbit.
     """
-    orbit = cycle_of(chain)
+    orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)
     beyond = np.linspace(0.0, 2.0, points)
     walls = [static_wall(chain, float(rotor + step)) for step in beyond]
@@ -136,9 +140,9 @@ def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     return beyond, found
 
 
-@lru_cache(maxsize=32)
-def cycle_of(chain: Chain) -> UniformOrbit:
-    """UniformOrbit of a chain, built once in a process."""
+@cache
+def orbit_of(chain: Chain) -> UniformOrbit:
+    """Orbit of a chain, built once in a process."""
     return UniformOrbit(chain)
 
 
@@ -178,7 +182,7 @@ def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
     return Estimate(orbit.place(fit.arc), margin, orbit.leg(fit.arc))
 
 
-_ESTIMATORS: dict[str, Estimator] = {
+ESTIMATORS: dict[str, Estimator] = {
     ZERO_CROSSING: _crossing_of_u,
     SHIFTED_CROSSING: _crossing_of_shifted_field,
     TANH_FIT: _tanh_fit,

@@ -27,8 +27,11 @@ from soliton_linkage.studies.accuracy.table import Line, accuracy_of, write_line
 from soliton_linkage.studies.settings import Section, chain_from
 
 _CHUNK = 250
+"""Frames of a task: a second or two; another number draws other frames from the same seed."""
 _QUICK_FRAMES = 400
+"""Most frames of each chain and noise in a quick study."""
 _POINTS = 81
+"""Places of walls between a rotor and the next but one, 40 a spacing."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Literal
 
 import numpy as np
@@ -12,29 +13,26 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.studies.accuracy.estimators import (
-    ORBIT_COLD,
-    ORBIT_NEAR,
-    SHIFTED_CROSSING,
-    TANH_FIT,
-    ZERO_CROSSING,
-)
-from soliton_linkage.studies.accuracy.table import Line, name_of
-from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, GREY, RED
+from soliton_linkage.studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
+from soliton_linkage.studies.accuracy.table import Line
+from soliton_linkage.studies.captions import class_and_shape
+from soliton_linkage.studies.drawing import COLOURS, GREY, MARKERS
 from soliton_linkage.studies.plates import Plate
 
-_STYLES = {
-    ZERO_CROSSING: (RED, 'v'),
-    SHIFTED_CROSSING: ('#cc79a7', '^'),
-    TANH_FIT: (GREEN, 's'),
-    ORBIT_NEAR: (BLUE, 'o'),
-    ORBIT_COLD: (BLACK, 'D'),
-}
+_STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
+"""Colour and marker of each estimator."""
+_SIZE = 6
+"""Of a marker [points]."""
 _OFFSET = 0.15
+"""From estimator to estimator of a chain, the chains being 1 apart."""
 _SIGNIFICANT = 3.0
+"""Standard errors from which on a bias is taken for one: chance makes it so in 0.3 %."""
 _UNBIASED = 0.002
+"""Bias that is drawn as a limit [rotor spacings], far below any bound on the spread."""
 _LEAST_BIAS = 1e-5
+"""Lower end of the scale of a bias [rotor spacings]."""
 _ROUNDING = 1e-12
+"""Drawn in place of a bias without noise that is less [rotor spacings]."""
 _BEYOND = 'place beyond an even rotor [rotor spacings]'
 
 
@@ -49,7 +47,7 @@ def draw_accuracy(lines: Sequence[Line]) -> Plate:
         for line in lines:
             if line.noise == noise:
                 _draw_line(plate, column, line, chains.index(line.chain))
-        _dress(column, noise, [name_of(chain) for chain in chains])
+        _dress(column, noise, [class_and_shape(chain) for chain in chains])
     panels[0, 0].set(ylabel='std / bound', yscale='log')
     panels[1, 0].set(ylabel='|bias| [rotor spacings]', yscale='log')
     panels[1, 0].set_ylim(bottom=_LEAST_BIAS)
@@ -75,10 +73,12 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
             colour, _ = _STYLES[name]
             size = np.maximum(np.abs(bias), _ROUNDING)
             axes.plot(places, size, _dashes(name), color=colour, linewidth=2)
-            plate.note(name_of(chain), name, (_BEYOND, 'bias [rotor spacings]'), places, bias)
+            plate.note(
+                class_and_shape(chain), name, (_BEYOND, 'bias [rotor spacings]'), places, bias
+            )
             names.add(name)
         axes.axhline(_UNBIASED, color=GREY, linewidth=0.8, linestyle='--')
-        axes.set(title=name_of(chain), yscale='log', ylim=(_ROUNDING, 9))
+        axes.set(title=class_and_shape(chain), yscale='log', ylim=(_ROUNDING, 9))
     for axes in panels[-1]:
         axes.set(xlabel=_BEYOND)
     for axes in panels[:, 0]:
@@ -94,9 +94,9 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
 
 def _draw_line(plate: Plate, column: Sequence[Axes], line: Line, place: int) -> None:
     found, colour, marker = line.accuracy, *_STYLES[line.estimator]
-    x = place + _OFFSET * (list(_STYLES).index(line.estimator) - 2)
+    x = place + _OFFSET * (list(_STYLES).index(line.estimator) - (len(_STYLES) - 1) / 2)
     panel = f'noise {line.noise:g} rad'
-    series = f'{line.estimator}, {name_of(line.chain)}'
+    series = f'{line.estimator}, {class_and_shape(line.chain)}'
     unlike_0 = abs(found.bias) > _SIGNIFICANT * found.bias_error
     for axes, name, y, filled in (
         (column[0], 'std / bound [1]', found.ratio, True),
@@ -104,7 +104,7 @@ def _draw_line(plate: Plate, column: Sequence[Axes], line: Line, place: int) -> 
         (column[2], 'coverage [%]', 100 * found.coverage, True),
     ):
         face = colour if filled else 'white'
-        axes.plot(x, y, marker, color=colour, markerfacecolor=face, markersize=_size(marker))
+        axes.plot(x, y, marker, color=colour, markerfacecolor=face, markersize=_SIZE)
         plate.note(panel, series, ('number of the chain', name), place, y)
 
 
@@ -122,11 +122,5 @@ def _dashes(name: str) -> Literal['-', ':']:
     return ':' if name == ORBIT_COLD else '-'
 
 
-def _size(marker: str) -> float:
-    return 5 if marker == 'D' else 7
-
-
 def _handle(name: str, colour: str, marker: str) -> Line2D:
-    return Line2D(
-        [], [], color=colour, marker=marker, linestyle='', markersize=_size(marker), label=name
-    )
+    return Line2D([], [], color=colour, marker=marker, linestyle='', markersize=_SIZE, label=name)

@@ -8,9 +8,7 @@ not on the number of processes.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,14 +18,11 @@ import numpy as np
 from soliton_linkage.studies.accuracy.contraction import read_contraction_study
 from soliton_linkage.studies.accuracy.frames import read_frame_study
 from soliton_linkage.studies.accuracy.record import read_record_study
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.studies.program import run_study, side_by_side, study_parser
 from soliton_linkage.studies.settings import Section, load_settings
-from soliton_linkage.studies.workers import local_processes, process_count
-
-_STOPPED = 130
 
 
-class Part(Protocol):
+class AccuracyPart(Protocol):
     """One of the studies that a file of settings may ask for."""
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -37,7 +32,7 @@ class Part(Protocol):
         """Write tables and pictures into a folder, from the results of the tasks in order."""
 
 
-PARTS: dict[str, Callable[[Section, bool], Part]] = {
+PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
     'single_frame': read_frame_study,
     'contraction': read_contraction_study,
     'record': read_record_study,
@@ -46,26 +41,22 @@ PARTS: dict[str, Callable[[Section, bool], Part]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure what a file of settings says; return 1 where that fails, 130 on Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    try:
-        parts = read_parts(load_settings(options.config), options.quick)
-        options.output.mkdir(parents=True, exist_ok=True)
-        results = measured([task for part in parts for task in part.tasks()], options.workers)
-        for part in parts:
-            count = len(part.tasks())
-            part.write(results[:count], options.output)
-            results = results[count:]
-    except (OSError, ValueError, ArithmeticError) as error:
-        print(f'accuracy: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print('\naccuracy: stopped; nothing new is written', file=sys.stderr)
-        return _STOPPED
-    print(f'tables and pictures are in {options.output}')
-    return 0
+    parser = study_parser('accuracy', __doc__, 'fewer frames')
+    return run_study(parser, arguments, _written, 'nothing new is written')
 
 
-def read_parts(settings: Section, quick: bool) -> list[Part]:
+def _written(options: argparse.Namespace) -> str:
+    parts = read_parts(load_settings(options.config), options.quick)
+    options.output.mkdir(parents=True, exist_ok=True)
+    results = measured([task for part in parts for task in part.tasks()], options.workers)
+    for part in parts:
+        count = len(part.tasks())
+        part.write(results[:count], options.output)
+        results = results[count:]
+    return f'tables and pictures are in {options.output}'
+
+
+def read_parts(settings: Section, quick: bool) -> list[AccuracyPart]:
     """Parts of a file of settings, all checked; raises ValueError for what cannot be measured."""
     settings.allow(*PARTS)
     if not settings.values:
@@ -78,34 +69,13 @@ def read_parts(settings: Section, quick: bool) -> list[Part]:
 
 
 def measured(tasks: Sequence[Callable[[], Any]], workers: int) -> list[Any]:
-    """Results of tasks in their order, from processes side by side.
+    """Results of tasks in their order.
 
     They are begun in a mixed order, so that those done so far tell how long the rest will take.
     """
-    progress = ProgressLine('accuracy', len(tasks))
-    begin = time.monotonic()
-    results: dict[int, Any] = {}
-    with local_processes(min(workers, len(tasks))) as processes:
-        order = np.random.default_rng(0).permutation(len(tasks)).tolist()
-        futures = {processes.submit(tasks[number]): number for number in order}
-        progress.show(0, 'building the orbits')
-        for future in processes.finished():
-            results[futures[future]] = future.result()
-            left = (time.monotonic() - begin) * (len(tasks) / len(results) - 1)
-            progress.show(len(results), f'{left:.0f} s left')
-    progress.end(f'accuracy: measured in {time.monotonic() - begin:.0f} s')
+    order = np.random.default_rng(0).permutation(len(tasks)).tolist()
+    results = side_by_side('accuracy', {number: tasks[number] for number in order}, workers)
     return [results[number] for number in range(len(tasks))]
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='accuracy', description=__doc__)
-    parser.add_argument('config', type=Path, help='settings, as config/studies/accuracy.yaml')
-    parser.add_argument('--output', type=Path, default=Path('out/accuracy'), help='folder')
-    parser.add_argument('--quick', action='store_true', help='fewer frames, to try it out')
-    parser.add_argument(
-        '--workers', type=process_count, default=os.cpu_count() or 1, help='processes [one a core]'
-    )
-    return parser
 
 
 if __name__ == '__main__':

@@ -21,16 +21,20 @@ from matplotlib.figure import Figure
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.studies.accuracy.estimators import bound, cycle_of
-from soliton_linkage.studies.accuracy.table import name_of
+from soliton_linkage.studies.accuracy.estimators import bound, orbit_of
+from soliton_linkage.studies.captions import class_and_shape
 from soliton_linkage.studies.drawing import BLACK, BLUE, RED
 from soliton_linkage.studies.plates import Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 
 _CLEAR = 8.0
+"""Rotors from an edge at which a run begins and ends where its way leaves the room."""
 _QUICK_RUNS = 4
+"""Most runs of each chain in a quick study."""
 _SHOWN = 60
+"""Numbers of frames that are looked at, of which some fall together."""
 _FEWEST = 3
+"""Frames of which place and velocity are more than a line through them."""
 _QUANTITIES = ('place [rotor spacings]', 'velocity, relative')
 
 
@@ -81,12 +85,12 @@ class RecordStudy:
         """Errors of place and velocity and their stated deviations, shape (4, frames shown).
 
         Places in [rotor spacings], velocities over the true one. A run is on any leg of the
-        cycle, and as far from the edges as its way leaves room for, up to eight rotors.
+        orbit, and as far from the edges as its way leaves room for, up to eight rotors.
         """
         # Nothing else of the command needs the filter.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
 
-        orbit = cycle_of(self.chains[chain])
+        orbit = orbit_of(self.chains[chain])
         generator = np.random.default_rng([self.seed, chain, run])
         begin = self._begin(orbit, generator)
         rate = self.speed * orbit.site_arc
@@ -137,9 +141,9 @@ class RecordStudy:
             for name, curve, colour, style, width in curves:
                 axes.plot(times, curve, style, color=colour, linewidth=width, label=name)
                 names = ('time [s]', _QUANTITIES[number])
-                plate.note(name_of(chain), name, names, times, curve)
+                plate.note(class_and_shape(chain), name, names, times, curve)
             axes.set(xscale='log', yscale='log')
-        column[0].set(title=name_of(chain))
+        column[0].set(title=class_and_shape(chain))
         column[1].set(xlabel='time since the first frame [s]')
         if chain == self.chains[0]:
             column[0].set(ylabel='error of the place [rotor spacings]')
@@ -151,7 +155,7 @@ class RecordStudy:
                 stated = _root_mean_square(runs[:, number + 2, shown])
                 plate.compare(
                     f'{_QUANTITIES[number]}, rms error after {self.shown[shown]} frames, stated '
-                    f'as {stated:.3g}, {name_of(chain)}',
+                    f'as {stated:.3g}, {class_and_shape(chain)}',
                     '',
                     'bound of Cramér and Rao',
                     float(_root_mean_square(runs[:, number, shown])),

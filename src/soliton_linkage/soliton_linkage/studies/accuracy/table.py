@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.studies.captions import class_and_shape
 
 _COLUMNS = (
     'class',
@@ -87,12 +88,6 @@ def accuracy_of(samples: Array, bound: float) -> Accuracy:
     )
 
 
-def name_of(chain: Chain) -> str:
-    """Class of a chain and its parameters r/a and theta_bar, as they stand in the table."""
-    ratio = chain.rotor_length / chain.spacing
-    return f'{chain.motion.value} ({ratio:g}, {chain.rest_angle:g})'
-
-
 def write_lines(lines: Sequence[Line], folder: Path) -> None:
     """Write the lines as table.md and table.csv."""
     rows = [
@@ -111,7 +106,7 @@ def write_lines(lines: Sequence[Line], folder: Path) -> None:
 def _markdown(line: Line) -> str:
     found = line.accuracy
     cells = [
-        name_of(line.chain),
+        class_and_shape(line.chain),
         f'{line.noise:g}',
         line.estimator,
         f'{found.bias:+.4f} ± {found.bias_error:.4f}',

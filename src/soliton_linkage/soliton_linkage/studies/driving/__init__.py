@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What drives a chain, on one page: actuator, energy balance, bars, tilt, moves."""
+"""Chains driven in every way there is, on one page: whether what was promised holds."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page that shows how a chain is driven: actuator, energy books, bars, tilt and moves."""
+"""The page that shows how a chain is driven: actuator, energy balance, bars, tilt and moves."""
 
 from __future__ import annotations
 
@@ -10,30 +10,33 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, RED
-from soliton_linkage.studies.driving.runs import BookedRun, TiltedRun
-from soliton_linkage.studies.figures.actuator import DrivenChain
+from soliton_linkage.studies.actuators import DrivenChain
+from soliton_linkage.studies.bars import draw_convergence
+from soliton_linkage.studies.drawing import BLACK, COLOURS, GREY
+from soliton_linkage.studies.driving.runs import BalancedRun, TiltedRun
 from soliton_linkage.studies.moves.runs import MoveRun
 from soliton_linkage.studies.plates import Plate
 
-BOOKS_LIMIT = 1e-9
+IMBALANCE_LIMIT = 1e-9
+"""Of the energy balance, over the largest energy: what the tolerance of a run leaves [1]."""
 
 _A4 = (8.27, 11.69)
+"""Of the page [inches]."""
 _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
 """Panels row by row; t is the tilt above d."""
 _TITLES = {
     'a': 'a  Soft actuator: a step up and down',
-    'b': 'b  Energy books of chains that are driven',
+    'b': 'b  Energy balance of chains that are driven',
     'c': 'c  Springs that get stiffer move as bars',
     't': 'd  A tilted chain: the wall falls to and fro',
     'e': 'e  Walls carried (wide) along reference trajectories (thin)',
     'f': 'f  Work of a pressure on the chain',
 }
-_COLOURS = (BLUE, RED, GREEN, PURPLE)
 _LEAST = 1e-17
+"""Drawn in place of an imbalance of 0, below any that rounding makes [1]."""
 _TIME = 'time [s]'
-_MILLI = 1e-3
 _ROOM = 0.25
+"""Above the curves of moves for their legend, over the height of what they show."""
 
 
 def blank_page() -> tuple[Plate, dict[str, Axes]]:
@@ -54,47 +57,45 @@ def entitle(panels: Mapping[str, Axes]) -> None:
             text.set_fontsize('small')
 
 
-def draw_books(plate: Plate, axes: Axes, runs: Mapping[str, BookedRun]) -> None:
+def draw_balance(plate: Plate, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
     """Imbalance over time for each mechanics, and when there was what; 0 is drawn as 1e-17."""
-    for colour, (mechanics, run) in zip(_COLOURS, runs.items(), strict=False):
+    for colour, (mechanics, run) in zip(COLOURS, runs.items(), strict=False):
         shown = np.maximum(run.imbalances, _LEAST)
         axes.semilogy(run.times, shown, '.', color=colour, markersize=3, label=mechanics)
         plate.note('b', mechanics, (_TIME, 'imbalance [1]'), run.times, run.imbalances)
     run = next(iter(runs.values()))
     for marker, instants, label in (('v', run.kicks, 'kick'), ('s', run.turns, 'gravity turns')):
-        places = np.full(len(instants), 4 * BOOKS_LIMIT)
+        places = np.full(len(instants), 4 * IMBALANCE_LIMIT)
         axes.plot(instants, places, marker, color=GREY, markersize=4, label=label)
     axes.fill_between(
         run.times,
-        2 * BOOKS_LIMIT,
-        8 * BOOKS_LIMIT,
+        2 * IMBALANCE_LIMIT,
+        8 * IMBALANCE_LIMIT,
         where=run.pushed.tolist(),
         color='0.85',
         zorder=0,
         label='torques',
     )
-    axes.axhline(BOOKS_LIMIT, color=BLACK, linestyle='--', linewidth=0.8, label='limit')
+    axes.axhline(IMBALANCE_LIMIT, color=BLACK, linestyle='--', linewidth=0.8, label='limit')
     axes.set(xlabel=_TIME, ylabel='|imbalance| / largest energy', ylim=(1e-20, 2e-8))
     axes.legend(ncols=3, loc='lower center', columnspacing=1.0, handlelength=1.2)
+    return axes
 
 
 def draw_stiffness(
     plate: Plate, axes: Axes, stiffnesses: Sequence[float], apart: Sequence[float], order: float
-) -> None:
+) -> Axes:
     """Largest distance of angles from those of bars against stiffness, and a line of order 1."""
-    across, up = np.array(stiffnesses), np.array(apart)
-    label = f'springs from bars: order {order:.3f}'
-    axes.loglog(across, up, 'o', color=BLUE, label=label)
-    axes.loglog(across, up[-1] * across[-1] / across, '--', color=BLACK, label=r'$\propto 1/k_e$')
-    axes.set(xlabel='stiffness $k_e$ [N/m]', ylabel='largest distance of an angle [rad]')
-    axes.legend()
+    draw_convergence(axes, stiffnesses, apart, f'springs from bars: order {order:.3f}')
+    axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest distance of an angle [rad]')
-    plate.note('c', 'springs from bars', names, across, up)
+    plate.note('c', 'springs from bars', names, stiffnesses, apart)
+    return axes
 
 
-def draw_tilt(plate: Plate, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]) -> None:
+def draw_tilt(plate: Plate, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]) -> Axes:
     """Tilt over time, and beneath it the place of the wall for each mechanics."""
-    for colour, (mechanics, run) in zip(_COLOURS, runs.items(), strict=False):
+    for colour, (mechanics, run) in zip(COLOURS, runs.items(), strict=False):
         axes.plot(run.times, run.places, color=colour, linewidth=1.2, label=mechanics)
         plate.note('d', mechanics, (_TIME, 'place [rotor spacings]'), run.times, run.places)
     run = next(iter(runs.values()))
@@ -105,22 +106,23 @@ def draw_tilt(plate: Plate, above: Axes, axes: Axes, runs: Mapping[str, TiltedRu
     above.set(ylabel='tilt [rad]')
     axes.set(xlabel=_TIME, ylabel='wall [rotor spacings]')
     axes.legend()
+    return axes
 
 
-def draw_moves(plate: Plate, axes: Axes, runs: Mapping[tuple[str, str], MoveRun]) -> None:
+def draw_moves(plate: Plate, axes: Axes, runs: Mapping[tuple[str, str], MoveRun]) -> Axes:
     """Place of each wall over time, wide and pale, and its reference as a line in it."""
     chains = list(dict.fromkeys(name for name, _ in runs))
     styles = dict(zip(dict.fromkeys(title for _, title in runs), ('--', ':', '-.'), strict=False))
     for (name, title), run in runs.items():
-        colour = _COLOURS[chains.index(name) % len(_COLOURS)]
+        colour = COLOURS[chains.index(name) % len(COLOURS)]
         axes.plot(run.times, run.places, color=colour, linewidth=4, alpha=0.35)
         axes.plot(run.times, run.aims, styles.get(title, '-'), color=colour, linewidth=1.2)
-        for series, values in (('place', run.places), ('course', run.aims)):
+        for series, values in (('place', run.places), ('reference trajectory', run.aims)):
             names = (_TIME, 'place [rotor spacings]')
             plate.note('e', f'{name}, {title}: {series}', names, run.times, values)
     handles = [
         *(
-            Line2D([], [], color=_COLOURS[number % len(_COLOURS)], linewidth=4, alpha=0.35)
+            Line2D([], [], color=COLOURS[number % len(COLOURS)], linewidth=4, alpha=0.35)
             for number in range(len(chains))
         ),
         *(axes.plot([], [], style, color=BLACK)[0] for style in styles.values()),
@@ -129,11 +131,12 @@ def draw_moves(plate: Plate, axes: Axes, runs: Mapping[tuple[str, str], MoveRun]
     axes.set(xlabel='time since the goal was given [s]', ylabel='wall [rotor spacings]')
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + _ROOM * (top - bottom))
+    return axes
 
 
-def draw_work(plate: Plate, axes: Axes, runs: Mapping[str, DrivenChain]) -> None:
+def draw_work(plate: Plate, axes: Axes, runs: Mapping[str, DrivenChain]) -> Axes:
     """Energy that a chain gains, and the work that is booked, for each actuator."""
-    for colour, (actuator, run) in zip(_COLOURS, runs.items(), strict=False):
+    for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
         for series, values, style, width in (
             ('energy gained', run.energies, '-', 4.0),
             ('work booked', run.works, '--', 1.2),
@@ -142,7 +145,7 @@ def draw_work(plate: Plate, axes: Axes, runs: Mapping[str, DrivenChain]) -> None
             shade = 0.35 if style == '-' else 1.0
             axes.plot(
                 run.times,
-                values / _MILLI,
+                1e3 * values,
                 style,
                 color=colour,
                 linewidth=width,
@@ -152,3 +155,4 @@ def draw_work(plate: Plate, axes: Axes, runs: Mapping[str, DrivenChain]) -> None
             plate.note('f', label, (_TIME, 'energy [J]'), run.times, values)
     axes.set(xlabel=_TIME, ylabel='energy [mJ]')
     axes.legend()
+    return axes

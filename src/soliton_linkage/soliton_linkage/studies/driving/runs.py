@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains that are driven in simulations: their energy books, their bars, and their tilt."""
+"""Chains that are driven in simulations: their energy balance, their bars, and their tilt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
-from soliton_linkage.dynamics.energy_books import EnergyBooks
+from soliton_linkage.dynamics.energy_balance import EnergyBalance
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
@@ -23,7 +23,7 @@ from soliton_linkage.studies.settings import Section, chain_from
 
 MECHANICS: dict[str, type[Simulation]] = {'elastic': ElasticSimulation, 'rigid': RigidSimulation}
 
-_BOOKS_KEYS = (
+_BALANCE_KEYS = (
     'chain',
     'disorder',
     'place',
@@ -37,17 +37,24 @@ _BOOKS_KEYS = (
 )
 _DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _PERIOD = 0.01
-_BOOKS_TOLERANCE = 1e-12
+"""Of the frames of chains that are balanced and tilted [s], a fraction of their time unit."""
+_BALANCE_TOLERANCE = 1e-12
+"""Error of the angles in a time unit [rad]: a thousandth of the imbalance that is allowed."""
 _TILT_TOLERANCE = 1e-8
+"""Error of the angles in a time unit [rad], far below what places of walls are told to."""
 _EVENT_FRAMES = 30
+"""From kick to kick, and from turn to turn; torques act in every other of these spans."""
 _KICK_FRAME = 10
+"""Of a span, in which there is a kick: neither when torques begin nor when gravity turns."""
 _TURN_FRAME = 20
+"""Of a span, in which gravity turns: as far from the kicks on both sides."""
 _CROSSING_FRAMES = 200
+"""In which springs and bars are compared: none of them moves a wall by a spacing."""
 
 
 @dataclass(frozen=True)
-class BookedRun:
-    """The books of a run, frame by frame."""
+class BalancedRun:
+    """The energy balance of a run, frame by frame."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
@@ -62,8 +69,8 @@ class BookedRun:
 
 
 @dataclass(frozen=True)
-class BooksTask:
-    """A wall that is kicked, pushed, tilted and damped at random while its energy is booked."""
+class BalanceTask:
+    """A wall that is kicked, pushed, tilted and damped at random while its energy is balanced."""
 
     chain: Chain
     mechanics: str
@@ -84,15 +91,15 @@ class BooksTask:
     seed: int
 
     @staticmethod
-    def read(section: Section, mechanics: str) -> BooksTask:
+    def read(section: Section, mechanics: str) -> BalanceTask:
         """Read the settings, and draw the disorder of the chain."""
-        section.allow(*_BOOKS_KEYS)
+        section.allow(*_BALANCE_KEYS)
         bare = chain_from(section.section('chain'))
         share = section.number('disorder', 0.0, 0.3)
         seed = section.whole_number('seed', 0, 2**31)
         shares = dict.fromkeys(_DISORDERED, share)
         drawn = drawn_deviations(bare.number_of_rotors, seed, periodic=False, **shares)
-        return BooksTask(
+        return BalanceTask(
             replace(bare, deviations=drawn),
             mechanics,
             section.number('place', 0.0, bare.number_of_rotors - 1),
@@ -105,29 +112,29 @@ class BooksTask:
             seed,
         )
 
-    def __call__(self) -> BookedRun:
+    def __call__(self) -> BalancedRun:
         """Simulate it."""
         chain = self.chain
         state = with_soliton(chain, self.place, self.velocity)
         simulation = MECHANICS[self.mechanics](
-            chain, state.angles, state.rates, _PERIOD, _BOOKS_TOLERANCE, Gravity(self.gravity)
+            chain, state.angles, state.rates, _PERIOD, _BALANCE_TOLERANCE, Gravity(self.gravity)
         )
-        books = EnergyBooks(simulation)
+        balance = EnergyBalance(simulation)
         random = np.random.default_rng(self.seed)
         imbalances, kicks, turns, pushed = [], [], [], []
         for frame in range(round(self.duration / _PERIOD)):
             normal = chain.moments_of_inertia * random.standard_normal(chain.number_of_rotors)
             if frame % _EVENT_FRAMES == _KICK_FRAME:
-                books.kick(self.kick * normal)
+                balance.kick(self.kick * normal)
                 kicks.append(simulation.time)
             if frame % _EVENT_FRAMES == _TURN_FRAME:
-                books.turn(Gravity(self.gravity, random.uniform(-self.tilt, self.tilt)))
+                balance.turn(Gravity(self.gravity, random.uniform(-self.tilt, self.tilt)))
                 turns.append(simulation.time)
             pushed.append(frame // _EVENT_FRAMES % 2 == 1)
-            books.advance(pushed[-1] * self.torque * normal)
-            imbalances.append(books.imbalance)
+            balance.advance(pushed[-1] * self.torque * normal)
+            imbalances.append(balance.imbalance)
         times = np.linspace(_PERIOD, simulation.time, len(imbalances))
-        return BookedRun(
+        return BalancedRun(
             times, np.array(imbalances), np.array(kicks), np.array(turns), np.array(pushed)
         )
 

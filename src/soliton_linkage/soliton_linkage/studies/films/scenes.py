@@ -23,6 +23,7 @@ from soliton_linkage.studies.drawing import (
     BLUE,
     GREY,
     LEAN_COLOURS,
+    displacement,
     lean_scale,
     limits,
     pivot_points,
@@ -36,10 +37,15 @@ STYLE: Any = {
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
+"""Of matplotlib, in which scenes are made and drawn: letters of a size do not depend on pixels."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Part of the figure that pictures may fill, beneath the title."""
 
+TOLERANCE = 1e-9
+"""Error of the angles in a time unit [rad], so that a film of a cycle ends where it began."""
+
 _GAP = 0.06
+"""Between axes one above the other, over the height of the figure."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +127,7 @@ class SpaceTime:
 
     def __init__(self, axes: Axes, chain: Chain, angles: Array, duration: float) -> None:
         """Draw angles [rad], shape (frames, N), over a duration [s]."""
-        leans, _ = chain.positions(angles)
+        leans = displacement(chain, angles)
         half, last = chain.spacing / 2, float(pivot_points(chain)[-1, 0])
         axes.imshow(
             leans,
@@ -184,7 +190,7 @@ class ProfilePanel:
 
     def show(self, angles: Array) -> None:
         """Show a configuration [rad], shape (N,), and the theory where there is one wall."""
-        lean, _ = self._chain.positions(angles)
+        lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._places[parity::2], 100 * lean[parity::2])
         walls = find_solitons(self._chain, angles)
@@ -214,15 +220,6 @@ def static_profile(
     sense = 1 if turned[0::2].sum() >= turned[1::2].sum() else -1
     theta = rest + (-1) ** parity * sense * np.arccos(order)
     return np.asarray(chain.rotor_length * np.sin(theta))
-
-
-def describe(chain: Chain) -> str:
-    """Return one line that says what a chain is like."""
-    return (
-        f'{chain.motion.value}: r/a = {chain.rotor_length / chain.spacing:g}, '
-        f'rest angle {chain.rest_angle:g} rad, d = {chain.lean_ratio:.2f}, '
-        f'{chain.number_of_rotors} rotors'
-    )
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:

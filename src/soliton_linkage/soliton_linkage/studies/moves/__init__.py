@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solitons carried to places on simulated chains."""
+"""Walls carried to places on simulated chains, and the phonons that they wake."""

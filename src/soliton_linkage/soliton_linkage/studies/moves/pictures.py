@@ -9,19 +9,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, RED
-from soliton_linkage.studies.moves.runs import MoveRun, Task
+from soliton_linkage.studies.drawing import COLOURS, GREY
+from soliton_linkage.studies.moves.runs import MoveKey, MoveRun, MoveTask
 from soliton_linkage.studies.plates import Plate
 
-_COLOURS = (BLUE, GREEN, RED, PURPLE, BLACK)
 _WANTED = 0.1
+"""Distance from its goal at which a wall is to be held [rotor spacings]."""
 _LEAST_ERROR = 1e-6
+"""Drawn in place of less, which its scale of logarithms would not hold [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-_Key = tuple[str, str]
+"""The same for a share of an energy: what rounding leaves of it [1]."""
 
 
 def draw_moves(
-    tasks: Mapping[_Key, Sequence[Task]], runs: Mapping[_Key, Sequence[MoveRun]]
+    tasks: Mapping[MoveKey, Sequence[MoveTask]], runs: Mapping[MoveKey, Sequence[MoveRun]]
 ) -> Plate:
     """Places, distances from the goal and phonons against time, a column for each chain."""
     chains = list(dict.fromkeys(name for name, _ in tasks))
@@ -30,7 +31,7 @@ def draw_moves(
     panels = plate.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
     for column, name in zip(panels.T, chains, strict=True):
         for number, title in enumerate(conditions):
-            colour = _COLOURS[number % len(_COLOURS)]
+            colour = COLOURS[number % len(COLOURS)]
             for task, run in zip(tasks[name, title], runs[name, title], strict=True):
                 _draw_run(plate, column, f'{name}, {title}', colour, task, run)
         column[0].set(title=name)
@@ -40,13 +41,13 @@ def draw_moves(
     panels[1, 0].set(ylabel='|place - goal| [rotor spacings]', yscale='log')
     panels[2, 0].set(ylabel='phonons over the peak energy of the wall [1]', yscale='log')
     for number, title in enumerate(conditions):
-        panels[0, 0].plot([], [], color=_COLOURS[number % len(_COLOURS)], label=title)
+        panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
     plate.figure.legend(loc='outside upper center', ncols=len(conditions))
     return plate
 
 
 def _draw_run(
-    plate: Plate, column: Sequence[Axes], series: str, colour: str, task: Task, run: MoveRun
+    plate: Plate, column: Sequence[Axes], series: str, colour: str, task: MoveTask, run: MoveRun
 ) -> None:
     off = np.maximum(np.abs(run.places - task.goal), _LEAST_ERROR)
     share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)

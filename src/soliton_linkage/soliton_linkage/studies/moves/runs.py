@@ -23,11 +23,19 @@ from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.steering.steering import Ended, Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 
+MoveKey = tuple[str, str]
+"""Names of a chain and of the condition that it is in."""
+
 _TOLERANCE = 1e-8
+"""Error of the angles in a time unit [rad], far below the noise and the errors of a move."""
 _SEEN_BEFORE = 0.2
+"""How long the steering sees a wall at rest before it is given a goal [s]."""
 _LONGEST = 120.0
+"""After which a move that has not ended counts as not held [s]."""
 _SAMPLE_EVERY = 20
+"""Frames from sample to sample: 80 ms at 250 Hz, which a picture resolves."""
 _DRAWS = 100
+"""Draws of a disorder, of which one is to let the wall pass."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +51,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Task:
+class MoveTask:
     """A move to be made."""
 
     chain: Chain
@@ -88,7 +96,7 @@ class MoveRun:
     """Largest kinetic energy on the way [J]."""
 
 
-def made(task: Task) -> MoveRun:
+def made(task: MoveTask) -> MoveRun:
     """Make a move, in frames that torques follow one frame later."""
     orbit = UniformOrbit(task.chain)
     chain, start = _started(task, orbit)
@@ -130,7 +138,7 @@ def made(task: Task) -> MoveRun:
     )
 
 
-def _started(task: Task, orbit: UniformOrbit) -> tuple[Chain, Array]:
+def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Chain with the damping and disorder of the task, at rest with its wall at the start.
 
     In place of deviations that may stop a wall, or do not let it be there, others are drawn.

@@ -21,9 +21,13 @@ _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
+"""Of an axis; more are a typing error."""
 _MOST_ROWS = 10_000_000
+"""Of a table, which takes a gigabyte then."""
 _QUICK_POINTS = 8
+"""Most points of an axis in a quick look."""
 _QUICK_SEEDS = 2
+"""Most seeds in a quick look."""
 
 
 def _limits() -> dict[str, tuple[float, float]]:
@@ -137,7 +141,7 @@ def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTr
     return Chain(**given, deviations=deviations), SweepTrial(**trial)
 
 
-def read_study(path: Path, quick: bool = False) -> SweepStudy:
+def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
     """Read a sweep from a YAML file; quick thins its grid to a few points an axis.
 
     Raises ValueError that names the file, the key, its value and what it must be.

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,16 +18,15 @@ from matplotlib.ticker import LogLocator
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.unit_cell import flipper_limit, spinner_limit
-from soliton_linkage.studies.drawing import BLACK, BLUE, GREEN, RED
+from soliton_linkage.studies.drawing import COLOURS, MARKERS
 from soliton_linkage.studies.measures import Value
+from soliton_linkage.studies.shares import score_interval
 from soliton_linkage.studies.sweep.config import Axis, SweepStudy
 
-_RESOLUTION = 150
 _MOST_CURVES = 5
-_COLOURS = ('#56b4e9', '#0072b2', '#e69f00', '#3a3a3a', '#009e73')
+"""Values of an axis that make curves beside each other; more make a map."""
+_CLASS_COLOURS = ('#56b4e9', '#0072b2', '#e69f00', '#3a3a3a', '#009e73')
 """Of classes, after Okabe and Ito, told apart by the colour-blind and by their lightness."""
-_CURVES = (BLUE, RED, GREEN, BLACK, '#cc79a7')
-_MARKERS = ('o', 's', '^', 'D', 'v')
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -47,27 +45,27 @@ _NAMES = {
 """Short and long name of a parameter, with its unit."""
 
 
-def draw_sweep(
-    study: SweepStudy, rows: Sequence[dict[str, str]], folder: Path
-) -> tuple[Path, ...]:
-    """Draw a table as PNG and PDF and return their paths; none for more than two axes.
+def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
+    """Return a figure of its own for `draw_sweep`; none for more than two axes."""
+    if len(study.axes) > 2:
+        return None
+    figure = Figure(figsize=(7.5, 5.2), layout='constrained')
+    draw_sweep(figure.subplots(), study, rows)
+    return figure
+
+
+def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> Axes:
+    """Draw a table of one or two axes.
 
     Two axes of many values make a map, one makes curves, as does one more of few values.
     """
-    axes_of_many = [axis for axis in study.axes if len(axis.values) > _MOST_CURVES]
-    if len(study.axes) > 2:
-        return ()
-    figure = Figure(figsize=(7.5, 5.2), layout='constrained')
-    axes = figure.subplots()
-    if len(axes_of_many) == 2:
-        _draw_map(figure, axes, study, rows)
+    of_many = [axis for axis in study.axes if len(axis.values) > _MOST_CURVES]
+    if len(of_many) == 2:
+        _draw_map(axes, study, rows)
     else:
         _draw_curves(axes, study, rows)
     axes.set_title(_title(study), fontsize=10)
-    paths = tuple(folder / f'{study.name}.{kind}' for kind in ('png', 'pdf'))
-    for path in paths:
-        figure.savefig(path, dpi=_RESOLUTION)
-    return paths
+    return axes
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
@@ -90,9 +88,7 @@ def _shape(study: SweepStudy) -> tuple[int, ...]:
     return (*(len(axis.values) for axis in study.axes), len(study.seeds))
 
 
-def _draw_map(
-    figure: Figure, axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]
-) -> None:
+def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
     """Draw the first axis across and the second upwards, with what theory says over it."""
     across, up = study.axes
     edges = _edges(across), _edges(up)
@@ -104,7 +100,7 @@ def _draw_map(
         counted = np.isfinite(values).sum(axis=-1)
         means = np.where(counted, np.nansum(values, axis=-1), np.nan) / np.maximum(counted, 1)
         image = axes.pcolormesh(*edges, means.T, cmap='cividis', rasterized=True)
-        figure.colorbar(image, ax=axes, label=study.measure.label)
+        axes.figure.colorbar(image, ax=axes, label=study.measure.label)
     _scale_axes(axes, across, up)
     _draw_limits(axes, across, up)
 
@@ -144,9 +140,9 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         curves = [values[:, number, None] for number in range(len(names))]
     else:
         names, curves = [''], [values]
-    colours = _COLOURS if of_classes and not families else _CURVES
+    colours = _CLASS_COLOURS if of_classes and not families else COLOURS
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        looks = {'color': colours[number % 5], 'marker': _MARKERS[number % 5], 'label': name}
+        looks = {'color': colours[number % 5], 'marker': MARKERS[number % 5], 'label': name}
         if of_classes:
             _draw_shares(axes, along, curve[:, 0], len(study.seeds), looks)
         else:
@@ -161,23 +157,14 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         axes.legend(frameon=False)
 
 
-def share_error(share: Array, count: int) -> tuple[Array, Array]:
-    """Limits of a share of so many draws, one standard error from it, shape of the share each.
-
-    The probabilities p with |p - share| = sqrt(p (1 - p) / count), the score interval of Wilson,
-    which leaves room where all draws agree.
-    """
-    middle = (share + 0.5 / count) / (1 + 1 / count)
-    half = np.sqrt(share * (1 - share) / count + 0.25 / count**2) / (1 + 1 / count)
-    return middle - half, middle + half
-
-
 def _draw_shares(
     axes: Axes, along: Axis, share: Array, seeds: int, looks: Mapping[str, Any]
 ) -> None:
     """Draw a share of the seeds as a line, and its statistical error as bars."""
     places = _places(along)
-    axes.vlines(places, *share_error(share, seeds), color=looks['color'], alpha=0.6, linewidth=2)
+    axes.vlines(
+        places, *score_interval(share, seeds), color=looks['color'], alpha=0.6, linewidth=2
+    )
     axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **looks)
 
 
@@ -211,14 +198,16 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 def _blended(each: Array) -> Array:
     """Colours of the commonest class, the paler the fewer seeds are in it, shape (..., 3)."""
-    colours = np.array([to_rgb(colour) for colour in _COLOURS[: each.shape[-1]]])
+    colours = np.array([to_rgb(colour) for colour in _CLASS_COLOURS[: each.shape[-1]]])
     share = each.max(axis=-1, keepdims=True)
     commonest = colours[each.argmax(axis=-1)]
     return np.asarray(share * commonest + (1 - share))
 
 
 def _label_classes(axes: Axes, classes: Sequence[str]) -> None:
-    handles = [Patch(color=_COLOURS[number], label=name) for number, name in enumerate(classes)]
+    handles = [
+        Patch(color=_CLASS_COLOURS[number], label=name) for number, name in enumerate(classes)
+    ]
     legend = axes.legend(
         handles=handles, loc='upper center', bbox_to_anchor=(0.5, -0.14), ncols=4, frameon=False
     )

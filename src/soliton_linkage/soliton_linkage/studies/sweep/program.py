@@ -8,48 +8,44 @@ nor on the number of workers.
 from __future__ import annotations
 
 import argparse
-import os
-import signal
 import sys
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from pathlib import Path
 
-from soliton_linkage.studies.progress import ProgressLine
-from soliton_linkage.studies.sweep.config import SweepStudy, read_study
-from soliton_linkage.studies.sweep.pictures import draw_sweep
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage.studies.plates import save_figure
+from soliton_linkage.studies.program import run_study, study_parser
+from soliton_linkage.studies.sweep.config import SweepStudy, read_sweep_study
+from soliton_linkage.studies.sweep.pictures import sweep_figure
 from soliton_linkage.studies.sweep.table import Table, read_rows
 from soliton_linkage.studies.sweep.workers import Workers, cluster_workers, local_workers
-from soliton_linkage.studies.workers import process_count
 
-_INTERRUPTED = 130
+_GOES_ON = 'the same command goes on where it was'
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run a sweep; returns 0, 1 where something is wrong, or 130 after Ctrl-C or SIGTERM."""
-    options = _parsed(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a sweep; return 0, 1 where something is wrong, or 130 after Ctrl-C or SIGTERM."""
+    parser = study_parser(
+        'sweep', __doc__, 'a thinner grid', 'out/sweeps/NAME OF CONFIG', scheduler=True
+    )
+    return run_study(parser, arguments, _swept, _GOES_ON)
+
+
+def _swept(options: argparse.Namespace) -> str:
     try:
-        study = read_study(options.config, options.quick)
-        folder = options.output or Path('out/sweeps') / study.name
-        if options.scheduler:
-            workers = cluster_workers(options.scheduler)
-        else:
-            workers = local_workers(options.workers)
-        _run(study, folder, workers)
-    except KeyboardInterrupt:
-        print('\ninterrupted; the same command goes on where it was', file=sys.stderr)
-        return _INTERRUPTED
+        return _measured(options)
     except ChildProcessError as error:
-        print(f'sweep: a worker ended ({error}); the same command goes on', file=sys.stderr)
-        return 1
-    except (ValueError, OSError) as error:
-        print(f'sweep: {error}', file=sys.stderr)
-        return 1
-    return 0
+        raise ChildProcessError(f'a worker ended ({error}); {_GOES_ON}') from error
 
 
-def _run(study: SweepStudy, folder: Path, workers: AbstractContextManager[Workers]) -> None:
+def _measured(options: argparse.Namespace) -> str:
+    study = read_sweep_study(options.config, options.quick)
+    folder = options.output or Path('out/sweeps') / study.name
+    if options.scheduler:
+        workers = cluster_workers(options.scheduler)
+    else:
+        workers = local_workers(options.workers)
     with Table(study, folder) as table:
         missing = table.missing
         if missing:
@@ -57,11 +53,15 @@ def _run(study: SweepStudy, folder: Path, workers: AbstractContextManager[Worker
                 _fill(study, table, missing, ready)
         table.finish()
     rows = read_rows(table.path)
-    pictures = draw_sweep(study, rows, folder)
+    paths = [table.path]
+    figure = sweep_figure(study, rows)
+    if figure:
+        paths += [folder / f'{study.name}.{kind}' for kind in ('png', 'pdf')]
+        for path in paths[1:]:
+            save_figure(figure, path)
     failed = sum(bool(row['failure']) for row in rows)
-    names = ', '.join(str(path) for path in (table.path, *pictures))
     remark = f'; {failed} rows hold a failure' if failed else ''
-    print(f'{study.rows} rows in {names}{remark}')
+    return f'{study.rows} rows in {", ".join(map(str, paths))}{remark}'
 
 
 def _fill(study: SweepStudy, table: Table, missing: list[int], workers: Workers) -> None:
@@ -88,24 +88,6 @@ def _fill(study: SweepStudy, table: Table, missing: list[int], workers: Workers)
 def _spoken(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     return f'{minutes} min {rest} s' if minutes else f'{rest} s'
-
-
-def _parsed(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='sweep', description=__doc__)
-    parser.add_argument('config', type=Path, help='YAML file, such as those in config/studies')
-    parser.add_argument(
-        '--output', type=Path, help='folder for table and picture [out/sweeps/<name of config>]'
-    )
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        '--workers',
-        type=process_count,
-        default=os.cpu_count() or 1,
-        help='processes on this machine [one a core]',
-    )
-    where.add_argument('--scheduler', help='address of a Dask cluster, tcp://host:8786')
-    parser.add_argument('--quick', action='store_true', help='thin the grid to a first look')
-    return parser.parse_args(arguments)
 
 
 if __name__ == '__main__':

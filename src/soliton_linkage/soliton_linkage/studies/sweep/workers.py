@@ -16,9 +16,13 @@ from soliton_linkage.studies.sweep.config import SweepStudy
 from soliton_linkage.studies.workers import Pool, local_processes
 
 _SECONDS_A_CHUNK = 1.0
+"""What a chunk of rows takes [s]: handing it over costs a thousandth, an interrupt no more."""
 _GROWTH = 4
+"""Times that a chunk may be larger than the last, whose rows may have been quick ones."""
 _CHUNKS_A_WORKER = 2
+"""Under way: one is done while the next one waits."""
 _CONNECTION_TIMEOUT = 10
+"""For a scheduler to answer [s]."""
 
 Chunk = tuple[list[list[str]], list[int], float]
 

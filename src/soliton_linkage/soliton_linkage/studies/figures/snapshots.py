@@ -18,13 +18,18 @@ from soliton_linkage.solitons.tanh_fit import order_field
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
 from soliton_linkage.studies.drawing import ChainPicture, make_room
 from soliton_linkage.studies.experiments import kicked
+from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
 _WIDTH = 9.0
+"""Of the figure [inches]."""
 _TITLE = 0.4
+"""Height of a title above a panel [inches], with some room."""
 
 
+@FIGURES.add('figure_2')
+@FIGURES.add('figure_3')
 def snapshot_figure(section: Section, quick: bool) -> Plate:
     """The chain of springs before the kick, with its wall half way, and after a reflection."""
     section.allow('chain', 'kick', 'duration', 'frames')
@@ -54,7 +59,7 @@ def snapshot_figure(section: Section, quick: bool) -> Plate:
         time = recording.times[frame] / chain.time_unit
         axes.set_title(rf'{letter}  {state}, $t = {time:.0f}\,\sqrt{{M/k_e}}$', loc='left')
         plate.note(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
-    _compare(plate, chain, recording, kick, crossings[0].speed)
+    _compare(plate, chain, recording, kick, crossings[0].place_rate)
     return plate
 
 

@@ -33,15 +33,20 @@ from soliton_linkage.studies.drawing import (
     mass_points,
     pivot_points,
 )
+from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
 _FINE = 40_000
+"""Steps of the curves that are measured, whose slope is then right to 1e-7."""
 _SHAPE = 1.9
+"""Width over height of a panel of the cells, as the rows of the figure have it."""
 _REGIONS = {'flippers': (0.22, 0.85), 'wobbling flippers': (1.75, 0.55), 'spinners': (4.5, 1.1)}
+"""Where the names of the phases stand: r/a and rest angle [rad]."""
 _PHASES = ('#e8f1f8', '#f7e6c4', '#dcefe2')
 
 
+@FIGURES.add('figure_4')
 def figure_4(section: Section, quick: bool) -> Plate:
     """The phase diagram, and of a cell of each phase its pictures, its curves and its torus."""
     section.allow('chains', 'points')

@@ -21,21 +21,23 @@ from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage.studies.captions import parameters
 from soliton_linkage.studies.drawing import (
-    BLUE,
-    GREEN,
+    COLOURS,
     GREY,
-    RED,
+    MARKERS,
     ChainPicture,
-    draw_chain,
     make_room,
 )
+from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
 _LONG = 400
+"""Rotors of a chain whose lowest modes tell those of an infinite one to 1e-4."""
 
 
+@FIGURES.add('figure_1')
 def figure_1(section: Section, quick: bool) -> Plate:
     """The uniform chain, its zero mode and its depth, a wall, and the phonons (paper, Fig. 1)."""
     section.allow('chain', 'chains')
@@ -46,7 +48,7 @@ def figure_1(section: Section, quick: bool) -> Plate:
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]
     plate = Plate(figure)
     rest = chain.uniform_state(1)
-    uniform = draw_chain(top[0], chain, rest, rigid=True)
+    uniform = ChainPicture(top[0], chain, rest, rigid=True)
     wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
     moving = ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
     waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
@@ -77,14 +79,14 @@ def figure_1(section: Section, quick: bool) -> Plate:
 
 def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     """The zero mode of each chain on a logarithmic scale, over the decay of theory."""
-    for chain, colour, marker in zip(chains, (BLUE, RED, GREEN), 'os^', strict=False):
+    for chain, colour, marker in zip(chains, COLOURS, MARKERS, strict=False):
         mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
         from_edge = np.arange(chain.number_of_rotors)[::-1]
         depth = penetration_depth(chain) / chain.spacing
-        axes.plot(from_edge, mode, marker, color=colour, label=_name(chain))
+        axes.plot(from_edge, mode, marker, color=colour, label=parameters(chain))
         axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
         names = ('rotors from the last', 'zero mode |t| [1]')
-        plate.note('e', _name(chain), names, from_edge, mode)
+        plate.note('e', parameters(chain), names, from_edge, mode)
     axes.set(
         yscale='log',
         ylim=(1e-7, 2),
@@ -97,7 +99,7 @@ def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
 
 def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     """Frequencies of the phonons: lines of theory, dots of a finite chain with free ends."""
-    for chain, colour, marker in zip(chains, (BLUE, RED, GREEN), 'os^', strict=False):
+    for chain, colour, marker in zip(chains, COLOURS, MARKERS, strict=False):
         numbers = np.linspace(0, math.pi, 200)
         line = dispersion(chain, numbers / chain.spacing) * chain.time_unit
         axes.plot(numbers, line, '-', color=colour)
@@ -107,9 +109,9 @@ def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
         ascending = np.argsort(dispersion(chain, steps / chain.spacing))
         placed = np.empty(rotors - 1)
         placed[ascending] = found
-        axes.plot(steps, placed, marker, color=colour, label=_name(chain), markersize=4)
+        axes.plot(steps, placed, marker, color=colour, label=parameters(chain), markersize=4)
         names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
-        plate.note('f', _name(chain), names, steps, placed)
+        plate.note('f', parameters(chain), names, steps, placed)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set(
         xlabel='wave number k a, staggered angles',
@@ -121,7 +123,7 @@ def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
 
 def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
     """Set the numbers of linear theory beside those of the modes of a long chain."""
-    name, spacing, unit = _name(chain), chain.spacing, chain.time_unit
+    name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
     long_chain = Chain(
         rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness
     )
@@ -179,7 +181,3 @@ def _curvature(frequencies: Array) -> float:
     """Speed of sound [spacings], from the same two modes of N rotors, k a = pi j / N."""
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi
-
-
-def _name(chain: Chain) -> str:
-    return f'r/a = {chain.rotor_length / chain.spacing:g}, θ̄ = {chain.rest_angle:g}'

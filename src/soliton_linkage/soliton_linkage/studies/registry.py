@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a study offers by name, told by the modules that define it."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping
+from typing import TypeVar
+
+Entry = TypeVar('Entry')
+
+
+class Registry(Mapping[str, Entry]):
+    """Entries by name, each added by a module of a package or by any that was imported before.
+
+    A new module in the package is found without being named anywhere. Names come in order.
+    """
+
+    def __init__(self, package: str) -> None:
+        """Registry of a package, whose modules are imported when it is first looked into."""
+        self._package = package
+        self._entries: dict[str, Entry] = {}
+        self._complete = False
+
+    def add(self, name: str) -> Callable[[Entry], Entry]:
+        """Decorate what is to be offered by a name; raises ValueError for a name in use."""
+
+        def added(entry: Entry) -> Entry:
+            if name in self._entries:
+                raise ValueError(f'{self._package} has a {name!r} already; choose another name')
+            self._entries[name] = entry
+            return entry
+
+        return added
+
+    def __getitem__(self, name: str) -> Entry:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(self._all()))
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+    def _all(self) -> dict[str, Entry]:
+        if not self._complete:
+            for module in pkgutil.iter_modules(importlib.import_module(self._package).__path__):
+                # The program is what looks into the registry, and may be running as __main__.
+                if module.name != 'program':
+                    importlib.import_module(f'{self._package}.{module.name}')
+            self._complete = True
+        return self._entries
