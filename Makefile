@@ -14,15 +14,9 @@ help:  ## list the targets
 demo: scenario build
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo
 
-# Nodes are timed: their tests run one after the other, those of the physics side by side.
-test: build  ## run the tests; ARGS='-k nudge' goes to pytest
-ifdef ARGS
-	@$(enter) python3 -m pytest $(ARGS)
-else
-	@. setup/environment.sh && setup/peers.sh || echo 'Tests that need the peers are skipped.'
-	@$(enter) python3 -m pytest --numprocesses auto test/physics
-	@$(enter) python3 -m pytest --ignore test/physics
-endif
+# More at a time than there are cores: tests of nodes mostly wait.
+test: build  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead
+	@$(enter) python3 -m pytest $(or $(ARGS),--numprocesses $$(($$(nproc) + 2)) --dist worksteal)
 
 check: build  ## formatting, lint and strict typing
 	@. setup/environment.sh && ruff format --check . && ruff check . && mypy

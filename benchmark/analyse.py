@@ -31,10 +31,10 @@ from sensor_msgs.msg import JointState
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 

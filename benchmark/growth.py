@@ -21,7 +21,7 @@ from growth_memory import analyser_memory, simulator_memory
 from growth_work import WORKS, Work
 from processes import own_domain
 
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 
 ROTORS = (20, 100, 1000, 10_000, 100_000)
 QUICK_ROTORS = (20, 100, 1000)

@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from wall_bag import NOISE, RATE, SECOND, NoisyWall, named_chain
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
+from soliton_linkage.dynamics.integrators import SymplecticNystrom
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Chain
@@ -26,7 +26,7 @@ from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.record.inlets import Inlet
 from soliton_linkage_nodes.bags.record.writing_thread import Source
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.runtime import interfaces
 
 FIRST_FRAMES = 30

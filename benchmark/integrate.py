@@ -33,7 +33,7 @@ from integrate_account import WHOLE, account
 from integrate_peers import OURS, PEERS, Peer, Problem, Ready, heyoka_taylor
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 
 TARGETS = (1e-5, 1e-8)
 FINEST = 3e-9

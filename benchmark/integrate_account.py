@@ -11,16 +11,12 @@ import numpy as np
 from integrate_peers import Problem
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators import multistep_loops as multistep_kernels
-from soliton_linkage.dynamics.integrators import nystrom_loops as nystrom_kernels
-from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
+from soliton_linkage.dynamics.integrators import SymmetricMultistep, multistep_loops, nystrom_loops
+from soliton_linkage.dynamics.integrators.forces import VECTOR, Spring
 from soliton_linkage.dynamics.integrators.multistep_steps import MultistepSteps
-from soliton_linkage.dynamics.integrators.nystrom_steps import (
-    KICKS,
-    VECTOR,
-    CompiledSteps,
-    zeros_in_line,
-)
+from soliton_linkage.dynamics.integrators.nystrom_coefficients import KICKS
+from soliton_linkage.dynamics.integrators.nystrom_steps import NystromSteps
+from soliton_linkage.dynamics.integrators.rotor_loops import Before, Span, zeros_in_line
 from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
@@ -42,7 +38,7 @@ def account(sizes: list[int]) -> dict[str, dict[str, list[float]]]:
 def multistep(size: int) -> list[float]:
     motion, state = moving(size)
     together = SymmetricMultistep(motion, 0.0, state, 1.0).together
-    steps = MultistepSteps(motion, together, compiled=True)
+    steps = MultistepSteps(motion, together)
     given = np.full(len(state), 1.0), 0.0
     steps.begin(state, STEP, *given)
     calls = max(2, math.ceil(BUDGET / size / together))
@@ -56,7 +52,7 @@ def multistep(size: int) -> list[float]:
 
 def symplectic(size: int) -> list[float]:
     motion, state = moving(size)
-    steps = CompiledSteps(motion)
+    steps = NystromSteps(motion)
     count = max(4, math.ceil(BUDGET / size / len(KICKS)))
     return nanoseconds(lambda: steps.advance(state, STEP, count), count * len(KICKS) * size)
 
@@ -71,17 +67,20 @@ def loops(size: int) -> dict[str, list[float]]:
     longer = max(size, 8000)
     work = zeros_in_line(4, longer + VECTOR)
     work[:] = np.random.default_rng(1).uniform(-0.1, 0.1, work.shape)
-    kicks, turns, memory = (zeros_in_line(16, longer) for _ in range(3))
-    coefficients = (1.1, 0.2, 0.3, 0.4, 0.5)
+    rings = multistep_loops.Rings(*(zeros_in_line(16, longer) for _ in range(3)))
+    spring, every, none = (
+        Spring(1.1, 0.2, 0.3, 0.4, 0.5),
+        Span(0, longer, longer),
+        Before(0.0, 0.0),
+    )
+    rotors, times = nystrom_loops.Rotors(*work), nystrom_loops.Times(1e-9, 1e-9)
     calls: dict[str, Callable[[], object]] = {
-        'springs': lambda: multistep_kernels.pull_even(
-            work, 0, longer, longer, coefficients, (0.0, 0.0), kicks, 10
+        'springs': lambda: multistep_loops.pull_even(work, every, spring, none, rings.kicks, 10),
+        'turns from kicks, and turning': lambda: multistep_loops.turn(
+            work, rings, rings.memory, 9, 0, longer
         ),
-        'turns from kicks, and turning': lambda: multistep_kernels.turn(
-            work, kicks, turns, memory, memory, 9, 0, longer
-        ),
-        'spring, kick and turn of SymplecticNystrom': lambda: nystrom_kernels.kick_and_turn(
-            *work, 0, longer, longer, coefficients, (1e-9, 1e-9), (0.0, 0.0)
+        'spring, kick and turn of SymplecticNystrom': lambda: nystrom_loops.kick_and_turn(
+            rotors, every, spring, times, none
         ),
     }
     repeats = math.ceil(BUDGET / longer)

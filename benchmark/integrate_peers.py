@@ -19,9 +19,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
-from soliton_linkage.dynamics.integrators.multistep import SymmetricMultistep
-from soliton_linkage.dynamics.integrators.nystrom import SymplecticNystrom
+from soliton_linkage.dynamics.integrators import (
+    ChainSolver,
+    SymmetricMultistep,
+    SymplecticNystrom,
+)
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -81,9 +83,7 @@ def chain_solver(method: type[ChainSolver], problem: Problem, tolerance: float) 
     absolute = tolerance / math.sqrt(len(state))
 
     def ready() -> Run:
-        solver = method(
-            motion, 0.0, state, problem.duration, rtol=0.0, atol=absolute, compiled=True
-        )
+        solver = method(motion, 0.0, state, problem.duration, rtol=0.0, atol=absolute)
 
         def run() -> Array:
             while solver.status == 'running':

@@ -27,13 +27,10 @@ from rclpy.publisher import Publisher
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    default_joint_names,
-    time_from_msg,
-)
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
 RATE = 1000.0

@@ -28,15 +28,11 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.studies.progress import ProgressLine
-from soliton_linkage_nodes.messages.conversions import (
-    FRAME,
-    NamedChain,
-    default_joint_names,
-    time_to_msg,
-)
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer, publish_buffer
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer, publish_buffer
+from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime.interfaces import stream_qos
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 Ways = dict[str, Callable[[], None]]
 

@@ -28,10 +28,10 @@ from processes import node_command, own_domain, processor_time, program_command,
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.studies.progress import ProgressLine
-from soliton_linkage_nodes.messages.conversions import Array, NamedChain, default_joint_names
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
 
 Command = Callable[[int, float], list[str | Path]]

@@ -29,11 +29,11 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.messages.conversions import time_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import go_first
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
 RATE = 1000.0

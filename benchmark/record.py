@@ -30,10 +30,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from wall_bag import RATE, named_chain, write_wall_bag
 
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
-from soliton_linkage_nodes.messages.joint_states import JointStateDecoder
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer, JointStateDecoder
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.runtime import interfaces
 

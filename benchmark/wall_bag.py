@@ -10,17 +10,17 @@ from rclpy.serialization import serialize_message
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.studies.progress import ProgressLine
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    time_to_msg,
 )
-from soliton_linkage_nodes.messages.joint_state_buffer import JointStateBuffer
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 START = 10**18
 NOISE = 0.01

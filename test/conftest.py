@@ -1,7 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of hypothesis: the same examples in every run, unless told `--hypothesis-profile`."""
+"""How the tests are run: repeatably, side by side, and with a plain last word.
 
+Hypothesis takes the same examples in every run, unless told `--hypothesis-profile`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from itertools import chain, groupby
+from pathlib import Path
+
+import pytest
 from hypothesis import HealthCheck, settings
+
+HERE = Path(__file__).parent
 
 settings.register_profile(
     'repeatable', deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
@@ -10,3 +22,56 @@ settings.register_profile(
     'searching', parent=settings.get_profile('repeatable'), derandomize=False, max_examples=2000
 )
 settings.load_profile('repeatable')
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Side by side, what takes long begins, and nodes, which wait, run among what computes.
+
+    A worker begins with an even share of the list; later it takes from the ends of others'.
+    """
+    if not hasattr(config, 'workerinput'):
+        return
+    kinds: dict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        kinds[item.path.relative_to(HERE).parts[0]].append(item)
+    workers = config.workerinput['workercount']
+    shares: list[list[pytest.Item]] = [[] for _ in range(workers)]
+    for number, item in enumerate(kinds.pop('system', [])):
+        shares[number % workers].append(item)
+    # The tests of a benchmark share its one run.
+    for number, (_, group) in enumerate(groupby(kinds.pop('benchmark', []), lambda i: i.path)):
+        shares[number % workers].extend(group)
+    places = {
+        path: number / len(members)
+        for members in kinds.values()
+        for number, path in reversed([(n, item.path) for n, item in enumerate(members)])
+    }
+    rest = sorted(chain(*kinds.values()), key=lambda item: places[item.path])
+    left = len(items)
+    for number, share in enumerate(shares):
+        size = left // (workers - number) - len(share)
+        left -= len(share) + max(size, 0)
+        share += rest[: max(size, 0)]
+        del rest[: max(size, 0)]
+    items[:] = [*chain(*shares), *rest]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    reasons = Counter(
+        report.longrepr[2].removeprefix('Skipped: ')
+        for report in terminalreporter.stats.get('skipped', [])
+        if isinstance(report.longrepr, tuple)
+    )
+    if reasons:
+        said = ', '.join(f'{reason} ({number})' for reason, number in reasons.most_common())
+        terminalreporter.write_line(f'{reasons.total()} skipped: {said}')
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    terminal = config.pluginmanager.get_plugin('terminalreporter')
+    if terminal is None or hasattr(config, 'workerinput') or config.option.collectonly:
+        return
+    count = {kind: len(reports) for kind, reports in terminal.stats.items()}
+    failed = count.get('failed', 0) + count.get('error', 0)
+    skipped = count.get('skipped', 0)
+    terminal.write_line(f'{count.get("passed", 0)} passed, {failed} failed, {skipped} skipped')

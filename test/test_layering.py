@@ -1,61 +1,214 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layers: physics knows no ROS and no nodes, and no node knows another."""
+"""The house: who may import whom, what a folder holds, what is said of a name and a number."""
 
 from __future__ import annotations
 
 import ast
 import sys
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 SOURCES = Path(__file__).parents[1] / 'src'
-PHYSICS = sorted((SOURCES / 'soliton_linkage/soliton_linkage').glob('**/*.py'))
-MODULES = sorted((SOURCES / 'soliton_linkage_nodes/soliton_linkage_nodes').glob('**/*.py'))
-ALLOWED_IN_PHYSICS = {'soliton_linkage', 'numpy', 'scipy', 'matplotlib', *sys.stdlib_module_names}
-ALLOWED_IN_STUDIES = ALLOWED_IN_PHYSICS | {'distributed', 'imageio_ffmpeg', 'mpl_toolkits', 'yaml'}
+TESTS = Path(__file__).parent
+MOST_MODULES = 15
+
+PHYSICS = {
+    room: floor
+    for floor, room in enumerate(
+        [
+            *('compiling', 'progress', 'linkage', 'linear', 'solitons', 'orbit', 'dynamics'),
+            *('actuation', 'estimation', 'steering', 'studies'),
+        ]
+    )
+}
+ROS_NODES = {'simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'}
+NODES = {
+    'start': 0,
+    'runtime': 1,
+    'messages': 2,
+    **dict.fromkeys({*ROS_NODES, 'bags'}, 3),
+    'programs': 4,
+}
+IMPORTED_BY_PHYSICS = {'soliton_linkage', 'numpy', 'scipy', 'matplotlib'}
+IMPORTED_BY_STUDIES = {'distributed', 'imageio_ffmpeg', 'mpl_toolkits', 'yaml'}
+KNOWN_TO_BAGS = {
+    'soliton_linkage.linkage.quantities',
+    'soliton_linkage.progress',
+    'soliton_linkage_msgs.srv',
+}
+PUBLIC_OF_TUPLES = {'_asdict', '_fields', '_make', '_replace'}
 
 
-def imported(path: Path) -> set[str]:
-    """Dotted names that a file imports, down to the name taken from a module."""
-    names = set()
-    for statement in ast.walk(ast.parse(path.read_text())):
+def sources(package: str) -> dict[str, ast.Module]:
+    """Return the syntax of each module of a package by its dotted name."""
+    root = SOURCES / package
+    return {
+        '.'.join(path.relative_to(root).with_suffix('').parts).removesuffix('.__init__'): parsed
+        for path in sorted(root.glob(f'{package}/**/*.py'))
+        for parsed in [ast.parse(path.read_text(encoding='utf-8'))]
+    }
+
+
+MODULES = {**sources('soliton_linkage'), **sources('soliton_linkage_nodes')}
+
+
+def imports(module: str) -> Iterator[str]:
+    """Dotted names that a module imports, down to the module where that is one of ours."""
+    for statement in ast.walk(MODULES[module]):
         if isinstance(statement, ast.Import):
-            names |= {alias.name for alias in statement.names}
+            yield from (alias.name for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
-            package = [path.parent.name] if statement.level else []
-            module = '.'.join([*package, *filter(None, [statement.module])])
-            names |= {f'{module}.{alias.name}' for alias in statement.names}
-    return names
+            assert not statement.level, f'{module} imports relatively, line {statement.lineno}'
+            for alias in statement.names:
+                name = f'{statement.module}.{alias.name}'
+                yield name if name in MODULES else str(statement.module)
 
 
-def is_run(path: Path) -> bool:
-    """Whether a module is a program: a node or a tool with a function `main`."""
-    return any(getattr(part, 'name', '') == 'main' for part in ast.parse(path.read_text()).body)
+def room(module: str) -> tuple[str, str]:
+    """Return the package of a module and its sub-package or, of the package itself, nothing."""
+    package, _, inner = module.partition('.')
+    return package, inner.partition('.')[0]
 
 
-PROGRAMS = {path.stem for path in MODULES if is_run(path)}
+def listed(offenders: list[str]) -> str:
+    return ''.join(f'\n    {offender}' for offender in offenders)
 
 
-@pytest.mark.parametrize('path', PHYSICS, ids=lambda path: path.stem)
-def test_physics_imports_nothing_but_itself_and_numerics(path: Path) -> None:
-    allowed = ALLOWED_IN_STUDIES if path.parent.name == 'studies' else ALLOWED_IN_PHYSICS
-    compiled = {'numba'} if path.stem == 'compiling' else set()
-    assert {name.split('.')[0] for name in imported(path)} <= allowed | compiled
+def test_physics_imports_nothing_but_itself_and_numerics() -> None:
+    offenders = []
+    for module in MODULES:
+        package, inner = room(module)
+        if package == 'soliton_linkage':
+            allowed = IMPORTED_BY_PHYSICS | sys.stdlib_module_names
+            allowed |= IMPORTED_BY_STUDIES if inner == 'studies' else set()
+            allowed |= {'numba'} if inner == 'compiling' else set()
+            foreign = {name for name in imports(module) if name.split('.')[0] not in allowed}
+            offenders += [f'{module} imports {name}' for name in sorted(foreign)]
+    assert not offenders, f'physics knows numerics and no ROS:{listed(offenders)}'
 
 
-@pytest.mark.parametrize('path', PHYSICS, ids=lambda path: path.stem)
-def test_physics_knows_no_study(path: Path) -> None:
-    if path.parent.name != 'studies':
-        assert not {name for name in imported(path) if 'studies' in name}
+def test_packages_import_downwards_only() -> None:
+    offenders = []
+    for module in MODULES:
+        package, inner = room(module)
+        floors = NODES if package == 'soliton_linkage_nodes' else PHYSICS
+        assert inner in floors or not inner, f'{module} is on no floor'
+        for name in set(imports(module)) & set(MODULES):
+            other, below = room(name)
+            if inner in floors and other == package and below not in (inner, ''):
+                is_below = floors[below] < floors[inner]
+                offenders += [] if is_below else [f'{module} imports {name}']
+            elif inner in floors and other == package and below == '':
+                offenders.append(f'{module} imports {name}, which imports everything')
+    assert not offenders, f'a package imports from those below it:{listed(sorted(offenders))}'
 
 
-@pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)
-def test_no_module_imports_a_node(path: Path) -> None:
-    modules = {tuple(name.split('.')[:2]) for name in imported(path)}
-    assert not modules & {('soliton_linkage_nodes', program) for program in PROGRAMS}
+def test_bags_know_no_linkage_and_no_message_of_it() -> None:
+    offenders = [
+        f'{module} imports {name}'
+        for module in MODULES
+        if room(module) == ('soliton_linkage_nodes', 'bags')
+        for name in sorted(set(imports(module)) - KNOWN_TO_BAGS)
+        if name.startswith(('soliton_linkage.', 'soliton_linkage_msgs', 'soliton_linkage_nodes.m'))
+    ]
+    assert not offenders, f'bags play and record whatever there is:{listed(offenders)}'
 
 
-def test_the_nodes_are_programs() -> None:
-    nodes = {'simulator', 'edge_actuator', 'soliton_analyser', 'bag_recorder', 'bag_player'}
-    assert nodes | {'soliton_steering'} <= PROGRAMS
+def test_no_circle_of_imports() -> None:
+    graph = {module: set(imports(module)) & set(MODULES) - {module} for module in MODULES}
+    outside = True
+    while outside:
+        imported = set().union(*graph.values())
+        outside = {
+            module for module, known in graph.items() if not known or module not in imported
+        }
+        graph = {module: graph[module] - outside for module in set(graph) - outside}
+    offenders = [f'{module} imports {name}' for module in graph for name in graph[module]]
+    assert not offenders, f'these imports run in a circle:{listed(sorted(offenders))}'
+
+
+def test_a_folder_is_seen_at_a_glance() -> None:
+    modules = defaultdict(list)
+    for path in SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py'):
+        modules[path.parent].append(path.name)
+    offenders = [
+        f'{folder.relative_to(SOURCES)}: {len(names) - 1}'
+        for folder, names in sorted(modules.items())
+        if len(names) - 1 > MOST_MODULES
+    ]
+    assert not offenders, f'more than {MOST_MODULES} modules in a folder:{listed(offenders)}'
+
+
+def test_each_package_says_what_lives_there() -> None:
+    folders = {path.parent for path in SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py')}
+    offenders = [
+        str(folder.relative_to(SOURCES))
+        for folder in sorted(folders)
+        if not (folder / '__init__.py').exists()
+        or not ast.get_docstring(ast.parse((folder / '__init__.py').read_text(encoding='utf-8')))
+    ]
+    assert not offenders, f'no docstring in the __init__.py of:{listed(offenders)}'
+
+
+def test_a_name_of_a_class_means_one_thing() -> None:
+    homes = defaultdict(list)
+    for module, syntax in MODULES.items():
+        for statement in ast.walk(syntax):
+            if isinstance(statement, ast.ClassDef):
+                homes[statement.name.lstrip('_')].append(module)
+    offenders = [
+        f'{name}: {", ".join(modules)}' for name, modules in homes.items() if len(modules) > 1
+    ]
+    assert not offenders, f'classes of one name for two things:{listed(sorted(offenders))}'
+
+
+def test_a_number_has_its_reason() -> None:
+    offenders = [
+        f'{module}:{line} {name}'
+        for module, syntax in MODULES.items()
+        for name, line in unexplained(syntax.body)
+    ]
+    assert not offenders, (
+        'a constant of the module that is a number has its unit, meaning and reason in a string'
+        f' on the next line:{listed(offenders)}'
+    )
+
+
+def unexplained(body: list[ast.stmt]) -> Iterator[tuple[str, int]]:
+    """Name and line of each constant with a number in it that no string follows."""
+    for statement, following in zip(body, [*body[1:], None], strict=True):
+        if isinstance(statement, ast.Assign):
+            target, value = statement.targets[0], statement.value
+        elif isinstance(statement, ast.AnnAssign) and statement.value:
+            target, value = statement.target, statement.value
+        else:
+            continue
+        said = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
+        if not isinstance(target, ast.Name) or target.id != target.id.upper():
+            continue
+        if ast.unparse(value).startswith('types.'):  # a type of numba, with its dimensions
+            continue
+        if not said and any(map(is_number, ast.walk(value))):
+            yield target.id, statement.lineno
+
+
+def is_number(part: ast.AST) -> bool:
+    return (
+        isinstance(part, ast.Constant)
+        and isinstance(part.value, (int, float))
+        and not isinstance(part.value, bool)
+    )
+
+
+def test_tests_of_nodes_read_what_is_public() -> None:
+    offenders = [
+        f'{path.relative_to(TESTS)}:{part.lineno} {ast.unparse(part)}'
+        for path in sorted([*TESTS.glob('nodes/**/*.py'), *TESTS.glob('system/**/*.py')])
+        for part in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        if isinstance(part, ast.Attribute)
+        if part.attr.startswith('_') and not part.attr.startswith('__')
+        if part.attr not in PUBLIC_OF_TUPLES
+        if ast.unparse(part.value) not in ('self', 'cls', 'super()')
+    ]
+    assert not offenders, f'private attributes read by tests:{listed(offenders)}'

@@ -20,7 +20,7 @@ WHOLE = 'integrating', 'SymplecticNystrom'
 @pytest.fixture(scope='module')
 def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for needed in ('heyoka', 'mujoco', 'numba'):
-        pytest.importorskip(needed)
+        pytest.importorskip(needed, reason=f'{needed} is not installed, as make benchmark does')
     path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
     options = ['--quick', '--rotors', '20', '30', '--output', str(path)]
     command = [sys.executable, str(PROGRAM), *options]

@@ -23,10 +23,10 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     frame_to_msg,
     impulses_from_msg,
-    time_to_msg,
     torques_from_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 PATIENT = {'state_timeout': 60.0}
 
@@ -52,7 +52,7 @@ class Bench:
 
     def tell_chain(self) -> None:
         self.graph.speak(interfaces.CHAIN).publish(chain_to_msg(self.named, time_to_msg(0)))
-        self.graph.until(lambda: self.node._source.named, 'the chain')
+        self.graph.until(lambda: self.node.source.named, 'the chain')
 
     def joints(self, angles: Array, stamp: float | None = None, order: int = 1) -> None:
         """Publish joint states of a stamp [s], and wait until they are there."""
@@ -65,9 +65,9 @@ class Bench:
         self.raw_joints(message)
 
     def raw_joints(self, message: JointState) -> None:
-        before = self.node._latest_at
+        before = self.node.frames.taken
         self._joints.publish(message)
-        self.graph.until(lambda: self.node._latest_at > before, 'the joint states')
+        self.graph.until(lambda: self.node.frames.taken > before, 'the joint states')
 
     def nudge(self, speed: float) -> None:
         self._nudges.publish(Float64(data=speed))
@@ -75,11 +75,11 @@ class Bench:
     def command(self, **fields: Any) -> None:
         self._commands.publish(EdgeCommand(**fields))
 
-    def order(self, **fields: Any) -> None:
+    def carry_out(self, **fields: Any) -> None:
         """Publish a command, and wait until it is accepted."""
-        before = self.node._carried_out
+        before = self.node.carried_out
         self.command(**fields)
-        self.graph.until(lambda: self.node._carried_out > before, 'the order to be accepted')
+        self.graph.until(lambda: self.node.carried_out > before, 'the command to be accepted')
 
     def set(self, name: str, value: Any) -> bool:
         """Set a parameter, and return whether that was allowed."""

@@ -18,7 +18,7 @@ from rclpy.publisher import Publisher
 
 from soliton_linkage_nodes.runtime import interfaces
 
-LONGEST_WAIT = 30.0
+LONGEST_WAIT = 120.0
 _QUEUED = 20
 
 
@@ -31,6 +31,7 @@ class Graph:
         rclpy.init(context=self.context, domain_id=domain)
         self._executor = EventsExecutor(context=self.context)
         self._nodes: list[Node] = []
+        self._heard: set[str] = set()
         self._refused = False
         self.user = self.start(lambda **kwargs: Node('user', **kwargs))
 
@@ -71,15 +72,28 @@ class Graph:
     def hear(self, topic: interfaces.Topic) -> list[Any]:
         """Return a list to which every message of a topic is added."""
         heard: list[Any] = []
-        self.user.create_subscription(topic.type, topic.name, heard.append, topic.qos)
+        subscription = self.user.create_subscription(
+            topic.type, topic.name, heard.append, topic.qos
+        )
+        self._heard.add(subscription.topic_name)
         return heard
 
     def speak(self, topic: interfaces.Topic, subscribers: int = 1) -> Publisher:
-        """Return a publisher that so many subscribers listen to."""
+        """Return a publisher that so many subscribers listen to, whose answers are heard."""
         publisher = self.user.create_publisher(topic.type, topic.name, topic.qos)
         self.until(
             lambda: publisher.get_subscription_count() == subscribers,
             f'{subscribers} subscribers of {topic.name}',
+        )
+        answers = [
+            answer
+            for node in self._nodes
+            for answer in node.publishers
+            if answer.topic_name in self._heard
+        ]
+        self.until(
+            lambda: all(answer.get_subscription_count() for answer in answers),
+            f'a subscriber of each of {", ".join(answer.topic_name for answer in answers)}',
         )
         return publisher
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 
-LONGEST_WAIT = 30.0
-STOP_LIMIT = 2.0
+LONGEST_WAIT = 120.0
+STOP_LIMIT = 20.0
 PACKAGE = 'soliton_linkage_nodes'
 
 _SIGNALLED = """
@@ -57,6 +57,7 @@ class Program:
         with log.open('wb') as stream:
             self.process = subprocess.Popen(
                 [*command, str(executable), *arguments],
+                cwd=log.parent,
                 env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
                 stdin=subprocess.DEVNULL,
                 stdout=stream,

@@ -21,9 +21,9 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     frame_to_msg,
-    time_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 START = 1_700_000_000 * 10**9
 MILLISECOND = 10**6

@@ -10,6 +10,8 @@ from importlib.metadata import distribution
 import pytest
 from programs import Program, signalled
 
+from soliton_linkage_nodes import start as programs
+
 NODES = (
     'simulator',
     'edge_actuator',
@@ -31,19 +33,23 @@ TOOLS = (
 
 
 def test_these_are_the_programs() -> None:
-    programs = distribution('soliton_linkage_nodes').entry_points.names
-    assert programs == {*NODES, *TOOLS}
+    assert distribution('soliton_linkage_nodes').entry_points.names == {*NODES, *TOOLS}
+
+
+def file_of(program: str) -> str:
+    """Return the end of the path of the module that a program runs."""
+    return f'/{getattr(programs, program).args[0].replace(".", "/")}.py'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_program_that_is_being_imported(
     start: Callable[..., Program], number: signal.Signals
 ) -> None:
-    programs = {
-        name: start(name, command=signalled(f'/{name}.py:<module>', number))
+    running = {
+        name: start(name, command=signalled(f'{file_of(name)}:<module>', number))
         for name in (*NODES, *TOOLS)
     }
-    for name, program in programs.items():
+    for name, program in running.items():
         assert program.wait() == (130 if name in TOOLS else 0), name
         assert program.said == [], name
 
@@ -51,19 +57,19 @@ def test_a_signal_ends_every_program_that_is_being_imported(
 @pytest.mark.parametrize(
     'moment',
     [
-        'soliton_linkage_nodes/soliton_analyser.py:<module>',
+        'soliton_analyser/node.py:<module>',
         'rclpy/impl/implementation_singleton.py:<module>',
         'numpy/__init__.py:<module>',
         'scipy/integrate/__init__.py:<module>',
-        'soliton_linkage/cycle.py:<module>',
-        'soliton_linkage_nodes/process.py:<module>',
-        'soliton_linkage_nodes/process.py:run',
-        'soliton_linkage_nodes/process.py:stop_on_signals',
-        'soliton_linkage_nodes/process.py:initialise',
-        'soliton_linkage_nodes/scheduling.py:__init__',
-        'soliton_linkage_nodes/soliton_analyser.py:__init__',
+        'soliton_linkage/linkage/chain.py:<module>',
+        'runtime/process.py:<module>',
+        'runtime/process.py:run',
+        'runtime/process.py:stop_on_signals',
+        'runtime/process.py:initialise',
+        'runtime/scheduling.py:__init__',
+        'soliton_analyser/node.py:__init__',
         'rclpy/node.py:create_subscription',
-        'soliton_linkage_nodes/scheduling.py:look',
+        'runtime/scheduling.py:look',
     ],
 )
 def test_a_signal_ends_the_analyser_wherever_its_start_has_got_to(

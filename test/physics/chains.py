@@ -20,7 +20,8 @@ WOBBLER = (1.0, 0.77)
 STRONG_WOBBLER = (1.45, 0.77)
 SPINNER = (2.0, 1.18)
 WIDE_SPINNER = (4.0, 0.9)
-EXAMPLES = (FLIPPER, WIDE_FLIPPER, WOBBLER, STRONG_WOBBLER, SPINNER, WIDE_SPINNER)
+# One of each class of motion, the one that asks most of a law.
+EXAMPLES = (WIDE_FLIPPER, STRONG_WOBBLER, WIDE_SPINNER)
 
 
 def chain_of(example: tuple[float, float], rotors: int) -> Chain:

@@ -18,25 +18,17 @@ Disturbance = Callable[[float], float]
 
 
 @lru_cache(maxsize=32)
-def cycle_of(example: tuple[float, float], rotors: int) -> UniformOrbit:
+def orbit_of_example(example: tuple[float, float], rotors: int) -> UniformOrbit:
     return UniformOrbit(chain_of(example, rotors))
 
 
-def tangent_at(orbit: UniformOrbit, arc: float) -> Array:
-    """Unit tangent of the orbit [1], shape (N,)."""
-    tangent = np.zeros(orbit.chain.number_of_rotors)
-    about = orbit.stretch(arc)
-    tangent[about.first : about.first + len(about.tangent)] = about.tangent
-    return tangent
-
-
 class RigidWall:
-    """The one degree of freedom of rigid bars, I s'' = t . tau + I push."""
+    """The one degree of freedom of rigid bars, I s'' = t . tau + I d."""
 
     def __init__(
-        self, orbit: UniformOrbit, arc: float, rate: float = 0.0, push: float = 0.0
+        self, orbit: UniformOrbit, arc: float, rate: float = 0.0, disturbance: float = 0.0
     ) -> None:
-        self.orbit, self.arc, self.rate, self.push = orbit, arc, rate, push
+        self.orbit, self.arc, self.rate, self.disturbance = orbit, arc, rate, disturbance
 
     @property
     def place(self) -> float:
@@ -47,8 +39,8 @@ class RigidWall:
 
     def go_on(self, torques: Array, period: float) -> None:
         """Hold torques [N m] for a period [s]."""
-        force = float(tangent_at(self.orbit, self.arc) @ torques)
-        acceleration = force / self.orbit.chain.moment_of_inertia + self.push
+        force = float(self.orbit.tangent(self.arc) @ torques)
+        acceleration = force / self.orbit.chain.moment_of_inertia + self.disturbance
         self.arc += (self.rate + acceleration * period / 2) * period
         self.rate += acceleration * period
 
@@ -83,6 +75,7 @@ class Loop:
         self.steering, self.wall, self.period = steering, wall, period
         self.frames = 0
         self.ended: Ended | None = None
+        self.torques = np.zeros(steering.orbit.chain.number_of_rotors)
         self._noise, self._random = noise, np.random.default_rng(seed)
         self._waiting = [np.zeros(steering.orbit.chain.number_of_rotors)] * delay
 
@@ -96,7 +89,8 @@ class Loop:
         seen = frame + self._noise * self._random.standard_normal(len(frame))
         ended = self.steering.observe(self.time, seen)
         self.ended = self.ended if ended is None else ended
-        self._waiting.append(self.steering.torques())
+        self.torques = self.steering.torques()
+        self._waiting.append(self.torques)
         self.wall.go_on(self._waiting.pop(0), self.period)
         self.frames += 1
 
