@@ -12,17 +12,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import domain_coordinator
 import rclpy
 from ament_index_python.packages import get_package_prefix
 
-_LONGEST_STOP = 10.0
+from soliton_linkage_nodes.programs.child_processes import free_domain
+
+_LONGEST_STOP = 60.0
 
 
 @contextmanager
 def own_domain() -> Iterator[None]:
     """A domain that nobody else is on, for this process and those that it starts."""
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         rclpy.init()

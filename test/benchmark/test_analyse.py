@@ -4,25 +4,19 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import pytest
 
-PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'analyse.py'
 ROUNDS = 2
 
 
 @pytest.fixture(scope='module')
-def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    command = [sys.executable, str(PROGRAM), '--quick', '--output', str(path)]
-    subprocess.run(command, check=True, capture_output=True, env=os.environ, timeout=120)
-    return path
+def output(run_part: Callable[..., Path]) -> Path:
+    return run_part('analyse')
 
 
 @pytest.fixture(scope='module')

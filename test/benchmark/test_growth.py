@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'growth.py'
 SIZES = (20, 100, 1000)
 WORKS = (
     'right-hand side',
@@ -25,12 +23,8 @@ WORKS = (
 
 
 @pytest.fixture(scope='module')
-def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip('numba')
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    command = [sys.executable, str(PROGRAM), '--quick', '--output', str(path)]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
-    return path
+def output(run_part: Callable[..., Path]) -> Path:
+    return run_part('growth')
 
 
 @pytest.fixture(scope='module')

@@ -4,28 +4,21 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'integrate.py'
 WHOLE = 'integrating', 'SymplecticNystrom'
 
 
 @pytest.fixture(scope='module')
-def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def output(run_part: Callable[..., Path]) -> Path:
     for needed in ('heyoka', 'mujoco', 'numba'):
         pytest.importorskip(needed, reason=f'{needed} is not installed, as make benchmark does')
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    options = ['--quick', '--rotors', '20', '30', '--output', str(path)]
-    command = [sys.executable, str(PROGRAM), *options]
-    subprocess.run(command, check=True, capture_output=True, env=os.environ, timeout=300)
-    return path
+    return run_part('integrate', '--rotors', '20', '30')
 
 
 @pytest.fixture(scope='module')

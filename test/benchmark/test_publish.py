@@ -5,25 +5,18 @@ from __future__ import annotations
 
 import json
 import statistics
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'publish.py'
 WORKS = ('20 rotors, no subscriber', '2000 rotors, no subscriber', '20 rotors, one subscriber')
 
 
 @pytest.fixture(scope='module')
-def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    options = ['--quick', '--rounds', '3', '--rotors', '20', '2000', '--output', str(path)]
-    subprocess.run(
-        [sys.executable, str(PROGRAM), *options], check=True, capture_output=True, timeout=300
-    )
-    return path
+def output(run_part: Callable[..., Path]) -> Path:
+    return run_part('publish', '--rounds', '3', '--rotors', '20', '2000')
 
 
 @pytest.fixture(scope='module')

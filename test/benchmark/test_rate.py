@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +23,8 @@ PUNCTUAL = np.arange(1001) * PERIOD
 
 
 @pytest.fixture(scope='module')
-def part(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    subprocess.run(
-        [sys.executable, str(FOLDER / 'rate.py'), '--quick', '--output', str(path)],
-        check=True,
-        capture_output=True,
-        timeout=300,
-    )
-    return json.loads(path.read_text())['rate']
+def part(run_part: Callable[..., Path]) -> dict[str, Any]:
+    return json.loads(run_part('rate').read_text())['rate']
 
 
 def test_both_are_run_and_what_is_compared_is_what_the_runs_gave(part: dict[str, Any]) -> None:

@@ -4,26 +4,21 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'react.py'
 NUDGES = 12
 
 
 @pytest.fixture(scope='module')
-def part(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    options = ['--quick', '--rounds', '2', '--nudges', str(NUDGES), '--output', str(path)]
-    subprocess.run(
-        [sys.executable, str(PROGRAM), *options], check=True, capture_output=True, timeout=300
-    )
-    return json.loads(path.read_text())['react']
+def part(run_part: Callable[..., Path]) -> dict[str, Any]:
+    return json.loads(run_part('react', '--rounds', '2', '--nudges', str(NUDGES)).read_text())[
+        'react'
+    ]
 
 
 def test_every_nudge_is_followed_by_impulses_then_a_frame_then_what_it_shows(

@@ -5,24 +5,19 @@ from __future__ import annotations
 
 import json
 import statistics
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-PROGRAM = Path(__file__).parents[2] / 'benchmark' / 'record.py'
 KINDS = ('ours', 'raw', 'typed')
 
 
 @pytest.fixture(scope='module')
-def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def output(run_part: Callable[..., Path]) -> Path:
     pytest.importorskip('mcap')
-    path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
-    command = [sys.executable, str(PROGRAM), '--quick', '--output', str(path)]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
-    return path
+    return run_part('record')
 
 
 @pytest.fixture(scope='module')

@@ -22,11 +22,11 @@ sys.path.append(str(Path(__file__).parent))
 from graphs import Graph
 from programs import Program
 
-DOMAINS = 100
-# A domain rests for as long as there are others, so that nobody hears an earlier test.
-_next_domain = partial(
-    next, itertools.cycle((os.getpid() + i) % DOMAINS + 1 for i in range(DOMAINS))
-)
+WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+# Each worker has domains of its own, which rest while it uses the others: nobody hears what an
+# earlier test has left.
+_next_domain = partial(next, itertools.cycle(range(1 + WORKER, 101, WORKERS)))
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'

@@ -84,7 +84,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(
     assert summary['missed_deadlines'] >= 0
     assert summary['publish_rate_hz'] == pytest.approx(250, rel=0.05)
     assert abs(summary['energy_drift']) < 1e-8
-    speeds = [crossing.speed for crossing in run.crossings]
+    speeds = [crossing.place_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
     assert np.mean(speeds[:2]) == pytest.approx(predicted_speed(run, scenario), rel=0.01)
     assert_live_analysis_is_that_of_the_recording(tmp_path / f'{scenario}_0')

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import ctypes
 import os
+import random
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+import domain_coordinator
 from ament_index_python.packages import get_package_prefix
 
 _PACKAGE = 'soliton_linkage_nodes'
@@ -22,6 +25,8 @@ _TIME_TO_STOP = 1.5
 """Before a node is killed where nobody waits for its results [s]: all must stop within 2 s."""
 _LOG_TAIL = 5
 """Lines of a log that are told when a node has ended."""
+_DOMAINS = 100
+"""Numbers of the domains that the coordinator gives away, from 1 on."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 
@@ -90,8 +95,27 @@ class ChildProcesses:
         return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
 
 
-def isolate(domain: int) -> None:
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """A domain of this machine that no other program has taken, for as long as the block lasts.
+
+    It is any of those that are free, not the first: that one may have been left just now, and
+    what ran on it may still be ending. The block must let no OSError pass, which the coordinator
+    would take for a domain that is in use.
+    """
+    with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
+        yield domain
+
+
+@contextmanager
+def private_domain() -> Iterator[None]:
     """Keep this process and its children to a domain of their own on this machine."""
+    with free_domain() as domain:
+        _isolate(domain)
+        yield
+
+
+def _isolate(domain: int) -> None:
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     # Shared memory left behind by a killed process can keep new ones from talking.

@@ -16,8 +16,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import domain_coordinator
-
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
@@ -31,7 +29,11 @@ from soliton_linkage.studies.accuracy.contraction import (
 from soliton_linkage.studies.settings import load_settings
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.child_processes import LONGEST_START, ChildProcesses, isolate
+from soliton_linkage_nodes.programs.child_processes import (
+    LONGEST_START,
+    ChildProcesses,
+    private_domain,
+)
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
@@ -141,8 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         settings = load_settings(options.config).section('contraction')
         study = read_contraction_study(settings, options.quick)
         options.output.mkdir(parents=True, exist_ok=True)
-        with domain_coordinator.domain_id() as domain:
-            isolate(domain)
+        with private_domain():
             passages = measured(study, options.output, stopping)
         at_rest = [rest_width(walls.chain) for walls in study.walls]
         study.write([*passages, *at_rest], options.output)

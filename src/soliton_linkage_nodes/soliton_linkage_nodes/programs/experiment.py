@@ -14,7 +14,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import domain_coordinator
 import rclpy
 from rclpy.experimental import EventsExecutor
 from std_msgs.msg import Float64
@@ -27,7 +26,11 @@ from soliton_linkage_nodes.programs.bag_report import (
     read_run,
     summarise,
 )
-from soliton_linkage_nodes.programs.child_processes import LONGEST_START, ChildProcesses, isolate
+from soliton_linkage_nodes.programs.child_processes import (
+    LONGEST_START,
+    ChildProcesses,
+    private_domain,
+)
 from soliton_linkage_nodes.programs.experiment_observer import Observer
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
@@ -264,9 +267,7 @@ def main() -> None:
     arguments = _arguments()
     # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
     stopping = stop_on_signals()
-    # An OSError must not get to domain_id(): it would take it for a domain that is in use.
-    with domain_coordinator.domain_id() as domain:
-        isolate(domain)
+    with private_domain():
         code = _run(arguments.configuration, arguments.output, stopping)
     sys.exit(code)
 

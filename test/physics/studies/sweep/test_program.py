@@ -147,7 +147,7 @@ def test_a_cluster_gives_the_same_table(config: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip('distributed')
     assert main([str(config), '--output', str(tmp_path / 'here'), '--workers', '1']) == 0
     cluster = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=':0'
     )
     with cluster:
         there = str(tmp_path / 'there')

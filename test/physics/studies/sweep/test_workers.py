@@ -124,7 +124,7 @@ def test_processes_end_at_once_where_the_sweep_fails() -> None:
 def test_rows_measured_by_a_cluster_are_the_same() -> None:
     distributed = pytest.importorskip('distributed')
     cluster = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'
     )
     with cluster, cluster_workers(cluster.scheduler_address) as workers:
         assert workers.count == 2

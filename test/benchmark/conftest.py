@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tests of a part of the benchmark look at one short run of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+PROGRAMS = Path(__file__).parents[2] / 'benchmark'
+LONGEST_RUN = 300.0
+
+
+@pytest.fixture(scope='session')
+def run_part(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Run a part by its name and return its output; what it says of a failure is shown."""
+
+    def run(name: str, *options: str) -> Path:
+        path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'
+        program = [sys.executable, str(PROGRAMS / f'{name}.py'), '--quick', *options]
+        done = subprocess.run(
+            [*program, '--output', str(path)],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=LONGEST_RUN,
+        )
+        assert done.returncode == 0, done.stderr
+        return path
+
+    return run
