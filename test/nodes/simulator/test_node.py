@@ -450,7 +450,7 @@ def test_missed_deadlines_are_counted_and_warned_of(graph: Graph) -> None:
     graph.until(late, 'missed deadlines')
     figures = values(late()[0])
     assert late()[0].level == DiagnosticStatus.WARN
-    assert 0 < int(figures['missed deadlines']) <= int(figures['frames'])
+    assert int(figures['missed deadlines']) > 0
     assert float(figures['real-time factor']) < 1
 
 

@@ -130,13 +130,13 @@ def test_energy_is_exact_to_rounding_at_every_tilt(
         assert abs(simulation.energy_drift) <= 32 * EPS
 
 
-def test_neither_energy_nor_bars_drift_in_ten_thousand_steps() -> None:
+def test_neither_energy_nor_bars_drift_in_thousands_of_steps() -> None:
     chain = chain_of(FLIPPER, 3)
     start = chain.uniform_state(-1)
     simulation = RigidSimulation(chain, start, period=0.1, tolerance=1e-10, gravity=TILTED)
     drifts, stretches, turns = [], [], 0
     steps = 0
-    while steps < 10_000:
+    while steps < 3000:
         while not simulation.ready:
             simulation.step()
             steps += 1
@@ -145,7 +145,7 @@ def test_neither_energy_nor_bars_drift_in_ten_thousand_steps() -> None:
         turns += before * (zero_mode(chain, simulation.angles) @ simulation.rates) < 0
         drifts.append(abs(simulation.energy_drift))
         stretches.append(stretch(simulation))
-    assert turns > 50
+    assert turns > 15
     half = len(drifts) // 2
     for values in (drifts, stretches):
         assert max(values) <= 32 * EPS
