@@ -42,7 +42,7 @@ contraction: build  ## record walls at a dozen speeds and measure how they contr
 moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 	@$(enter) moves config/studies/moves.yaml --output out/moves $(ARGS)
 
-driving: build  ## show on one page what drives a chain: actuator, energy books, bars, tilt, moves
+driving: build  ## show on one page what drives a chain: actuator, energy balance, bars, tilt, moves
 	@$(enter) driving config/studies/driving.yaml --output out/driving $(ARGS)
 
 benchmark: build  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'

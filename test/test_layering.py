@@ -17,7 +17,16 @@ PHYSICS = {
     room: floor
     for floor, room in enumerate(
         [
-            *('compiling', 'progress', 'linkage', 'linear', 'solitons', 'orbit', 'dynamics'),
+            *(
+                'exports',
+                'compiling',
+                'progress',
+                'linkage',
+                'linear',
+                'solitons',
+                'orbit',
+                'dynamics',
+            ),
             *('actuation', 'estimation', 'steering', 'studies'),
         ]
     )

@@ -13,7 +13,7 @@ setup(
     maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
     packages=find_packages(include=['soliton_linkage', 'soliton_linkage.*']),
-    package_data={'soliton_linkage': ['__init__.pyi', 'py.typed']},
+    package_data={'': ['__init__.pyi'], 'soliton_linkage': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
         ('share/soliton_linkage', ['package.xml']),

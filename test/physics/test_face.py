@@ -6,14 +6,28 @@ from __future__ import annotations
 import doctest
 import subprocess
 import sys
+from types import ModuleType
+
+import pytest
 
 import soliton_linkage
+from soliton_linkage import actuation, dynamics, estimation, linear, linkage, orbit, solitons
+from soliton_linkage import steering as steering_package
+
+PACKAGES = [
+    *(soliton_linkage, linkage, linear, solitons, orbit, dynamics, actuation, estimation),
+    steering_package,
+]
 
 
-def test_every_public_name_is_there_and_documented() -> None:
-    for name in soliton_linkage.__all__:
-        assert getattr(soliton_linkage, name).__doc__, name
-    assert set(soliton_linkage.__all__) <= set(dir(soliton_linkage))
+@pytest.mark.parametrize('package', PACKAGES, ids=lambda package: package.__name__)
+def test_every_public_name_is_there_and_documented(package: ModuleType) -> None:
+    assert package.__all__
+    for name in package.__all__:
+        assert getattr(package, name).__doc__, name
+    assert set(package.__all__) <= set(dir(package))
+    with pytest.raises(AttributeError, match='no attribute'):
+        _ = package.no_such_name
 
 
 def test_the_first_script_runs() -> None:

@@ -69,34 +69,6 @@ tau        filling, venting time   with which p tends to u [s]
 ========== ======================= ==========================================================
 """
 
-from __future__ import annotations
+from soliton_linkage.exports import public_names
 
-import ast
-from importlib import import_module
-from pathlib import Path
-
-_STUB = ast.parse(Path(__file__).with_suffix('.pyi').read_text(encoding='utf-8'))
-_HOMES = {
-    alias.name: statement.module
-    for statement in _STUB.body
-    if isinstance(statement, ast.ImportFrom) and statement.module
-    for alias in statement.names
-}
-
-__all__ = sorted(_HOMES)
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name when it is first asked for: no program waits for what it does not use.
-
-    The names stand in the stub beside this file, and only there (Scientific Python, SPEC 1).
-    """
-    if name not in _HOMES:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    value: object = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

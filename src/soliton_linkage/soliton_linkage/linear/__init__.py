@@ -4,3 +4,7 @@
 `rigidity` has the rigidity matrix, its zero modes and the mode at an edge, `bands` the phonons of
 the uniform chain, `normal_modes` those of any configuration, `statics` those at rest.
 """
+
+from soliton_linkage.exports import public_names
+
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

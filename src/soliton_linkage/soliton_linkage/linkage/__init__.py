@@ -1,2 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chain itself: its parameters and deviations, gravity, encoders, and recorded motion."""
+
+from soliton_linkage.exports import public_names
+
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -5,3 +5,7 @@
 curves of two rotors, `passage` tells which deviations stop them, `charge` counts them. A moving
 wall is a *soliton* where it is found: `tanh_fit` in a frame, `track` along a recording.
 """
+
+from soliton_linkage.exports import public_names
+
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+
+from soliton_linkage.linkage.chain import Chain as Chain
+from soliton_linkage.linkage.chain import Motion as Motion
+from soliton_linkage.linkage.chain import displacement as displacement
+from soliton_linkage.linkage.chain import staggered as staggered
+from soliton_linkage.linkage.chain import uprightness as uprightness
+from soliton_linkage.linkage.chain import wrapped as wrapped
+from soliton_linkage.linkage.deviations import Deviations as Deviations
+from soliton_linkage.linkage.encoders import EncoderErrors as EncoderErrors
+from soliton_linkage.linkage.encoders import Encoders as Encoders
+from soliton_linkage.linkage.gravity import Gravity as Gravity
+from soliton_linkage.linkage.recording import Recording as Recording
