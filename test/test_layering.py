@@ -13,24 +13,11 @@ SOURCES = Path(__file__).parents[1] / 'src'
 TESTS = Path(__file__).parent
 MOST_MODULES = 15
 
-PHYSICS = {
-    room: floor
-    for floor, room in enumerate(
-        [
-            *(
-                'exports',
-                'compiling',
-                'progress',
-                'linkage',
-                'linear',
-                'solitons',
-                'orbit',
-                'dynamics',
-            ),
-            *('actuation', 'estimation', 'steering', 'studies'),
-        ]
-    )
-}
+_FLOORS = (
+    'exports compiling progress linkage linear solitons orbit dynamics actuation estimation '
+    'steering studies'
+)
+PHYSICS = {room: floor for floor, room in enumerate(_FLOORS.split())}
 ROS_NODES = {'simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'}
 NODES = {
     'start': 0,
