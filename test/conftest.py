@@ -6,6 +6,7 @@ Hypothesis takes the same examples in every run, unless told `--hypothesis-profi
 
 from __future__ import annotations
 
+import signal
 from collections import Counter, defaultdict
 from itertools import chain, groupby
 from pathlib import Path
@@ -22,6 +23,14 @@ settings.register_profile(
     'searching', parent=settings.get_profile('repeatable'), derandomize=False, max_examples=2000
 )
 settings.load_profile('repeatable')
+
+
+def pytest_configure() -> None:
+    """Programs hear Ctrl-C, also where the tests were started in the background of a script.
+
+    There a shell has SIGINT ignored, and who is started inherits that.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
