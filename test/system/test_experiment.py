@@ -117,7 +117,7 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
     process = start(CONFIGURATION / 'flipper.yaml', tmp_path)
     bag = tmp_path / 'flipper_0'
     deadline = time.monotonic() + LONGEST_RUN
-    while not (bag / 'flipper_0.mcap').exists():
+    while not (bag / 'flipper_0_0.mcap').exists():
         assert time.monotonic() < deadline
         time.sleep(0.01)
     assert_it_stops(process, tmp_path, signal.SIGTERM, to_group=False)
@@ -187,7 +187,7 @@ def test_a_missing_configuration_is_named(start: Start, tmp_path: Path) -> None:
 def leave_an_earlier_run(output: Path, scenario: str) -> None:
     bag = output / f'{scenario}_0'
     bag.mkdir()
-    for path in (bag / f'{scenario}_0.mcap', bag / 'metadata.yaml', output / 'summary.json'):
+    for path in (bag / f'{scenario}_0_0.mcap', bag / 'metadata.yaml', output / 'summary.json'):
         path.write_text('of an earlier run')
 
 

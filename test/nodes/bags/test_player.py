@@ -175,7 +175,7 @@ def test_damage_that_shows_while_playing_ends_it_with_one_line(
     start: Callable[..., Program], named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 2000))
-    data = bag / 'run_0.mcap'
+    data = bag / 'run_0_0.mcap'
     whole = data.read_bytes()
     place = whole.rindex(b'\x00rotor_7\x00', 0, len(whole) // 2)
     # The length of the record after it: the reader runs beyond the end of the chunk.

@@ -271,7 +271,7 @@ def test_a_bag_is_split_by_size_and_by_time(
     taken = time.monotonic() - begin
     files = sorted(path.name for path in (tmp_path / 'run_0').iterdir())
     suffix = {'mcap': 'mcap', 'sqlite3': 'db3'}[storage]
-    assert files == ['metadata.yaml', *(f'run_{n}.{suffix}' for n in range(len(files) - 1))]
+    assert files == ['metadata.yaml', *(f'run_0_{n}.{suffix}' for n in range(len(files) - 1))]
     assert 3 <= len(files) - 1 <= max(6, 1 + taken / 0.3)
     assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
     assert check_bag(tmp_path / 'run_0').damage == []
@@ -305,8 +305,8 @@ def test_a_bag_is_split_when_it_is_told_to(
     told = yaml.safe_load((tmp_path / 'run_0/metadata.yaml').read_text())
     files = told['rosbag2_bagfile_information']['files']
     assert [(file['path'], file['message_count']) for file in files] == [
-        ('run_0.mcap', 10),
-        ('run_1.mcap', 20),
+        ('run_0_0.mcap', 10),
+        ('run_0_1.mcap', 20),
     ]
 
 

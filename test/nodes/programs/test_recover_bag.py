@@ -21,7 +21,7 @@ def test_a_whole_bag_is_said_to_be_whole(
     program = start('check_bag', str(bag))
     assert program.wait() == 0
     said = program.said
-    assert said[0] == f'{bag}: mcap, run_0.mcap'
+    assert said[0] == f'{bag}: mcap, run_0_0.mcap'
     assert said[1] == '52 messages in 0.050 s'
     assert '  /joint_states  sensor_msgs/msg/JointState  50' in said
     assert 'lost when recorded: not known' in said

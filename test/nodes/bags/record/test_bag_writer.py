@@ -46,7 +46,7 @@ def write(name: Path, named: NamedChain, storage: str, compression: str = 'none'
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
 def test_the_mcap_package_agrees(named: NamedChain, tmp_path: Path, compression: str) -> None:
     sent = write(tmp_path / 'run', named, 'mcap', compression)
-    with (tmp_path / 'run_0/run_0.mcap').open('rb') as file:
+    with (tmp_path / 'run_0/run_0_0.mcap').open('rb') as file:
         reader = SeekingReader(file, validate_crcs=True)
         assert reader.get_header().profile == 'ros2'
         read = [
@@ -73,7 +73,7 @@ def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path: Path) -> N
     state = SolitonState(motion_name='spinner', solitons=[Soliton(rotor=7.25, velocity=-0.5)])
     writer.write(stored, START, serialize_message(state))
     writer.close()
-    with (tmp_path / 'run_0/run_0.mcap').open('rb') as file:
+    with (tmp_path / 'run_0/run_0_0.mcap').open('rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         ((_, _, _, message),) = reader.iter_decoded_messages()
     assert message.motion_name == 'spinner'
@@ -82,7 +82,7 @@ def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path: Path) -> N
 
 def test_plain_sqlite3_agrees(named: NamedChain, tmp_path: Path) -> None:
     sent = write(tmp_path / 'run', named, 'sqlite3')
-    with sqlite3.connect(tmp_path / 'run_0/run_0.db3') as database:
+    with sqlite3.connect(tmp_path / 'run_0/run_0_0.db3') as database:
         assert database.execute('PRAGMA integrity_check').fetchall() == [('ok',)]
         query = (
             'SELECT topics.name, timestamp, data FROM messages JOIN topics '
@@ -98,7 +98,7 @@ def test_plain_sqlite3_agrees(named: NamedChain, tmp_path: Path) -> None:
     assert yaml.safe_load(metadata)['custom_data'] == {'key': 'value'}
     assert [path.name for path in sorted((tmp_path / 'run_0').iterdir())] == [
         'metadata.yaml',
-        'run_0.db3',
+        'run_0_0.db3',
     ]
 
 

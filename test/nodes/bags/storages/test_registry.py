@@ -151,11 +151,11 @@ def test_it_is_written_in_files_checked_and_read(tmp_path: Path) -> None:
     writer = write(tmp_path / 'run')
     writer.close()
     names = {path.name for path in writer.path.iterdir()}
-    assert names == {'metadata.yaml', 'run_0.prefixed', 'run_1.prefixed'}
+    assert names == {'metadata.yaml', 'run_0_0.prefixed', 'run_0_1.prefixed'}
     assert contents(writer.path) == [('/nudge', START + n, bytes([n])) for n in range(20)]
     report = check_bag(writer.path)
     assert (report.storage, report.messages, report.damage) == ('prefixed', 20, [])
-    assert contents(writer.path / 'run_1.prefixed') == contents(writer.path)[12:]
+    assert contents(writer.path / 'run_0_1.prefixed') == contents(writer.path)[12:]
 
 
 def test_what_is_cut_is_rescued_into_a_bag_of_the_same_storage(tmp_path: Path) -> None:
@@ -164,12 +164,12 @@ def test_what_is_cut_is_rescued_into_a_bag_of_the_same_storage(tmp_path: Path) -
     (writer.path / 'metadata.yaml').unlink()
     with pytest.raises(ValueError, match=r'has no metadata\.yaml'):
         contents(writer.path)
-    data = writer.path / 'run_1.prefixed'
+    data = writer.path / 'run_0_1.prefixed'
     data.write_bytes(data.read_bytes()[:-3])
     report, new = recover_bag(writer.path, tmp_path / 'new')
-    assert 'run_1.prefixed: the last entry is cut' in report.damage
+    assert 'run_0_1.prefixed: the last entry is cut' in report.damage
     assert contents(new) == [('/nudge', START + n, bytes([n])) for n in range(19)]
-    assert (new / 'new_0.prefixed').exists()
+    assert (new / 'new_0_0.prefixed').exists()
 
 
 def test_its_compressions_are_its_own(tmp_path: Path) -> None:

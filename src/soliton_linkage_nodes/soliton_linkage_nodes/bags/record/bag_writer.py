@@ -33,9 +33,10 @@ _RESERVE_BYTES = 2**20
 class BagWriter:
     """A bag that is being written, in a directory named `<name>_<first free number>`.
 
-    Its files are `<name>_0`, `<name>_1`, ... Every quarter of a second, or when `tick` is called
-    after that time, what was written is handed to the system, which keeps it if the process is
-    killed. Where the disk is full, a file of 1 MiB that was kept free makes room for the index.
+    Its files are called after the directory, `<directory>_0`, `<directory>_1`, ... Every quarter
+    of a second, or when `tick` is called after that time, what was written is handed to the
+    system, which keeps it if the process is killed. Where the disk is full, a file of 1 MiB that
+    was kept free makes room for the index.
 
     It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
     bag cannot be written.
@@ -63,7 +64,6 @@ class BagWriter:
         self.finished = False
         self._is_open = False
         self._begun: int | None = None
-        self._name = name.name
         self._storage = storage
         self._create = writers[compression]
         self._suffix = STORAGES[storage].suffix
@@ -192,7 +192,7 @@ class BagWriter:
         return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
 
     def _file_name(self) -> str:
-        return f'{self._name}_{len(self._files)}{self._suffix}'
+        return f'{self.path.name}_{len(self._files)}{self._suffix}'
 
     def _open_file(self) -> FileWriter:
         return self._create(self.path / self._file_name())

@@ -26,8 +26,11 @@ the heads and indexes count. The format's own writers take 768 KiB to 4 MiB."""
 class McapWriter(FileWriter):
     """Writes chunks that carry checksums, and tells the definitions again every ten seconds.
 
-    Whatever part of the file is lost, the messages in the rest can thus be understood. Where the
-    disk refuses, the file is cut back to its last whole chunk.
+    Whatever part of the file is lost, the messages in the rest can thus be understood. Every
+    chunk holds a message: readers of MCAP C++ before 2.0.1 take a file whose first chunk has
+    none for one without index. Definitions wait for the next chunk with a message, and those of
+    topics that are silent so far also stand by themselves, before it. Where the disk refuses, the
+    file is cut back to its last whole chunk.
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -41,6 +44,7 @@ class McapWriter(FileWriter):
         self._channels: dict[int, Channel] = {}
         # It is overwritten from its beginning, never shrunk: new memory takes longer than writing.
         self._chunk = BytesIO()
+        self._untold = bytearray()
         self._places: defaultdict[int, list[int]] = defaultdict(list)
         self._chunk_indexes: list[bytes] = []
         self._metadata: list[tuple[int, int, str]] = []
@@ -65,12 +69,12 @@ class McapWriter(FileWriter):
                 topic.definition.encode(),
             )
             self._schemas[topic.type_name] = schema
-            self._chunk.write(mcap.schema_record(schema))
+            self._define(mcap.schema_record(schema))
         about = {'offered_qos_profiles': topic.profiles, 'topic_type_hash': topic.digest}
         channel = Channel(topic.number, schema.id, topic.name, topic.serialization, about)
         self._channels[channel.id] = channel
         self.counts[channel.id] = 0
-        self._chunk.write(mcap.channel_record(channel))
+        self._define(mcap.channel_record(channel))
 
     def write(self, number: int, stamp: int, serialized: bytes) -> None:
         """Store a message of a topic."""
@@ -83,16 +87,23 @@ class McapWriter(FileWriter):
 
     def flush(self) -> None:
         """Hand all messages to the system, which keeps them if this process is killed."""
-        size = self._chunk.tell()
-        if not size:
+        if not self._places:
+            if self._untold:
+                self._append(self._untold)
+                self._untold.clear()
             return
-        with self._chunk.getbuffer() as buffer, buffer[:size] as records:
+        with self._chunk.getbuffer() as buffer, buffer[: self._chunk.tell()] as records:
             self._append_chunk(records)
+        self._untold.clear()
         self._begin_chunk()
+
+    def _define(self, definition: bytes) -> None:
+        self._chunk.write(definition)
+        self._untold += definition
 
     def _append_chunk(self, records: memoryview) -> None:
         stamps = [stamp for places in self._places.values() for stamp in places[::2]]
-        start, end = (min(stamps), max(stamps)) if stamps else (0, 0)
+        start, end = min(stamps), max(stamps)
         head, packed = mcap.chunk_record(records, start, end, self._codec)
         length = len(head) + len(packed)
         indexes, offsets = bytearray(), bytearray()
@@ -110,8 +121,7 @@ class McapWriter(FileWriter):
         )
         self._append(head, packed, indexes)
         self._chunk_indexes.append(index)
-        if stamps:
-            self._widen((start, end))
+        self._widen((start, end))
 
     def discard(self) -> None:
         """Forget what the disk refused."""
