@@ -16,6 +16,9 @@ from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, type_definition
 
 
+RECORDINGS = sorted(Path(__file__).resolve().parents[4].glob('bags/*/*.mcap'))
+
+
 def topic(number: int) -> StoredTopic:
     definition, digest = type_definition('std_msgs/msg/Float64')
     told = ('std_msgs/msg/Float64', definition, 'ros2msg', digest, '')
@@ -61,6 +64,11 @@ def test_every_chunk_has_messages_however_long_topics_are_silent(
     assert spans == [(10, 10), (20, 20), (30, 30), (40, 40)]
     assert all(each.message_index_length and each.message_index_offsets for each in chunks)
     assert in_file_order(path) == [('/n2', 10), ('/n2', 20), ('/n2', 30), ('/n3', 40)]
+
+
+@pytest.mark.parametrize('path', RECORDINGS, ids=lambda path: path.parent.name)
+def test_every_chunk_of_the_recordings_of_the_suite_has_messages(path: Path) -> None:
+    assert all(each.message_index_length for each in chunks_of(path))
 
 
 def test_without_any_message_there_is_no_chunk(tmp_path: Path) -> None:
