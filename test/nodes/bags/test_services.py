@@ -4,15 +4,33 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from graphs import Graph
+from rclpy.logging import get_logger
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from soliton_linkage_msgs import srv
-from soliton_linkage_nodes.bags.services import serve, service_type, tell
+from soliton_linkage_nodes.bags.services import Done, serve, service_type, tell
+
+
+class Offering:
+    """What a service sees of a node."""
+
+    def create_service(self, _type: Any, _name: str, respond: Any) -> None:
+        self.respond = respond
+
+    def get_logger(self) -> Any:
+        return get_logger('offering')
+
+
+def act(complaint: str | None, _request: Any) -> Done:
+    if complaint:
+        raise ValueError(complaint)
+    return Done('it is done')
 
 
 @pytest.mark.parametrize('name', ['Pause', 'Resume', 'IsPaused', 'SplitBagfile', 'Snapshot'])
@@ -35,10 +53,15 @@ def test_with_rosbag2_its_types_are_taken(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize('complaint', [None, 'not now'])
-def test_a_service_says_what_is_wrong(graph: Graph, complaint: str | None) -> None:
-    serve(graph.user, 'pause', 'Pause', lambda _: complaint)
-    response = graph.call(Trigger, 'user/pause')
-    assert (response.success, response.message) == (complaint is None, complaint or '')
+def test_a_service_says_and_logs_what_it_did_or_what_is_wrong(
+    graph: Graph, complaint: str | None, capfd: pytest.CaptureFixture[str]
+) -> None:
+    serve(graph.user, 'pause', 'Pause', partial(act, complaint))
+    response = graph.call(service_type('Pause'), 'user/pause')
+    told = (response.success, response.message)
+    assert told == (complaint is None, complaint or 'it is done')
+    line = f'~/pause is refused: {complaint}' if complaint else '~/pause: it is done'
+    assert line in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -55,17 +78,21 @@ def test_a_service_says_what_is_wrong(graph: Graph, complaint: str | None) -> No
 def test_every_form_of_response_is_filled(
     fields: dict[str, Any], expected: dict[str, Any]
 ) -> None:
-    offered: list[Any] = []
-    node: Any = SimpleNamespace(create_service=lambda *arguments: offered.append(arguments))
-    serve(node, 'pause', 'Pause', lambda _: 'not now')
-    ((_, _, respond),) = offered
-    assert vars(respond(None, SimpleNamespace(**fields))) == expected
+    node = Offering()
+    serve(cast(Any, node), 'pause', 'Pause', partial(act, 'not now'))
+    assert vars(node.respond(None, SimpleNamespace(**fields))) == expected
+
+
+def test_figures_fill_the_fields_that_a_response_has() -> None:
+    node = Offering()
+    serve(cast(Any, node), 'burst', 'Burst', lambda _: Done('7 messages', {'actually_burst': 7}))
+    assert node.respond(None, SimpleNamespace(actually_burst=0)).actually_burst == 7
+    response = node.respond(None, Trigger.Response())
+    assert (response.success, response.message) == (True, '7 messages')
 
 
 def test_a_value_is_told_in_its_field_or_as_success() -> None:
-    offered: list[Any] = []
-    node: Any = SimpleNamespace(create_service=lambda *arguments: offered.append(arguments))
-    tell(node, 'is_paused', 'IsPaused', 'paused', lambda: True)
-    ((_, _, respond),) = offered
-    assert respond(None, SimpleNamespace(paused=False)).paused
-    assert respond(None, SetBool.Response()).success
+    node = Offering()
+    tell(cast(Any, node), 'is_paused', 'IsPaused', 'paused', lambda: True)
+    assert node.respond(None, SimpleNamespace(paused=False)).paused
+    assert node.respond(None, SetBool.Response()).success

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -22,7 +23,7 @@ class Quantity:
     unit: str = ''
     minimum: float | None = None
     maximum: float | None = None
-    choices: tuple[str, ...] = ()
+    choices: Collection[str] = ()
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
@@ -53,7 +54,7 @@ def quantity(
     unit: str = '',
     minimum: float | None = None,
     maximum: float | None = None,
-    choices: tuple[str, ...] = (),
+    choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
     """Define a dataclass field with a default and a `Quantity` as its metadata."""

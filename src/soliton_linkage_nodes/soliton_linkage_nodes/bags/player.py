@@ -16,6 +16,7 @@ from soliton_linkage_nodes.bags.play.excerpt import chosen, excerpt, full_name
 from soliton_linkage_nodes.bags.play.lockstep import Lockstep
 from soliton_linkage_nodes.bags.play.outlets import ReplayOutlets
 from soliton_linkage_nodes.bags.play.playing_thread import PlayingThread
+from soliton_linkage_nodes.bags.play.recorded_states import RecordedStates
 from soliton_linkage_nodes.bags.play.transport import RATES, Transport
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
 from soliton_linkage_nodes.runtime import interfaces
@@ -54,6 +55,7 @@ class BagPlayerParameters:
     lockstep_timeout: float = quantity(
         5.0, 'how long to wait for an answer before frames are given up', 's', 0.1, 3600.0
     )
+    stay: bool = quantity(False, 'whether to stay at the end of the bag, for ~/play')
 
 
 class BagPlayer(Node):
@@ -61,11 +63,16 @@ class BagPlayer(Node):
 
     Latched topics come first, with what they last said before the start or the instant sought,
     and nothing else is published before the topics in `wait_for` have subscribers, or
-    `subscriber_timeout` is over. In lockstep, soliton states are not played but awaited.
+    `subscriber_timeout` is over. In lockstep, soliton states are not played but awaited; else
+    they are left out while an analyser publishes its own, unless `topics` names them.
 
-    Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. Serves, with the
-    types of rosbag2_interfaces, of the suite or std_srvs/Trigger, `~/pause`, `~/resume`,
-    `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`, `~/set_rate` and `~/get_rate`.
+    It ends with the bag, unless it is paused there or is to `stay`; after `~/stop` it waits for
+    `~/play`.
+
+    Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. With the types of
+    rosbag2_interfaces, of the suite or std_srvs/Trigger, it serves `~/play`, `~/stop`, `~/burst`,
+    `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`,
+    `~/set_rate` and `~/get_rate`.
     Parameters: those of `BagPlayerParameters`.
     """
 
@@ -86,19 +93,16 @@ class BagPlayer(Node):
             self._awaited = self._topics_to_wait_for(reader)
             if settings.lockstep:
                 self._lockstep = self._keep_step(reader)
+            else:
+                self._give_way(reader)
         topic = interfaces.CLOCK
         self._clock_publisher = (
             self.create_publisher(topic.type, topic.name, topic.qos)
             if settings.publish_clock
             else None
         )
-        self._diagnostics = Diagnostics(self, 'playing', self._report)
-        self._controls = PlayerControls(
-            self, self._transport, self._excerpt, lambda: self.finished
-        )
         self._playing = PlayingThread(
             Path(settings.bag),
-            self._excerpt,
             self._outlets,
             self._transport,
             settings.loop,
@@ -106,11 +110,14 @@ class BagPlayer(Node):
             self._tell_time,
             'in lockstep' if settings.lockstep else '',
         )
+        self._diagnostics = Diagnostics(self, 'playing', self._report)
+        self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
+        self._playing.play(self._excerpt)
 
     @property
     def finished(self) -> bool:
-        """Whether everything was played."""
-        return self._playing.finished
+        """Whether everything was played, and nothing else is to be."""
+        return self._playing.finished and not self._settings.stay
 
     @property
     def failure(self) -> Exception | None:
@@ -136,6 +143,13 @@ class BagPlayer(Node):
         self._outlets.keep_step(lockstep)
         return lockstep
 
+    def _give_way(self, reader: Reader) -> None:
+        name = interfaces.SOLITON_STATE.name
+        chosen = any(topic.rpartition('/')[2] == name for topic in self._settings.topics)
+        for connection in self._outlets.of(reader.connections):
+            if connection.topic.rpartition('/')[2] == name:
+                self._outlets.give_way(RecordedStates(self, connection.topic, chosen))
+
     def _prepare(self) -> None:
         self._outlets.wait_for_subscribers(self._awaited, self._settings.subscriber_timeout)
 
@@ -145,7 +159,7 @@ class BagPlayer(Node):
 
     def _report(self) -> Report:
         given_up = self._lockstep.given_up if self._lockstep else 0
-        state = f'{self._outlets.published} of {self._outlets.total} messages played'
+        state = f'{self._playing.account()} played'
         if given_up:
             state = f'{state}, {given_up} frames never answered by the analyser'
         return Report(
@@ -156,6 +170,8 @@ class BagPlayer(Node):
                 'paused': self._transport.paused,
                 'messages played': self._outlets.published,
                 'messages': self._outlets.total,
+                'rounds': self._playing.rounds,
+                'recorded states left out': self._outlets.left_out,
             },
             warning=bool(given_up),
         )

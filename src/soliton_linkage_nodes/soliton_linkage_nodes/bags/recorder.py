@@ -17,8 +17,8 @@ from soliton_linkage_nodes.bags.record.inlets import InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.taking_thread import TakingThread
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
-from soliton_linkage_nodes.bags.services import serve, tell
-from soliton_linkage_nodes.bags.storages.registry import STORAGES, compressions
+from soliton_linkage_nodes.bags.services import Done, serve, tell
+from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
@@ -31,8 +31,10 @@ class BagRecorderParameters:
     output: str = quantity(
         '', 'path of the bag, to which _0, _1, ... is added; empty for the date and time'
     )
-    storage: str = quantity('mcap', 'storage of the bag', choices=tuple(STORAGES))
-    compression: str = quantity('none', 'compression of an mcap file', choices=compressions())
+    storage: str = quantity('mcap', 'storage of the bag', choices=STORAGES.keys())
+    compression: str = quantity(
+        'none', 'compression of an mcap file', choices=NamesNow(compressions)
+    )
     topics: tuple[str, ...] = quantity((), 'names of topics to record; empty for all of the suite')
     regex: str = quantity('', 'also record the topics whose full names contain this pattern')
     exclude_regex: str = quantity('', 'do not record topics whose full names contain this pattern')
@@ -112,17 +114,31 @@ class BagRecorder(Node):
             raise self.failure
 
     def _offer_services(self) -> None:
-        serve(self, 'pause', 'Pause', lambda _: self._taking.pause())
-        serve(self, 'resume', 'Resume', lambda _: self._taking.resume())
-        serve(self, 'split_bagfile', 'SplitBagfile', lambda _: self._bag.split())
+        serve(self, 'pause', 'Pause', lambda _: self._pause())
+        serve(self, 'resume', 'Resume', lambda _: self._resume())
+        serve(self, 'split_bagfile', 'SplitBagfile', lambda _: self._split())
         serve(self, 'snapshot', 'Snapshot', lambda _: self._snapshot())
         tell(self, 'is_paused', 'IsPaused', 'paused', lambda: self._gate.paused)
 
-    def _snapshot(self) -> str | None:
-        if not self._settings.snapshot_duration:
-            return 'snapshot_duration of bag_recorder = 0 keeps nothing; give it some seconds'
-        self._taking.snapshot()
-        return None
+    def _pause(self) -> Done:
+        self._taking.pause()
+        return Done('nothing is recorded until ~/resume')
+
+    def _resume(self) -> Done:
+        latched = self._taking.resume()
+        return Done(f'recording goes on, with {latched} latched messages of the pause')
+
+    def _split(self) -> Done:
+        self._bag.split()
+        return Done('the bag goes on in a new file')
+
+    def _snapshot(self) -> Done:
+        duration = self._settings.snapshot_duration
+        if not duration:
+            raise ValueError(
+                'snapshot_duration of bag_recorder = 0 keeps nothing; give it some seconds'
+            )
+        return Done(f'{self._taking.snapshot()} messages of the last {duration:g} s are recorded')
 
     def _report(self) -> Report:
         lost, refused = self.lost, {**self._finder.refused, **self._bag.refused}

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
@@ -15,16 +16,30 @@ from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 
-def serve(node: Node, name: str, type_name: str, act: Callable[[Any], str | None]) -> None:
-    """Offer `~/<name>`; `act` takes the request and returns what is wrong, or None.
+@dataclass(frozen=True)
+class Done:
+    """What a service did, in a line, and the figures that its response may have fields for."""
 
-    The type is that of rosbag2_interfaces, or, where that is not installed, one of the suite with
-    the same fields, or std_srvs/Trigger.
+    line: str
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+
+def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Done]) -> None:
+    """Offer `~/<name>`; `act` takes the request, and raises ValueError where it refuses that.
+
+    What it did, or why it did not, is logged, and told where the response has a field for it. The
+    type is that of rosbag2_interfaces, or, where that is not installed, one of the suite with the
+    same fields, or std_srvs/Trigger.
     """
 
     def respond(request: Any, response: Any) -> Any:
-        complaint = act(request)
-        return _filled(response, complaint is None, complaint or '')
+        try:
+            done = act(request)
+        except ValueError as error:
+            node.get_logger().warning(f'~/{name} is refused: {error}')
+            return _filled(response, False, str(error))
+        node.get_logger().info(f'~/{name}: {done.line}')
+        return _filled(response, True, done.line, done.figures)
 
     node.create_service(service_type(type_name), f'~/{name}', respond)
 
@@ -34,6 +49,7 @@ def tell(node: Node, name: str, type_name: str, field: str, value: Callable[[], 
 
     def respond(_request: Any, response: Any) -> Any:
         told = value()
+        node.get_logger().debug(f'~/{name}: {told}')
         target = field if hasattr(response, field) else 'success'
         setattr(response, target, told)
         return response
@@ -49,13 +65,17 @@ def service_type(name: str) -> Any:
         return _OURS.get(name, Trigger)
 
 
-def _filled(response: Any, success: bool, message: str) -> Any:
-    for field, value in (
-        ('success', success),
-        ('message', message),
-        ('return_code', 0 if success else 1),
-        ('error_string', message),
-    ):
-        if hasattr(response, field):
-            setattr(response, field, value)
+def _filled(
+    response: Any, success: bool, line: str, figures: Mapping[str, Any] | None = None
+) -> Any:
+    values = {
+        'success': success,
+        'message': line,
+        'return_code': 0 if success else 1,
+        'error_string': '' if success else line,
+        **(figures or {}),
+    }
+    for name, value in values.items():
+        if hasattr(response, name):
+            setattr(response, name, value)
     return response

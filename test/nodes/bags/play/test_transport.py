@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+from soliton_linkage_nodes.bags.play import transport
 from soliton_linkage_nodes.bags.play.transport import Transport, Turn
 
 SECOND = 10**9
@@ -142,3 +143,65 @@ def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop() -> None:
     assert moved.wait_for(3600 * SECOND) is Turn.STOP
     with pytest.raises(ValueError, match='no instant was sought'):
         moved.take_sought()
+
+
+@pytest.fixture
+def playing() -> Iterator[tuple[Transport, list[int]]]:
+    """Five messages that are paused, in a thread that takes note of those that pass."""
+    moved, passed = Transport(paused=True, longest_step=0.05), list[int]()
+    moved.start(0)
+
+    def play() -> None:
+        turn = Turn.SEEK
+        while turn is Turn.SEEK:
+            passed.extend(n for n in range(5) if moved.wait_for(n) is Turn.PLAY)
+            turn = moved.wait_at_end()
+            if turn is Turn.SEEK:
+                moved.take_sought()
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    yield moved, passed
+    moved.stop()
+    thread.join()
+
+
+def test_a_burst_lets_so_many_messages_pass_in_a_pause_and_0_lets_all(
+    playing: tuple[Transport, list[int]],
+) -> None:
+    moved, passed = playing
+    assert moved.burst(3) == 3
+    assert moved.burst(0) == 2
+    assert passed[:5] == [0, 1, 2, 3, 4]
+    assert moved.burst(0) == 0
+    assert not moved.play_next()
+    moved.seek(0)
+    while not moved.play_next():
+        pass
+    assert moved.burst(10) == 4
+    moved.resume()
+    assert moved.burst(1) == 0
+
+
+def test_a_burst_that_lasts_is_answered_before_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = Transport(paused=True)
+    slow.start(0)
+    monkeypatch.setattr(transport, '_LONGEST_BURST', 0.05)
+    threading.Timer(0.01, slow.wait_for, [0]).start()
+    assert slow.burst(3) == 1
+    assert slow.stepping
+    assert slow.wait_for(1) is Turn.PLAY
+    assert slow.wait_for(2) is Turn.PLAY
+    assert not slow.stepping
+
+
+def test_after_a_stop_it_may_be_opened_again() -> None:
+    moved = Transport(paused=True)
+    moved.start(0)
+    moved.seek(5)
+    moved.stop()
+    assert moved.wait_at_end() is Turn.STOP
+    moved.reopen()
+    moved.resume()
+    assert moved.wait_at_end() is Turn.PLAY
+    assert not moved.stopping.is_set()

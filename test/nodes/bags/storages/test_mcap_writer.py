@@ -15,7 +15,6 @@ from soliton_linkage_nodes.bags.storages.mcap_rescue import RescuedMcap
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, type_definition
 
-
 RECORDINGS = sorted(Path(__file__).resolve().parents[4].glob('bags/*/*.mcap'))
 
 

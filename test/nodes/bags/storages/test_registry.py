@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from graphs import Graph
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -19,8 +20,13 @@ from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_messages
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
-from soliton_linkage_nodes.bags.storages.registry import STORAGES, compressions
+from soliton_linkage_nodes.bags.storages.registry import (
+    STORAGES,
+    compressions,
+    offered_elsewhere,
+)
 from soliton_linkage_nodes.bags.storages.storage import FileWriter, RescuedFile, Storage
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
@@ -178,3 +184,22 @@ def test_its_compressions_are_its_own(tmp_path: Path) -> None:
     ):
         BagWriter(tmp_path / 'run', 'prefixed', 'zstd')
     assert compressions() == ('none', 'zstd')
+
+
+def test_the_recorder_takes_a_storage_that_was_added_since(graph: Graph, tmp_path: Path) -> None:
+    given = {'output': str(tmp_path / 'run'), 'topics': ['nudge']}
+    graph.stop(graph.start(BagRecorder, {**given, 'storage': 'prefixed'}))
+    assert check_bag(tmp_path / 'run_0').storage == 'prefixed'
+    with pytest.raises(ValueError, match="must be one of 'mcap', 'sqlite3', 'prefixed'"):
+        graph.start(BagRecorder, {**given, 'storage': 'unknown'})
+
+
+def test_other_packages_offer_storages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / 'elsewhere-1.0.dist-info'
+    folder.mkdir()
+    (folder / 'METADATA').write_text('Name: elsewhere\nVersion: 1.0\n')
+    (folder / 'entry_points.txt').write_text(
+        '[soliton_linkage_nodes.storages]\nfolded = pathlib:Path\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert offered_elsewhere() == {'folded': Path}

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.node import Node
 
 from soliton_linkage_nodes.bags.play.excerpt import Excerpt
 from soliton_linkage_nodes.bags.play.keyboard import DOWN, RIGHT, SPACE, UP, Keyboard
+from soliton_linkage_nodes.bags.play.playing_thread import PlayingThread
 from soliton_linkage_nodes.bags.play.transport import RATES, Transport
-from soliton_linkage_nodes.bags.services import serve, tell
-from soliton_linkage_nodes.runtime.stamps import time_from_msg
+from soliton_linkage_nodes.bags.services import Done, serve, tell
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _FASTER = 1.1
 """By what a key changes the rate."""
@@ -22,19 +24,19 @@ class PlayerControls:
     """Offers the services of a player and takes keys, until it is closed."""
 
     def __init__(
-        self, node: Node, transport: Transport, excerpt: Excerpt, finished: Callable[[], bool]
+        self, node: Node, transport: Transport, playing: PlayingThread, excerpt: Excerpt
     ) -> None:
-        """Begin to listen; once it has finished, there is nothing to be sought."""
-        self._finished = finished
+        """Begin to listen; the excerpt is what is played where a request does not tell."""
         self._transport = transport
+        self._playing = playing
         self._excerpt = excerpt
         self._offer_services(node)
         self._keyboard = Keyboard(
             {
                 SPACE: transport.toggle,
                 RIGHT: transport.play_next,
-                UP: lambda: self._set_rate(transport.rate * _FASTER),
-                DOWN: lambda: self._set_rate(transport.rate / _FASTER),
+                UP: lambda: self._change_rate(_FASTER),
+                DOWN: lambda: self._change_rate(1 / _FASTER),
             }
         )
         if self._keyboard.taken:
@@ -44,30 +46,76 @@ class PlayerControls:
         """Give the terminal back."""
         self._keyboard.close()
 
+    def _change_rate(self, factor: float) -> None:
+        low, high = RATES
+        self._transport.set_rate(min(max(self._transport.rate * factor, low), high))
+
     def _offer_services(self, node: Node) -> None:
         transport = self._transport
-        serve(node, 'pause', 'Pause', lambda _: transport.pause())
-        serve(node, 'resume', 'Resume', lambda _: transport.resume())
-        serve(node, 'toggle_paused', 'TogglePaused', lambda _: transport.toggle())
+        serve(node, 'pause', 'Pause', lambda _: self._paused(transport.pause))
+        serve(node, 'resume', 'Resume', lambda _: self._paused(transport.resume))
+        serve(node, 'toggle_paused', 'TogglePaused', lambda _: self._paused(transport.toggle))
         serve(node, 'play_next', 'PlayNext', lambda _: self._play_next())
+        serve(node, 'burst', 'Burst', self._burst)
         serve(node, 'seek', 'Seek', lambda request: self._seek(time_from_msg(request.time)))
+        serve(node, 'play', 'Play', self._play)
+        serve(node, 'stop', 'Stop', lambda _: self._stop())
         serve(node, 'set_rate', 'SetRate', lambda request: self._set_rate(request.rate))
         tell(node, 'is_paused', 'IsPaused', 'paused', lambda: transport.paused)
         tell(node, 'get_rate', 'GetRate', 'rate', lambda: transport.rate)
 
-    def _play_next(self) -> str | None:
-        return None if self._transport.play_next() else 'not paused, or at the end'
+    def _paused(self, act: Callable[[], None]) -> Done:
+        act()
+        return Done('paused' if self._transport.paused else 'playing')
 
-    def _seek(self, stamp: int) -> str | None:
+    def _play_next(self) -> Done:
+        if not self._transport.play_next():
+            raise ValueError(self._no_step())
+        return Done('one message')
+
+    def _burst(self, request: Any) -> Done:
+        wanted = getattr(request, 'num_messages', 0)
+        passed = self._transport.burst(wanted)
+        if not passed:
+            raise ValueError(self._no_step())
+        more = ', the rest follows' if self._transport.stepping else ''
+        return Done(f'{passed} messages{more}', {'actually_burst': passed})
+
+    def _no_step(self) -> str:
+        if self._transport.paused:
+            return 'no message is left, or none is ready yet; call it again, ~/seek or ~/play'
+        return 'it is not paused; call ~/pause before'
+
+    def _seek(self, stamp: int) -> Done:
         first, last = self._excerpt.origin, self._excerpt.end
-        if self._finished() or not first <= stamp <= last:
-            return f'{stamp} ns is not between {first} and {last} ns, or it is over'
+        if not self._playing.playing:
+            raise ValueError('nothing is playing; call ~/play')
+        if not first <= stamp <= last:
+            raise ValueError(f'{stamp} ns is not between {first} and {last} ns')
         self._transport.seek(stamp)
-        return None
+        return Done(f'goes on at {(stamp - first) / SECOND:.3f} s')
 
-    def _set_rate(self, rate: float) -> str | None:
+    def _play(self, request: Any) -> Done:
+        excerpt = self._excerpt
+        if hasattr(request, 'start_offset'):
+            excerpt = excerpt.part(
+                time_from_msg(request.start_offset),
+                time_from_msg(request.playback_duration),
+                time_from_msg(request.playback_until_timestamp),
+            )
+        self._playing.play(excerpt)
+        begin, end = ((t - excerpt.origin) / SECOND for t in (excerpt.start, excerpt.end))
+        paused = ', once ~/resume is called' if self._transport.paused else ''
+        return Done(f'plays from {begin:.3f} to {end:.3f} s{paused}')
+
+    def _stop(self) -> Done:
+        was_playing = self._playing.playing
+        self._playing.stop()
+        return Done('stopped; ~/play begins again' if was_playing else 'nothing was playing')
+
+    def _set_rate(self, rate: float) -> Done:
         low, high = RATES
         if not low <= rate <= high:
-            return f'rate = {rate:g} must lie in the range {low:g} to {high:g}'
+            raise ValueError(f'rate = {rate:g} must lie in the range {low:g} to {high:g}')
         self._transport.set_rate(rate)
-        return None
+        return Done(f'{rate:g} times as fast as recorded')

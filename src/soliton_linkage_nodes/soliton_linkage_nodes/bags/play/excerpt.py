@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
@@ -26,6 +26,23 @@ class Excerpt:
     def duration(self) -> float:
         """Of the whole bag [s]."""
         return (self.last - self.origin) / SECOND
+
+    def part(self, offset: int, duration: int, until: int) -> Excerpt:
+        """Another part of the bag: from an offset on, for a duration or to a stamp [ns].
+
+        As in rosbag2 the later end counts, with the message that is there; what is 0 or less is
+        not given. Raises ValueError where nothing of the bag lies between.
+        """
+        start = self.origin + max(offset, 0)
+        ends = [start + duration + 1] if duration > 0 else []
+        ends += [until + 1] if until > 0 else []
+        end = min(self.last, max(ends, default=self.last))
+        if not start < end:
+            raise ValueError(
+                f'nothing is recorded from {start} to {end} ns; the bag reaches from '
+                f'{self.origin} to {self.last} ns'
+            )
+        return replace(self, start=start, end=end)
 
 
 def excerpt(reader: Reader, start_offset: float, playback_until: float) -> Excerpt:

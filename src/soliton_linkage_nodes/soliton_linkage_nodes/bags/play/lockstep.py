@@ -64,6 +64,11 @@ class Lockstep:
         with self._changed:
             self._unanswered.append(_stamp(message))
 
+    def forget(self) -> None:
+        """Expect no answer to what was sent so far."""
+        with self._changed:
+            self._unanswered.clear()
+
     def settle(self, stopped: Callable[[], bool]) -> None:
         """Wait until every frame is answered."""
         self._wait(0, stopped)

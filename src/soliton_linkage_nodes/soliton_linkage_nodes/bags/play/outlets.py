@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from rosbags.interfaces import Connection
 
 from soliton_linkage_nodes.bags.play.lockstep import Lockstep
+from soliton_linkage_nodes.bags.play.recorded_states import RecordedStates
 from soliton_linkage_nodes.bags.read.older_messages import is_older
 from soliton_linkage_nodes.bags.read.reading import decoder, latched, message_class
 from soliton_linkage_nodes.runtime import interfaces
@@ -37,9 +38,11 @@ class ReplayOutlets:
     ) -> None:
         """Create a publisher of each topic; say of which types nothing is installed."""
         self.published = 0
+        self.left_out = 0
         self._node = node
         self._stopping = stopping
         self._lockstep: Lockstep | None = None
+        self._states: dict[str, RecordedStates] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._publishers: dict[str, Publisher] = {}
         self._counts = {connection.topic: connection.msgcount for connection in connections}
@@ -59,6 +62,17 @@ class ReplayOutlets:
         self._publishers.pop(lockstep.states, None)
         self._lockstep = lockstep
 
+    def give_way(self, states: RecordedStates) -> None:
+        """Leave recorded states out while an analyser publishes its own."""
+        self._states[states.topic] = states
+
+    def begin(self) -> None:
+        """Count from nothing, and expect no answer to what was played before."""
+        self.published = 0
+        self.left_out = 0
+        if self._lockstep is not None:
+            self._lockstep.forget()
+
     def of(self, connections: Iterable[Connection]) -> list[Connection]:
         """Those of some topics that are published."""
         return [c for c in connections if c.topic in self._publishers]
@@ -66,6 +80,9 @@ class ReplayOutlets:
     def publish(self, connection: Connection, serialized: bytes) -> None:
         """Publish a message, in lockstep as soon as its turn has come."""
         topic = connection.topic
+        if topic in self._states and self._states[topic].give_way():
+            self.left_out += 1
+            return
         if topic in self._decoders:
             serialized = serialize_message(self._decoders[topic](serialized))
         if self._lockstep is not None:

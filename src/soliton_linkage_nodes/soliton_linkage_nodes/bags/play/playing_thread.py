@@ -22,13 +22,13 @@ class PlayingThread:
     """Publishes messages when they are due, and ahead of them what latched topics said last.
 
     After the first latched messages it calls `prepare`, and for each message that is due, with
-    the time of its receipt [ns], `tell_time`.
+    the time of its receipt [ns], `tell_time`. `finished` says whether it came to the end by
+    itself, `rounds` how often it has begun at the start, `jumps` how often elsewhere.
     """
 
     def __init__(
         self,
         path: Path,
-        excerpt: Excerpt,
         outlets: ReplayOutlets,
         transport: Transport,
         loop: bool,
@@ -36,25 +36,52 @@ class PlayingThread:
         tell_time: Callable[[int], None],
         pace: str = '',
     ) -> None:
-        """Begin to play, again and again if it is to `loop`; the pace is shown, or the rate."""
+        """Prepare to play, again and again if it is to `loop`; the pace is shown, or the rate."""
         self.failure: Exception | None = None
         self.finished = False
+        self.playing = False
+        self.rounds = 0
+        self.jumps = 0
         self._path = path
-        self._excerpt = excerpt
         self._outlets = outlets
         self._transport = transport
         self._loop = loop
         self._prepare = prepare
         self._tell_time = tell_time
         self._pace = pace
-        self._progress = ProgressLine(f'playing {path}', excerpt.duration)
+        self._thread: threading.Thread | None = None
+
+    def play(self, excerpt: Excerpt) -> None:
+        """Begin to play a part of the bag; ValueError where it is playing."""
+        if self.playing:
+            raise ValueError('it is playing; call ~/stop before, or ~/seek')
+        self.stop()
+        self._transport.reopen()
+        self._outlets.begin()
+        self._excerpt = excerpt
+        self._progress = ProgressLine(f'playing {self._path}', excerpt.duration)
+        self.finished = False
+        self.playing = True
+        self.rounds, self.jumps = 1, 0
         self._thread = threading.Thread(target=self._run, name='playing')
         self._thread.start()
 
     def stop(self) -> None:
         """End it."""
         self._transport.stop()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
+
+    def account(self, of: str = '') -> str:
+        """How many messages were played, `of` what, and how often it has begun again."""
+        played, total = self._outlets.published, self._outlets.total
+        line = f'{played} of {total} messages{of}'
+        if self.rounds > 1 or self.jumps:
+            line = f'{played} messages{of} in {_several(self.rounds, "round")} of {total}'
+        if self.jumps:
+            line = f'{line}, with {_several(self.jumps, "jump")}'
+        left_out = self._outlets.left_out
+        return f'{line}, {left_out} recorded states left out' if left_out else line
 
     def _run(self) -> None:
         try:
@@ -63,19 +90,24 @@ class PlayingThread:
             self._outlets.deliver()
         except Exception as error:
             self.failure = error
-        self.finished = True
+        self.finished = not self._transport.stopping.is_set()
+        self.playing = False
 
     def _play(self, reader: Reader) -> None:
         start = self._excerpt.start
         ahead = self._send_latched(reader, start)
         self._prepare()
         while (turn := self._play_from(reader, start, ahead)) is not Turn.STOP:
-            if turn is not Turn.SEEK and not self._loop:
+            if turn is Turn.SEEK:
+                self.jumps += 1
+                start = self._transport.take_sought()
+            elif self._loop:
+                self.rounds += 1
+                start = self._excerpt.start
+            else:
                 break
-            start = self._transport.take_sought() if turn is Turn.SEEK else self._excerpt.start
             ahead = self._send_latched(reader, start)
-        played, total = self._outlets.published, self._outlets.total
-        self._progress.end(f'played {played} of {total} messages of {self._path}')
+        self._progress.end(f'played {self.account(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> Turn:
         """Play from an instant on, without what latched topics have said ahead of it."""
@@ -92,7 +124,7 @@ class PlayingThread:
             self._tell_time(stamp)
             self._outlets.publish(connection, serialized)
             self._show(stamp)
-        return Turn.STOP if self._transport.stopping.is_set() else Turn.PLAY
+        return self._transport.wait_at_end()
 
     def _send_latched(self, reader: Reader, start: int) -> dict[str, int]:
         """Publish the last latched messages before an instant, or, with none, the first after.
@@ -116,3 +148,7 @@ class PlayingThread:
         pace = self._pace or f'x {self._transport.rate:.3g}'
         state = 'paused' if self._transport.paused else pace
         self._progress.show(at, f'{at:.1f} of {self._excerpt.duration:.1f} s, {state}')
+
+
+def _several(number: int, what: str) -> str:
+    return f'{number} {what}{"s" if number != 1 else ""}'

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +11,10 @@ from enum import Enum
 
 RATES = (1e-3, 1e3)
 """Slowest and fastest that a bag is played, against as it was recorded."""
+_ALL = sys.maxsize
+"""Messages, more than a bag holds."""
+_LONGEST_BURST = 2.0
+"""How long who asks for a burst waits for its end [s]: meanwhile a node answers nothing else."""
 _LONGEST_WAIT = 0.1
 """From one call of `meanwhile` to the next [s]: a line that is shown does not seem to stall."""
 
@@ -53,6 +58,8 @@ class Transport:
         self._position = 0.0
         self._since = clock()
         self._steps = 0
+        self._passed = 0
+        self._at_end = False
         self._sought: int | None = None
 
     @property
@@ -64,6 +71,11 @@ class Transport:
     def paused(self) -> bool:
         """Whether it stands still."""
         return self._paused
+
+    @property
+    def stepping(self) -> bool:
+        """Whether messages are still to pass in a pause."""
+        return bool(self._steps)
 
     def start(self, stamp: int) -> None:
         """Go on from an instant."""
@@ -103,19 +115,28 @@ class Transport:
     def play_next(self) -> bool:
         """Let one message pass in a pause; False where there is no pause, or no message."""
         with self._changed:
-            if not self._paused or self.stopping.is_set():
-                return False
-            self._steps += 1
-            self._changed.notify_all()
-            passed = self._changed.wait_for(lambda: not self._steps, self._longest_step)
-            self._steps = 0
-            return passed
+            return bool(self._step(1, self._longest_step))
+
+    def burst(self, number: int) -> int:
+        """Let so many messages pass at once in a pause, 0 for all, and return how many have.
+
+        It returns after two seconds at most; where some have passed, the rest follows.
+        """
+        with self._changed:
+            return self._step(number or _ALL, _LONGEST_BURST)
 
     def seek(self, stamp: int) -> None:
         """Go on from another instant as soon as the player asks for its turn."""
         with self._changed:
             self._sought = stamp
             self._changed.notify_all()
+
+    def reopen(self) -> None:
+        """Let messages pass again after a stop; a pause lasts."""
+        with self._changed:
+            self.stopping.clear()
+            self._sought = None
+            self._steps = 0
 
     def stop(self) -> None:
         """Let nothing pass any more."""
@@ -147,6 +168,32 @@ class Transport:
                 self._changed.wait(min(early, _LONGEST_WAIT))
             meanwhile()
 
+    def wait_at_end(self) -> Turn:
+        """Stay where all is played as long as it is paused, for another instant to be sought."""
+        with self._changed:
+            self._at_end, self._steps = True, 0
+            self._changed.notify_all()
+            self._changed.wait_for(
+                lambda: not self._paused or self.stopping.is_set() or self._sought is not None
+            )
+            self._at_end = False
+            if self.stopping.is_set():
+                return Turn.STOP
+            return Turn.PLAY if self._sought is None else Turn.SEEK
+
+    def _step(self, number: int, patience: float) -> int:
+        """Let messages pass in a pause, and return how many have while it waited [s]."""
+        if not self._paused or self._at_end or self.stopping.is_set():
+            return 0
+        before = self._passed
+        self._steps += number
+        self._changed.notify_all()
+        self._changed.wait_for(lambda: not self._steps or self.stopping.is_set(), patience)
+        passed = self._passed - before
+        if not passed:
+            self._steps = 0
+        return passed
+
     def _early(self, stamp: int) -> float:
         """Time until a message is due [s]."""
         if self._paused:
@@ -158,6 +205,7 @@ class Transport:
 
     def _pass_one(self, stamp: int) -> None:
         self._steps -= 1
+        self._passed += 1
         self._position = max(self._position, float(stamp))
         self._changed.notify_all()
 

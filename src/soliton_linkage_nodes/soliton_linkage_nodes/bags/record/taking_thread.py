@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 
 from soliton_linkage_nodes.bags.record.account import RecordingAccount
 from soliton_linkage_nodes.bags.record.inlets import Inlet, InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
-from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
+from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThread
 
 _POLL_INTERVAL = 0.02
 """How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""
@@ -56,15 +56,13 @@ class TakingThread:
         with self._lock:
             self._gate.paused = True
 
-    def resume(self) -> None:
-        """Go on, with what latched topics said last in the meantime."""
-        with self._lock:
-            self._bag.put(self._gate.resume())
+    def resume(self) -> int:
+        """Go on, with what latched topics said last in the meantime; return how much that is."""
+        return self._record(self._gate.resume)
 
-    def snapshot(self) -> None:
-        """Write the last seconds."""
-        with self._lock:
-            self._bag.put(self._gate.snapshot())
+    def snapshot(self) -> int:
+        """Write the last seconds, and return how many messages these are."""
+        return self._record(self._gate.snapshot)
 
     def stop(self) -> dict[str, str]:
         """Take what is left, and return what the bag is to say of the recording."""
@@ -90,6 +88,12 @@ class TakingThread:
                     self._bag.put(self._gate.take(batch))
         except Exception as error:
             self.failure = error
+
+    def _record(self, held: Callable[[], list[Taken]]) -> int:
+        with self._lock:
+            messages = held()
+            self._bag.put(messages)
+        return len(messages)
 
     def _add(self, inlets: Sequence[Inlet]) -> None:
         for inlet in inlets:
