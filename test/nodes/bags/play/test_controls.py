@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A player is paused, burst, stopped and begun again by services, as rosbag2's is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Duration, Time
+from graphs import Graph
+from rclpy.node import Node
+from recordings import MILLISECOND, START, run_of, write_bag
+
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.services import service_type
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+
+Services = dict[str, Callable[[Any, Any], Any]]
+
+
+@pytest.fixture
+def services(monkeypatch: pytest.MonkeyPatch) -> Services:
+    """What answers the requests of each service, of whatever type, of the player that is next."""
+    offered: Services = {}
+    create = Node.create_service
+
+    def note(node: Node, kind: Any, name: str, respond: Any, **options: Any) -> Any:
+        if name.startswith('~/'):
+            offered[name[2:]] = respond
+        return create(node, kind, name, respond, **options)
+
+    monkeypatch.setattr(BagPlayer, 'create_service', note)
+    return offered
+
+
+def burst(services: Services, number: int) -> int:
+    response = services['burst'](
+        SimpleNamespace(num_messages=number), SimpleNamespace(actually_burst=0)
+    )
+    return int(response.actually_burst)
+
+
+def play(services: Services, offset: float = 0.0, duration: float = 0.0, until: int = 0) -> bool:
+    request = SimpleNamespace(
+        start_offset=time_to_msg(round(offset * 1e9)),
+        playback_duration=Duration(sec=-1) if duration < 0 else seconds(duration),
+        playback_until_timestamp=time_to_msg(until),
+    )
+    return bool(services['play'](request, SimpleNamespace(success=False)).success)
+
+
+def seconds(duration: float) -> Duration:
+    whole = time_to_msg(round(duration * 1e9))
+    return Duration(sec=whole.sec, nanosec=whole.nanosec)
+
+
+def frames_of(heard: list[Any]) -> list[int]:
+    return [(time_from_msg(m.header.stamp) - START) // MILLISECOND for m in heard]
+
+
+def wait_for_number(graph: Graph, heard: list[Any], number: int) -> None:
+    """Wait for so many frames, and then for any that should not be."""
+    graph.until(lambda: len(heard) >= number, f'{number} frames')
+    graph.next_report('bag_player')
+
+
+def ready(graph: Graph, services: Services) -> None:
+    """Wait until one message has passed."""
+    graph.until(lambda: burst(services, 1), 'the player to be ready')
+
+
+def test_in_a_pause_messages_are_burst_to_the_end_and_again(
+    graph: Graph, named: NamedChain, tmp_path: Path, services: Services
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 20, gap=10**9)[1:-1])
+    heard = graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
+    ready(graph, services)
+    assert burst(services, 5) == 5
+    assert burst(services, 0) == 14
+    graph.until(lambda: len(heard) == 20, 'all frames')
+    assert burst(services, 1) == 0
+    assert not player.finished
+    services['seek'](SimpleNamespace(time=Time(sec=START // 10**9)), SimpleNamespace())
+    graph.until(lambda: burst(services, 0), 'the player to begin again')
+    graph.until(lambda: len(heard) == 40, 'all frames again')
+    assert frames_of(heard) == 2 * list(range(20))
+    services['resume'](None, SimpleNamespace())
+    graph.until(lambda: player.finished, 'the end')
+
+
+def test_there_is_no_burst_without_a_pause(
+    graph: Graph,
+    named: NamedChain,
+    tmp_path: Path,
+    services: Services,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=60 * 10**9))
+    graph.start(BagPlayer, {'bag': str(bag)})
+    assert burst(services, 1) == 0
+    assert '~/burst is refused: it is not paused; call ~/pause before' in capfd.readouterr().err
+
+
+def test_a_part_of_the_bag_is_played_after_a_stop(
+    graph: Graph, named: NamedChain, tmp_path: Path, services: Services
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 100)[1:-1])
+    heard = graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True, 'stay': True})
+    ready(graph, services)
+    assert not play(services)
+    parts = [
+        ({'offset': 0.05}, range(50, 100)),
+        ({'offset': 0.02, 'duration': 0.003}, range(20, 24)),
+        ({'until': START + 5 * MILLISECOND}, range(6)),
+        ({'duration': 0.004, 'until': START + 5 * MILLISECOND}, range(6)),
+        ({'offset': 0.09, 'duration': -1.0}, range(90, 100)),
+    ]
+    services['resume'](None, SimpleNamespace())
+    for part, expected in parts:
+        services['stop'](None, SimpleNamespace())
+        graph.next_report('bag_player')
+        heard.clear()
+        assert play(services, **part)
+        wait_for_number(graph, heard, len(expected))
+        assert frames_of(heard) == list(expected)
+    assert not player.finished
+    assert not play(services, offset=3600.0)
+
+
+def test_a_stopped_player_begins_again_as_its_parameters_say(
+    graph: Graph, named: NamedChain, tmp_path: Path, services: Services
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 30)[1:-1])
+    heard = graph.hear(interfaces.JOINT_STATES)
+    given = {'bag': str(bag), 'start_offset': 0.01, 'start_paused': True}
+    player = graph.start(BagPlayer, given)
+    for name in ('stop', 'stop', 'resume'):
+        graph.call(service_type(name.capitalize()), f'bag_player/{name}')
+    assert not player.finished
+    assert heard == []
+    assert services['play'](object(), SimpleNamespace(success=False)).success
+    graph.until(lambda: player.finished and len(heard) == 20, 'the end')
+    assert frames_of(heard) == list(range(10, 30))

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded states are left out while an analyser publishes its own, unless they are asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from graphs import Graph, values
+from rclpy.node import Node
+from recordings import MILLISECOND, run_of, write_bag
+
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+
+
+def bag_with_states(folder: Path, named: NamedChain, gap: int = MILLISECOND) -> Path:
+    entries: list[Any] = []
+    for topic, stamp, message in run_of(named, 30, gap)[1:-1]:
+        entries.append((topic, stamp, message))
+        state = SolitonState(header=message.header)
+        entries.append((interfaces.SOLITON_STATE, stamp + gap // 2, state))
+    return write_bag(folder / 'run', entries)
+
+
+def start_analyser(graph: Graph, hears: bool = True) -> Node:
+    """A node that is an analyser for all that can be seen of it."""
+    node: Node = graph.start(lambda **kwargs: Node('another_analyser', **kwargs))
+    interfaces.SOLITON_STATE.publisher(node)
+    if hears:
+        interfaces.JOINT_STATES.subscribe(node, lambda _: None)
+    return node
+
+
+@pytest.mark.parametrize(
+    ('given', 'states', 'said'),
+    [
+        ({}, 0, '/another_analyser publishes /soliton_state: what was recorded is left out; '),
+        (
+            {'topics': ['joint_states', 'soliton_state']},
+            30,
+            '/another_analyser publishes /soliton_state, too, and the two mix; ',
+        ),
+    ],
+)
+def test_an_analyser_comes_before_the_recording_unless_that_is_chosen(
+    graph: Graph,
+    named: NamedChain,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    given: dict[str, Any],
+    states: int,
+    said: str,
+) -> None:
+    bag = bag_with_states(tmp_path, named)
+    start_analyser(graph)
+    heard, frames = graph.hear(interfaces.SOLITON_STATE), graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), **given})
+    graph.until(lambda: player.finished and len(frames) == 30, 'the end')
+    graph.until(lambda: len(heard) == states, f'{states} states')
+    figures = values(graph.next_report('bag_player'))
+    assert figures['messages played'] == str(30 + states)
+    assert figures['recorded states left out'] == str(30 - states)
+    log = capfd.readouterr().err
+    assert log.count(said) == 1
+    left_out = f'played 30 of 60 messages of {bag}, 30 recorded states left out'
+    assert (left_out in log) == (not states)
+
+
+def test_who_does_not_hear_the_frames_is_no_analyser(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = bag_with_states(tmp_path, named)
+    start_analyser(graph, hears=False)
+    heard = graph.hear(interfaces.SOLITON_STATE)
+    graph.hear(interfaces.JOINT_STATES)
+    graph.start(BagPlayer, {'bag': str(bag)})
+    graph.until(lambda: len(heard) == 30, 'the states')
+
+
+def test_once_the_analyser_is_gone_the_recorded_states_are_played(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = bag_with_states(tmp_path, named, gap=200 * MILLISECOND)
+    analyser = start_analyser(graph)
+    heard, frames = graph.hear(interfaces.SOLITON_STATE), graph.hear(interfaces.JOINT_STATES)
+    graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
+    graph.until(lambda: len(frames) > 3, 'some frames')
+    assert heard == []
+    graph.stop(analyser)
+    graph.until(lambda: heard, 'a state')
