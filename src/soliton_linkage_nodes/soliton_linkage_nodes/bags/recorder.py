@@ -17,7 +17,7 @@ from soliton_linkage_nodes.bags.record.inlets import InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.taking_thread import TakingThread
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
-from soliton_linkage_nodes.bags.services import Done, serve, tell
+from soliton_linkage_nodes.bags.services import Outcome, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
@@ -120,25 +120,27 @@ class BagRecorder(Node):
         serve(self, 'snapshot', 'Snapshot', lambda _: self._snapshot())
         tell(self, 'is_paused', 'IsPaused', 'paused', lambda: self._gate.paused)
 
-    def _pause(self) -> Done:
+    def _pause(self) -> Outcome:
         self._taking.pause()
-        return Done('nothing is recorded until ~/resume')
+        return Outcome('nothing is recorded until ~/resume')
 
-    def _resume(self) -> Done:
+    def _resume(self) -> Outcome:
         latched = self._taking.resume()
-        return Done(f'recording goes on, with {latched} latched messages of the pause')
+        return Outcome(f'recording goes on, with {latched} latched messages of the pause')
 
-    def _split(self) -> Done:
+    def _split(self) -> Outcome:
         self._bag.split()
-        return Done('the bag goes on in a new file')
+        return Outcome('the bag goes on in a new file')
 
-    def _snapshot(self) -> Done:
+    def _snapshot(self) -> Outcome:
         duration = self._settings.snapshot_duration
         if not duration:
             raise ValueError(
                 'snapshot_duration of bag_recorder = 0 keeps nothing; give it some seconds'
             )
-        return Done(f'{self._taking.snapshot()} messages of the last {duration:g} s are recorded')
+        return Outcome(
+            f'{self._taking.snapshot()} messages of the last {duration:g} s are recorded'
+        )
 
     def _report(self) -> Report:
         lost, refused = self.lost, {**self._finder.refused, **self._bag.refused}
