@@ -14,7 +14,7 @@ from rclpy.logging import get_logger
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from soliton_linkage_msgs import srv
-from soliton_linkage_nodes.bags.services import Outcome, serve, service_type, tell
+from soliton_linkage_nodes.bags.services import Reply, serve, service_type, tell
 
 
 class Offering:
@@ -27,10 +27,10 @@ class Offering:
         return get_logger('offering')
 
 
-def act(complaint: str | None, _request: Any) -> Outcome:
+def act(complaint: str | None, _request: Any) -> Reply:
     if complaint:
         raise ValueError(complaint)
-    return Outcome('it is done')
+    return Reply('it is done')
 
 
 @pytest.mark.parametrize('name', ['Pause', 'Resume', 'IsPaused', 'SplitBagfile', 'Snapshot'])
@@ -85,9 +85,7 @@ def test_every_form_of_response_is_filled(
 
 def test_figures_fill_the_fields_that_a_response_has() -> None:
     node = Offering()
-    serve(
-        cast(Any, node), 'burst', 'Burst', lambda _: Outcome('7 messages', {'actually_burst': 7})
-    )
+    serve(cast(Any, node), 'burst', 'Burst', lambda _: Reply('7 messages', {'actually_burst': 7}))
     assert node.respond(None, SimpleNamespace(actually_burst=0)).actually_burst == 7
     response = node.respond(None, Trigger.Response())
     assert (response.success, response.message) == (True, '7 messages')

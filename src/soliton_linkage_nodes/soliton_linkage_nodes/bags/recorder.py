@@ -17,7 +17,7 @@ from soliton_linkage_nodes.bags.record.inlets import InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.taking_thread import TakingThread
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
-from soliton_linkage_nodes.bags.services import Outcome, serve, tell
+from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
@@ -120,27 +120,25 @@ class BagRecorder(Node):
         serve(self, 'snapshot', 'Snapshot', lambda _: self._snapshot())
         tell(self, 'is_paused', 'IsPaused', 'paused', lambda: self._gate.paused)
 
-    def _pause(self) -> Outcome:
+    def _pause(self) -> Reply:
         self._taking.pause()
-        return Outcome('nothing is recorded until ~/resume')
+        return Reply('nothing is recorded until ~/resume')
 
-    def _resume(self) -> Outcome:
+    def _resume(self) -> Reply:
         latched = self._taking.resume()
-        return Outcome(f'recording goes on, with {latched} latched messages of the pause')
+        return Reply(f'recording goes on, with {latched} latched messages of the pause')
 
-    def _split(self) -> Outcome:
+    def _split(self) -> Reply:
         self._bag.split()
-        return Outcome('the bag goes on in a new file')
+        return Reply('the bag goes on in a new file')
 
-    def _snapshot(self) -> Outcome:
+    def _snapshot(self) -> Reply:
         duration = self._settings.snapshot_duration
         if not duration:
             raise ValueError(
                 'snapshot_duration of bag_recorder = 0 keeps nothing; give it some seconds'
             )
-        return Outcome(
-            f'{self._taking.snapshot()} messages of the last {duration:g} s are recorded'
-        )
+        return Reply(f'{self._taking.snapshot()} messages of the last {duration:g} s are recorded')
 
     def _report(self) -> Report:
         lost, refused = self.lost, {**self._finder.refused, **self._bag.refused}

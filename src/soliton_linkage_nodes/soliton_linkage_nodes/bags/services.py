@@ -17,14 +17,14 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Reply:
     """What a service did, in a line, and the figures that its response may have fields for."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
-def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Outcome]) -> None:
+def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer `~/<name>`; `act` takes the request, and raises ValueError where it refuses that.
 
     What it did, or why it did not, is logged, and told where the response has a field for it. The

@@ -12,7 +12,7 @@ from soliton_linkage_nodes.bags.play.excerpt import Excerpt
 from soliton_linkage_nodes.bags.play.keyboard import DOWN, RIGHT, SPACE, UP, Keyboard
 from soliton_linkage_nodes.bags.play.playing_thread import PlayingThread
 from soliton_linkage_nodes.bags.play.transport import RATES, Transport
-from soliton_linkage_nodes.bags.services import Outcome, serve, tell
+from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _FASTER = 1.1
@@ -64,38 +64,38 @@ class PlayerControls:
         tell(node, 'is_paused', 'IsPaused', 'paused', lambda: transport.paused)
         tell(node, 'get_rate', 'GetRate', 'rate', lambda: transport.rate)
 
-    def _paused(self, act: Callable[[], None]) -> Outcome:
+    def _paused(self, act: Callable[[], None]) -> Reply:
         act()
-        return Outcome('paused' if self._transport.paused else 'playing')
+        return Reply('paused' if self._transport.paused else 'playing')
 
-    def _play_next(self) -> Outcome:
+    def _play_next(self) -> Reply:
         if not self._transport.play_next():
             raise ValueError(self._no_step())
-        return Outcome('one message')
+        return Reply('one message')
 
-    def _burst(self, request: Any) -> Outcome:
+    def _burst(self, request: Any) -> Reply:
         wanted = getattr(request, 'num_messages', 0)
         passed = self._transport.burst(wanted)
         if not passed:
             raise ValueError(self._no_step())
         more = ', the rest follows' if self._transport.stepping else ''
-        return Outcome(f'{passed} messages{more}', {'actually_burst': passed})
+        return Reply(f'{passed} messages{more}', {'actually_burst': passed})
 
     def _no_step(self) -> str:
         if self._transport.paused:
             return 'no message is left, or none is ready yet; call it again, ~/seek or ~/play'
         return 'it is not paused; call ~/pause before'
 
-    def _seek(self, stamp: int) -> Outcome:
+    def _seek(self, stamp: int) -> Reply:
         first, last = self._excerpt.origin, self._excerpt.end
         if not self._playing.playing:
             raise ValueError('nothing is playing; call ~/play')
         if not first <= stamp <= last:
             raise ValueError(f'{stamp} ns is not between {first} and {last} ns')
         self._transport.seek(stamp)
-        return Outcome(f'goes on at {(stamp - first) / SECOND:.3f} s')
+        return Reply(f'goes on at {(stamp - first) / SECOND:.3f} s')
 
-    def _play(self, request: Any) -> Outcome:
+    def _play(self, request: Any) -> Reply:
         excerpt = self._excerpt
         if hasattr(request, 'start_offset'):
             excerpt = excerpt.part(
@@ -106,16 +106,16 @@ class PlayerControls:
         self._playing.play(excerpt)
         begin, end = ((t - excerpt.origin) / SECOND for t in (excerpt.start, excerpt.end))
         paused = ', once ~/resume is called' if self._transport.paused else ''
-        return Outcome(f'plays from {begin:.3f} to {end:.3f} s{paused}')
+        return Reply(f'plays from {begin:.3f} to {end:.3f} s{paused}')
 
-    def _stop(self) -> Outcome:
+    def _stop(self) -> Reply:
         was_playing = self._playing.playing
         self._playing.stop()
-        return Outcome('stopped; ~/play begins again' if was_playing else 'nothing was playing')
+        return Reply('stopped; ~/play begins again' if was_playing else 'nothing was playing')
 
-    def _set_rate(self, rate: float) -> Outcome:
+    def _set_rate(self, rate: float) -> Reply:
         low, high = RATES
         if not low <= rate <= high:
             raise ValueError(f'rate = {rate:g} must lie in the range {low:g} to {high:g}')
         self._transport.set_rate(rate)
-        return Outcome(f'{rate:g} times as fast as recorded')
+        return Reply(f'{rate:g} times as fast as recorded')
