@@ -159,7 +159,7 @@ class BagPlayer(Node):
 
     def _report(self) -> Report:
         given_up = self._lockstep.given_up if self._lockstep else 0
-        state = f'{self._playing.account()} played'
+        state = f'played {self._playing.account()}'
         if given_up:
             state = f'{state}, {given_up} frames never answered by the analyser'
         return Report(

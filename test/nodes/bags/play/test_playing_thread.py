@@ -25,10 +25,12 @@ def test_rounds_are_told(
     player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
     graph.until(lambda: len(frames) >= 30, 'three rounds')
     report = graph.next_report('bag_player').message
-    assert re.fullmatch(r'\d+ messages in \d+ rounds of 12 played', report)
+    assert re.fullmatch(r'played \d+ messages in \d+ rounds \(the bag holds 12\)', report)
     graph.stop(player)
     (line,) = re.findall('played .*', capfd.readouterr().err)
-    told = re.fullmatch(rf'played (\d+) messages of {bag} in (\d+) rounds of 12', line)
+    told = re.fullmatch(
+        rf'played (\d+) messages of {bag} in (\d+) rounds \(the bag holds 12\)', line
+    )
     assert told
     played, rounds = map(int, told.groups())
     assert 12 * (rounds - 1) <= played <= 12 * rounds
@@ -45,4 +47,5 @@ def test_jumps_are_told(
     assert graph.call(service_type('Seek'), 'bag_player/seek', time=late).success
     graph.until(lambda: player.finished, 'the end')
     (line,) = re.findall('played .*', capfd.readouterr().err)
-    assert re.fullmatch(rf'played \d+ messages of {bag} in 1 round of 100, with 1 jump', line)
+    told = rf'played \d+ messages of {bag} in 1 jump \(the bag holds 100\)'
+    assert re.fullmatch(told, line)

@@ -13,6 +13,7 @@ from recordings import MILLISECOND, run_of, write_bag
 
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -92,3 +93,20 @@ def test_once_the_analyser_is_gone_the_recorded_states_are_played(
     assert heard == []
     graph.stop(analyser)
     graph.until(lambda: heard, 'a state')
+
+
+def test_what_is_left_out_is_no_step_in_a_pause(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = bag_with_states(tmp_path, named)
+    start_analyser(graph)
+    frames = graph.hear(interfaces.JOINT_STATES)
+    graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
+
+    def step() -> bool:
+        return bool(graph.call(service_type('PlayNext'), 'bag_player/play_next').success)
+
+    graph.until(step, 'one message')
+    for number in (2, 3):
+        assert step()
+        graph.until(lambda n=number: len(frames) == n, f'frame {number}')

@@ -77,12 +77,16 @@ class ReplayOutlets:
         """Those of some topics that are published."""
         return [c for c in connections if c.topic in self._publishers]
 
+    def leave_out(self, connection: Connection) -> bool:
+        """Whether a message is of recorded states that give way to an analyser."""
+        states = self._states.get(connection.topic)
+        left_out = states is not None and states.give_way()
+        self.left_out += left_out
+        return left_out
+
     def publish(self, connection: Connection, serialized: bytes) -> None:
         """Publish a message, in lockstep as soon as its turn has come."""
         topic = connection.topic
-        if topic in self._states and self._states[topic].give_way():
-            self.left_out += 1
-            return
         if topic in self._decoders:
             serialized = serialize_message(self._decoders[topic](serialized))
         if self._lockstep is not None:

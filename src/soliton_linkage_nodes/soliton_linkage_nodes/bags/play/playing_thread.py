@@ -75,11 +75,11 @@ class PlayingThread:
     def account(self, of: str = '') -> str:
         """How many messages were played, `of` what, and how often it has begun again."""
         played, total = self._outlets.published, self._outlets.total
+        again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
+        again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
         line = f'{played} of {total} messages{of}'
-        if self.rounds > 1 or self.jumps:
-            line = f'{played} messages{of} in {_several(self.rounds, "round")} of {total}'
-        if self.jumps:
-            line = f'{line}, with {_several(self.jumps, "jump")}'
+        if again:
+            line = f'{played} messages{of} in {" and ".join(again)} (the bag holds {total})'
         left_out = self._outlets.left_out
         return f'{line}, {left_out} recorded states left out' if left_out else line
 
@@ -118,6 +118,8 @@ class PlayingThread:
             if ahead.get(connection.topic) == stamp:
                 del ahead[connection.topic]
                 continue
+            if self._outlets.leave_out(connection):
+                continue
             turn = self._transport.wait_for(stamp, partial(self._show, stamp))
             if turn is not Turn.PLAY:
                 return turn
@@ -148,7 +150,3 @@ class PlayingThread:
         pace = self._pace or f'x {self._transport.rate:.3g}'
         state = 'paused' if self._transport.paused else pace
         self._progress.show(at, f'{at:.1f} of {self._excerpt.duration:.1f} s, {state}')
-
-
-def _several(number: int, what: str) -> str:
-    return f'{number} {what}{"s" if number != 1 else ""}'
