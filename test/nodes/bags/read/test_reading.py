@@ -56,7 +56,7 @@ def test_a_bag_is_of_version_9_and_named_for_ros2_bag_reindex(
     information = metadata['rosbag2_bagfile_information']
     assert information['version'] == 9
     assert information['storage_identifier'] == storage
-    assert information['relative_file_paths'] == [f'run_0{STORAGES[storage]}']
+    assert information['relative_file_paths'] == [f'run_0_0{STORAGES[storage]}']
     assert information['message_count'] == 5
     assert information['duration']['nanoseconds'] == 3 * MILLISECOND
     assert information['starting_time']['nanoseconds_since_epoch'] == START
@@ -67,6 +67,8 @@ def test_nothing_is_overwritten(named: NamedChain, storage: str, tmp_path: Path)
     before = {path: path.read_bytes() for path in first.iterdir()}
     second = write_bag(tmp_path / 'run', run_of(named, 5), storage)
     assert (first.name, second.name) == ('run_0', 'run_1')
+    names = {path.name for path in second.iterdir()}
+    assert names == {'metadata.yaml', f'run_1_0{STORAGES[storage]}'}
     assert {path: path.read_bytes() for path in first.iterdir()} == before
 
 
