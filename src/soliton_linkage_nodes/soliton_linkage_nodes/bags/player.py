@@ -38,6 +38,7 @@ class BagPlayerParameters:
         0.0, 'time in the bag at which to end, 0 for that of the bag', 's', 0.0
     )
     loop: bool = quantity(False, 'whether to begin again at the end')
+    stay: bool = quantity(False, 'whether to stay at the end of the bag, for ~/play')
     start_paused: bool = quantity(False, 'play nothing until ~/resume is called')
     wait_for: tuple[str, ...] = quantity(
         (), 'topics that must have a subscriber before the start; empty for joint_states'
@@ -55,7 +56,6 @@ class BagPlayerParameters:
     lockstep_timeout: float = quantity(
         5.0, 'how long to wait for an answer before frames are given up', 's', 0.1, 3600.0
     )
-    stay: bool = quantity(False, 'whether to stay at the end of the bag, for ~/play')
 
 
 class BagPlayer(Node):
@@ -66,13 +66,12 @@ class BagPlayer(Node):
     `subscriber_timeout` is over. In lockstep, soliton states are not played but awaited; else
     they are left out while an analyser publishes its own, unless `topics` names them.
 
-    It ends with the bag, unless it is paused there or is to `stay`; after `~/stop` it waits for
-    `~/play`.
+    It ends with the bag, unless it is paused there or is to `stay`. After `~/stop` it waits for
+    `~/play`, of all or a part; `~/burst` lets messages pass in a pause, as fast as they can.
 
-    Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. With the types of
-    rosbag2_interfaces, of the suite or std_srvs/Trigger, it serves `~/play`, `~/stop`, `~/burst`,
-    `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`,
-    `~/set_rate` and `~/get_rate`.
+    Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. Serves, with the
+    types of rosbag2_interfaces, of the suite or std_srvs/Trigger, `~/pause`, `~/resume`,
+    `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`, `~/set_rate` and `~/get_rate`.
     Parameters: those of `BagPlayerParameters`.
     """
 
