@@ -334,6 +334,22 @@ def test_what_is_sent_in_a_pause_is_left_out_except_what_is_latched(
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
 
 
+def test_each_service_says_in_the_log_what_it_did_or_why_not(
+    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    graph.start(BagRecorder, few(tmp_path))
+    for name in ('pause', 'resume', 'split_bagfile', 'snapshot'):
+        call(graph, name)
+    said = re.findall(r'~/.*', capfd.readouterr().err)
+    assert said == [
+        '~/pause: nothing is recorded until ~/resume',
+        '~/resume: recording goes on, with 0 latched messages of the pause',
+        '~/split_bagfile: the bag goes on in a new file',
+        '~/snapshot is refused: snapshot_duration of bag_recorder = 0 keeps nothing; '
+        'give it some seconds',
+    ]
+
+
 def test_a_snapshot_holds_the_last_seconds_and_what_was_latched(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
@@ -360,19 +376,3 @@ def test_without_a_snapshot_there_is_none_to_write(graph: Graph, tmp_path: Path)
     response = call(graph, 'snapshot')
     assert not response.success
     assert 'snapshot_duration of bag_recorder = 0 keeps nothing' in response.message
-
-
-def test_each_service_says_in_the_log_what_it_did_or_why_not(
-    graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    graph.start(BagRecorder, few(tmp_path))
-    for name in ('pause', 'resume', 'split_bagfile', 'snapshot'):
-        call(graph, name)
-    said = re.findall(r'~/.*', capfd.readouterr().err)
-    assert said == [
-        '~/pause: nothing is recorded until ~/resume',
-        '~/resume: recording goes on, with 0 latched messages of the pause',
-        '~/split_bagfile: the bag goes on in a new file',
-        '~/snapshot is refused: snapshot_duration of bag_recorder = 0 keeps nothing; '
-        'give it some seconds',
-    ]
