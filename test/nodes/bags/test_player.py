@@ -178,8 +178,10 @@ def test_damage_that_shows_while_playing_ends_it_with_one_line(
     data = bag / 'run_0_0.mcap'
     whole = data.read_bytes()
     place = whole.rindex(b'\x00rotor_7\x00', 0, len(whole) // 2)
-    # The length of the record after it: the reader runs beyond the end of the chunk.
-    opcode = whole.index(b'\x05', place + 200)
+    # The length of the message record after it: the reader runs beyond the end of the chunk.
+    message = re.compile(rb'\x05..\x00{6}', re.DOTALL).search(whole, place + 200)
+    assert message is not None
+    opcode = message.start()
     data.write_bytes(whole[: opcode + 1] + b'\xff' * 7 + whole[opcode + 8 :])
     program = start(
         'bag_player', '--ros-args', '-p', f'bag:={bag}', '-p', 'subscriber_timeout:=0.0'
