@@ -194,7 +194,7 @@ def leave_an_earlier_run(output: Path, scenario: str) -> None:
 def flipper_with(folder: Path, **parameters: float) -> Path:
     """Return a configuration in which the experiment has other parameters."""
     configuration = yaml.safe_load((CONFIGURATION / 'flipper.yaml').read_text(encoding='utf-8'))
-    configuration['experiment']['ros__parameters'].update(parameters)
+    configuration['/**/experiment']['ros__parameters'].update(parameters)
     path = folder / 'flipper.yaml'
     path.write_text(yaml.safe_dump(configuration), encoding='utf-8')
     return path

@@ -9,14 +9,16 @@ from pathlib import Path
 import pytest
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
+
+CONFIG = Path(__file__).parents[3] / 'config'
 
 
 @pytest.mark.parametrize(
     ('content', 'complaint'),
     [
-        ('just words', 'is no parameter file'),
+        ('just words', 'is no file of parameters'),
         ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
         ('/**: {ros__parameters: {chain.mass: -1.0}}', 'mass = -1.0 must lie in the range'),
         (
@@ -42,3 +44,18 @@ def test_a_file_may_name_the_joints(tmp_path: Path) -> None:
     )
     chain = replace(Chain(), number_of_rotors=2)
     assert chain_of_file(path) == NamedChain(chain, ('left', 'right'))
+
+
+def test_the_file_of_all_parameters_describes_the_chain_that_nodes_have_by_themselves() -> None:
+    named = chain_of_file(CONFIG / 'linkage.yaml')
+    assert named == NamedChain(Chain(), default_joint_names(Chain().number_of_rotors))
+
+
+def test_a_file_may_hold_deviations_and_groups_of_parameters(tmp_path: Path) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(
+        'left:\n  simulator:\n    ros__parameters:\n      chain:\n'
+        '        number_of_rotors: 2\n        deviations: {mass: [0.0, 0.5]}\n'
+    )
+    chain = chain_of_file(path).chain
+    assert (chain.number_of_rotors, chain.deviations.mass) == (2, (0.0, 0.5))

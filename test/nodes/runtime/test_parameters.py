@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 import yaml
 from graphs import Graph
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -34,7 +35,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.programs.experiment_observer import ExperimentParameters
-from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
@@ -69,6 +70,7 @@ class Examples:
     loud: bool = quantity(False, 'whether it is loud')
     topics: tuple[str, ...] = quantity((), 'topics of it')
     weights: tuple[float, ...] = quantity((), 'weights of it')
+    parts: tuple[str, ...] = quantity((), 'parts of it', adjustable=True)
     gain: float = quantity(1.0, 'gain of it', '', 0.0, adjustable=True)
     hidden: float = 2.0
     """Without a description, and so no parameter."""
@@ -80,7 +82,22 @@ class Declarer(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('declarer', **kwargs)
         self.settings = declare(self, Examples, 'group.')
-        refuse_unknown(self)
+        finish_declaring(self)
+
+
+def change(graph: Graph, **values: Any) -> list[SetParametersResult]:
+    """Return what the declarer answers to changes of its parameters."""
+    changes = [
+        Parameter(f'group.{name}', value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
+    answer = graph.call(SetParameters, 'declarer/set_parameters', parameters=changes)
+    return list(answer.results)
+
+
+def section(node: str) -> str:
+    """Return the key of a node in the files of parameters, or that of all nodes."""
+    return node if node == '/**' else f'/**/{node}'
 
 
 def of_node(node: str) -> dict[str, Any]:
@@ -107,17 +124,21 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
         'loud': True,
         'topics': ['a', 'b'],
         'weights': [0.5, -1.5],
+        'parts': ['c'],
         'gain': 1e9,
     }
     node = graph.start(Declarer, {f'group.{name}': value for name, value in given.items()})
-    assert node.settings == Examples(**{**given, 'topics': ('a', 'b'), 'weights': (0.5, -1.5)})
+    assert node.settings == Examples(
+        **{**given, 'topics': ('a', 'b'), 'weights': (0.5, -1.5), 'parts': ('c',)}
+    )
 
 
 @pytest.mark.parametrize(
     ('name', 'value', 'complaint'),
     [
-        ('rate', 5, '= 5 must be a number with a decimal point such as 1.0'),
-        ('rate', '5', "= '5' must be a number with a decimal point"),
+        ('rate', '5', "= '5' must be a number such as 1.0"),
+        ('rate', True, '= True must be a number'),
+        ('rate', 11, '= 11.0 must lie in the range 1 to 10 Hz'),
         ('rate', 10.5, '= 10.5 must lie in the range 1 to 10 Hz'),
         ('rate', 10.0000000001, 'must lie in the range 1 to 10 Hz'),
         ('rate', math.nan, '= nan must be a finite number in the range 1 to 10 Hz'),
@@ -132,8 +153,10 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
         ('loud', 'yes', "= 'yes' must be true or false"),
         ('topics', 'chain', "= 'chain' must be a list of texts"),
         ('topics', [1, 2], '= [1, 2] must be a list of texts'),
-        ('weights', [1, 2], 'must be a list of numbers with a decimal point'),
-        ('weights', ['a'], 'must be a list of numbers with a decimal point'),
+        ('topics', '', "= '' must be a list of texts"),
+        ('weights', 1, '= 1 must be a list of numbers such as [1.0, 0.5]'),
+        ('weights', ['a'], 'must be a list of numbers such as'),
+        ('weights', [True], 'must be a list of numbers such as'),
     ],
 )
 def test_a_value_that_is_not_allowed_is_said_in_one_line(
@@ -143,6 +166,36 @@ def test_a_value_that_is_not_allowed_is_said_in_one_line(
     with pytest.raises(ValueError, match=said) as refusal:
         graph.start(Declarer, {f'group.{name}': value})
     assert '\n' not in str(refusal.value)
+
+
+def test_whole_numbers_are_taken_where_numbers_with_a_point_are_meant(graph: Graph) -> None:
+    node = graph.start(Declarer, {'group.rate': 5, 'group.weights': [1, -2]})
+    assert node.settings == dataclasses.replace(Examples(), rate=5.0, weights=(1.0, -2.0))
+    assert type(node.get_parameter('group.rate').value) is float
+    answered = change(graph, gain=3, weights=[2])
+    assert [result.successful for result in answered] == [True, False]
+    assert 'read-only' in answered[1].reason
+    assert type(node.get_parameter('group.gain').value) is float
+    described = graph.call(
+        DescribeParameters, 'declarer/describe_parameters', names=['group.gain']
+    )
+    assert described.descriptors[0].type == ParameterType.PARAMETER_DOUBLE
+    assert 'out of range' in change(graph, gain=-1)[0].reason
+    assert 'Wrong parameter type' in change(graph, gain='3')[0].reason
+
+
+def test_what_nothing_declares_cannot_be_set(graph: Graph) -> None:
+    graph.start(Declarer)
+    assert not change(graph, nothing=1)[0].successful
+
+
+def test_a_list_can_be_emptied(graph: Graph) -> None:
+    node = graph.start(Declarer, {'group.parts': ['a']})
+    empty = ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
+    emptied = ParameterMessage(name='group.parts', value=empty)
+    answer = graph.call(SetParameters, 'declarer/set_parameters', parameters=[emptied])
+    assert answer.results[0].successful
+    assert current(node, Examples, 'group.').parts == ()
 
 
 @pytest.mark.parametrize(
@@ -183,18 +236,15 @@ def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(
 ) -> None:
     node = graph.start(Declarer)
     before = node.get_parameter(f'group.{name}').value
-    change = Parameter(f'group.{name}', value=value).to_parameter_msg()
-    response = graph.call(SetParameters, 'declarer/set_parameters', parameters=[change])
-    assert not response.results[0].successful
-    assert reason in response.results[0].reason
+    (result,) = change(graph, **{name: value})
+    assert not result.successful
+    assert reason in result.reason
     assert node.get_parameter(f'group.{name}').value == before
 
 
 def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
     node = graph.start(Declarer)
-    change = Parameter('group.lean', value='right').to_parameter_msg()
-    response = graph.call(SetParameters, 'declarer/set_parameters', parameters=[change])
-    assert response.results[0].successful
+    assert change(graph, lean='right')[0].successful
     assert node.get_parameter('group.lean').value == 'right'
     assert current(node, Examples, 'group.') == dataclasses.replace(Examples(), lean='right')
 
@@ -249,15 +299,19 @@ def test_the_parameters_that_can_change_at_run_time() -> None:
 
 @pytest.mark.parametrize('node', OF_NODE)
 def test_the_configuration_shows_every_parameter_with_its_default(node: str) -> None:
-    shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[node]['ros__parameters']
+    shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[section(node)]
     defaults = {name: field.default for name, field in of_node(node).items()}
-    assert shown == {name: value for name, value in defaults.items() if value != ()}
+    assert shown['ros__parameters'] == {
+        name: [] if value == () else value for name, value in defaults.items()
+    }
 
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
 def test_configurations_name_known_parameters_only(path: Path) -> None:
-    for node, given in yaml.safe_load(path.read_text()).items():
-        known = of_node(node)
+    sections = yaml.safe_load(path.read_text())
+    assert list(sections)[-1] == '/**', 'what -p gives must come after the sections of nodes'
+    for node, given in sections.items():
+        known = of_node(node.removeprefix('/**/'))
         for name, value in given['ros__parameters'].items():
-            assert type(value) is type(known[name].default), name
+            assert isinstance(value, type(known[name].default)) or value == [], name
             assert known[name].metadata['quantity'].complaint(value) is None, name

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.node import Node
 from rosbags.rosbag2 import Reader
@@ -21,7 +21,7 @@ from soliton_linkage_nodes.bags.play.transport import RATES, Transport
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -72,14 +72,15 @@ class BagPlayer(Node):
     Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. Serves, with the
     types of rosbag2_interfaces, of the suite or std_srvs/Trigger, `~/pause`, `~/resume`,
     `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`, `~/set_rate` and `~/get_rate`.
-    Parameters: those of `BagPlayerParameters`.
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {BagPlayerParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
         """Look into the bag and begin to play."""
         super().__init__('bag_player', **kwargs)
         self._settings = settings = declare(self, BagPlayerParameters)
-        refuse_unknown(self)
+        finish_declaring(self)
         if not settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._transport = Transport(settings.rate, settings.start_paused, not settings.lockstep)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from rclpy.node import Node
@@ -20,7 +20,7 @@ from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 
 
@@ -57,16 +57,18 @@ class BagRecorder(Node):
 
     Subscribes to the topics recorded. Publishes `/diagnostics`. Serves, with the types of
     rosbag2_interfaces or std_srvs/Trigger, `~/pause`, `~/resume`, `~/is_paused`,
-    `~/split_bagfile` and `~/snapshot`. Parameters: those of `BagRecorderParameters`.
+    `~/split_bagfile` and `~/snapshot`.
 
     One thread takes the messages from a hidden node, another does all that touches the bag.
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
         """Create the bag and begin."""
         super().__init__('bag_recorder', **kwargs)
         self._settings = settings = declare(self, BagRecorderParameters)
-        refuse_unknown(self)
+        finish_declaring(self)
         self._inbox = rclpy.create_node(
             '_bag_recorder_inbox',
             namespace=self.get_namespace(),

@@ -6,12 +6,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.node import Node
 
-from soliton_linkage.actuation.actuator import actuator_type
+from soliton_linkage.actuation.actuator import ACTUATORS, actuator_type
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage_msgs.msg import Delivery
@@ -22,12 +22,16 @@ from soliton_linkage_nodes.edge_actuator.parameters import (
     EdgeActuatorParameters,
     declare_torque_limits,
 )
-from soliton_linkage_nodes.messages.chain_source import ChainSource
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_PARAMETERS,
+    ChainSource,
+    ChainSourceParameters,
+)
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 
 _REHEARSED_EVERY = 10
@@ -40,10 +44,16 @@ class EdgeActuator(Node):
     Subscribes to `nudge` [rad/s], `edge_command`, `joint_commands`, `~/commands` and
     `~/joint_trajectory` [N m], `joint_states`, `delivery` and, unless told the chain by
     parameters, to `chain`. Publishes `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick`
-    (latched) and `/diagnostics`. Parameters: those of `EdgeActuatorParameters` and of the
-    actuator that is chosen, such as `PneumaticActuator`, `torque_limits.<joint>` [N m] of each of
-    `joints`, `chain_from`, `joint_names`, and `chain.*` of `Chain` [SI].
+    (latched) and `/diagnostics`. Each of `joints` has a parameter `torque_limits.<joint>` [N m],
+    and the parameters of the actuator are those of the kind that is chosen.
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        EdgeActuatorParameters: '',
+        **dict.fromkeys(ACTUATORS.values(), ''),
+        ChainSourceParameters: '',
+        **CHAIN_PARAMETERS,
+    }
 
     def __init__(self, **kwargs: Any) -> None:
         """Connect the topics."""
@@ -58,7 +68,7 @@ class EdgeActuator(Node):
         self._delivery: Delivery | None = None
         self.diagnostics = Diagnostics(self, 'actuation', self._report)
         self.source = ChainSource(self, self.diagnostics, self._learn)
-        refuse_unknown(self)
+        finish_declaring(self)
         self._listen()
         self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
 

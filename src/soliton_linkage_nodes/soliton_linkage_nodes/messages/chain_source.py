@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from rclpy.node import Node
 
@@ -50,14 +51,27 @@ class OptionalChainSourceParameters(ChainSourceParameters):
     )
 
 
+CHAIN_PARAMETERS: dict[type, str] = {
+    Chain: 'chain.',
+    Deviations: 'chain.deviations.',
+    Disorder: 'chain.disorder.',
+}
+"""The prefix of the parameters that describe a chain, by the dataclass of their values."""
+
+
 def declare_chain(node: Node) -> Chain:
     """Declare the parameters `chain.*`, of deviations and disorder too, and return the chain.
 
     Raises ValueError where they describe none.
     """
-    chain = declare(node, Chain, 'chain.')
-    given = declare(node, Deviations, 'chain.deviations.')
-    disorder = declare(node, Disorder, 'chain.disorder.')
+    return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
+
+
+def chain_of(read: Callable[[Any], Any]) -> Chain:
+    """Chain with its deviations, each dataclass of `CHAIN_PARAMETERS` being read."""
+    chain: Chain = read(Chain)
+    given: Deviations = read(Deviations)
+    disorder: Disorder = read(Disorder)
     drawn = disorder.drawn(chain.number_of_rotors, chain.periodic)
     return dataclasses.replace(chain, deviations=given.joined(drawn))
 

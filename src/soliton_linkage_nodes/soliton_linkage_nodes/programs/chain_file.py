@@ -4,36 +4,40 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import yaml
-
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, chain_of
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     check_names,
     default_joint_names,
 )
+from soliton_linkage_nodes.runtime.parameter_files import read_sections
 
 
 def chain_of_file(path: Path) -> NamedChain:
     """Chain of a parameter file, by its chain.* and joints; raises ValueError for none."""
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-        nodes = content.values()
-        given = {key: value for node in nodes for key, value in node['ros__parameters'].items()}
-    except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
-        raise ValueError(
-            f'{path} is no parameter file ({error}); give one as config/flipper.yaml'
-        ) from error
-    known = described_fields(Chain)
-    parameters = {
-        key.removeprefix('chain.'): value for key, value in given.items() if key[:6] == 'chain.'
+        sections = read_sections(path)
+    except (OSError, ValueError) as error:
+        raise ValueError(f'{error}; give a parameter file such as config/flipper.yaml') from error
+    given = {name: value for held in sections.values() for name, value in held.items()}
+    known = {
+        prefix + name
+        for kind, prefix in CHAIN_PARAMETERS.items()
+        for name in described_fields(kind)
     }
-    unknown = sorted(parameters.keys() - known)
+    unknown = sorted(name for name in given if name.startswith('chain.') and name not in known)
     if unknown:
-        raise ValueError(f'{path}: chain.{unknown[0]} is unknown; known: {", ".join(known)}')
-    chain = Chain(**parameters)
+        raise ValueError(f'{path}: {unknown[0]} is unknown; known: {", ".join(sorted(known))}')
+
+    def read(kind: Any) -> Any:
+        names = {name: CHAIN_PARAMETERS[kind] + name for name in described_fields(kind)}
+        values = {name: given[full] for name, full in names.items() if full in given}
+        return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+
+    chain = chain_of(read)
     joints = tuple(given.get('joint_names', ())) or default_joint_names(chain.number_of_rotors)
     check_names(f'{path}: joint_names', joints)
     if len(joints) != chain.number_of_rotors:

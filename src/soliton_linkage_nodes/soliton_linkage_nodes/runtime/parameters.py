@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+from array import array
 from collections.abc import Mapping, Sequence
+from types import NoneType
 from typing import Any, TypeVar, cast, get_type_hints
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
-    ParameterType,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -23,25 +23,22 @@ from soliton_linkage.linkage.quantities import Quantity, described_fields
 
 Parameters = TypeVar('Parameters')
 
-_TYPES: dict[Any, int] = {
-    bool: ParameterType.PARAMETER_BOOL,
-    int: ParameterType.PARAMETER_INTEGER,
-    float: ParameterType.PARAMETER_DOUBLE,
-    str: ParameterType.PARAMETER_STRING,
-    tuple[str, ...]: ParameterType.PARAMETER_STRING_ARRAY,
-    tuple[float, ...]: ParameterType.PARAMETER_DOUBLE_ARRAY,
-}
-_LISTS = {
+_TYPES: dict[Any, Parameter.Type] = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
     tuple[str, ...]: Parameter.Type.STRING_ARRAY,
     tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
 }
-_EXAMPLES: dict[Any, str] = {
-    bool: 'true or false',
-    int: 'a whole number such as 20',
-    float: 'a number with a decimal point such as 1.0',
-    str: 'a text',
-    tuple[str, ...]: 'a list of texts',
-    tuple[float, ...]: 'a list of numbers with a decimal point such as [1.0, 0.5]',
+_LISTS = (Parameter.Type.STRING_ARRAY, Parameter.Type.DOUBLE_ARRAY)
+_EXAMPLES = {
+    Parameter.Type.BOOL: 'true or false',
+    Parameter.Type.INTEGER: 'a whole number such as 20',
+    Parameter.Type.DOUBLE: 'a number such as 1.0',
+    Parameter.Type.STRING: 'a text',
+    Parameter.Type.STRING_ARRAY: 'a list of texts',
+    Parameter.Type.DOUBLE_ARRAY: 'a list of numbers such as [1.0, 0.5]',
 }
 _SHARED = 'chain.'
 _LARGEST_INTEGER = 2**63 - 1
@@ -74,31 +71,55 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
 def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Return the values that the declared fields of a dataclass have now."""
     values = {
-        name: node.get_parameter_or(prefix + name).value for name in described_fields(parameters)
+        name: node.get_parameter(prefix + name).value for name in described_fields(parameters)
     }
     kinds = get_type_hints(parameters)
-    return parameters(**{name: _kept(kinds[name], value) for name, value in values.items()})
+    return parameters(**{name: _kept(_TYPES[kinds[name]], values[name]) for name in values})
 
 
-def refuse_unknown(node: Node) -> None:
-    """Raise ValueError for a parameter that was given to a node and that it has not declared.
+def finish_declaring(node: Node) -> None:
+    """Have a node know no other parameters, and take changes of those it has as files give them.
 
-    The parameters `chain.*` may be given to every node, whether it needs them or not.
+    Raises ValueError for a parameter that was given to it and that it has not declared. The
+    parameters `chain.*` may be given to every node, whether it needs them or not.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
-    for name in sorted(_given(node).keys() - declared):
+    for name in sorted(given(node).keys() - declared):
         if name.startswith(_SHARED) and not knows_chain:
             continue
         near = difflib.get_close_matches(name, declared, n=1)
         meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
         raise ValueError(f'parameter {name!r} of {node.get_name()} is unknown; {meant}')
+    node.add_pre_set_parameters_callback(lambda changes: [_meant(node, each) for each in changes])
 
 
-def _given(node: Node) -> dict[str, Parameter]:
+def given(node: Node) -> Mapping[str, Parameter]:
     """Parameters that a node was given from outside; rclpy has no public name for them."""
-    given: dict[str, Parameter] = node._parameter_overrides
-    return given
+    overrides: dict[str, Parameter] = node._parameter_overrides
+    return overrides
+
+
+def type_in_words(kind: Any) -> str:
+    """Name that ROS has for the type of a field."""
+    return _TYPES[kind].name.lower()
+
+
+def description_with_unit(described: Quantity) -> str:
+    """What a parameter means, and its unit in brackets."""
+    return described.description + (f' [{described.unit}]' if described.unit else '')
+
+
+def range_in_words(described: Quantity) -> str:
+    """Values that a parameter may have, empty for any."""
+    low, high = described.minimum, described.maximum
+    if described.choices:
+        return f'one of {", ".join(described.choices)}'
+    if low is None and high is None:
+        return ''
+    if high is None:
+        return f'{low:g} or more'
+    return f'{high:g} or less' if low is None else f'{low:g} to {high:g}'
 
 
 def _judge(
@@ -113,37 +134,67 @@ def _judge(
     return SetParametersResult(successful=True)
 
 
+def _meant(node: Node, change: Parameter) -> Parameter:
+    """Return a change at run time in the type that its parameter has, where it can be meant."""
+    if not node.has_parameter(change.name) or change.type_ is Parameter.Type.NOT_SET:
+        return change
+    kind = Parameter.Type(node.describe_parameter(change.name).type)
+    value = _taken(kind, change.value)
+    return Parameter(change.name, kind, value) if kind.check(value) else change
+
+
+def _taken(kind: Parameter.Type, value: Any) -> Any:
+    """Whole numbers as those with a point where these are meant, and nothing as an empty list.
+
+    An empty list comes without a value from files and as one of bytes or bools from elsewhere.
+    """
+    if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
+        elements = list(value or ())
+        whole = all(type(element) is int for element in elements)
+        if kind is Parameter.Type.DOUBLE_ARRAY and whole:
+            return [float(element) for element in elements]
+        return elements
+    return float(value) if kind is Parameter.Type.DOUBLE and type(value) is int else value
+
+
 def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> Any:
-    # rclpy takes an empty list for one of bytes; a type alone leaves the parameter unset.
-    value = _LISTS.get(kind, default)
-    given = _given(node).get(name)
-    try:
-        declared = node.declare_parameter(name, value, _descriptor(kind, described)).value
-    except ParameterException as error:
-        raise ValueError(_complaint(node, name, kind, given, described)) from error
-    complaint = described.complaint(declared)
+    type_, outside = _TYPES[kind], given(node).get(name)
+    value = default if outside is None else _taken(type_, outside.value)
+    right = type_.check(value) and (type_ is Parameter.Type.BOOL or not isinstance(value, bool))
+    complaint = described.complaint(value) if right else f'must be {_EXAMPLES[type_]}'
     if complaint:
-        raise ValueError(f'parameter {name} of {node.get_name()} = {declared!r} {complaint}')
-    return _kept(kind, declared)
+        raise ValueError(f'parameter {name} of {node.get_name()} = {value!r} {complaint}')
+    descriptor = _descriptor(type_, described)
+    if type_ in _LISTS:
+        _declare_list(node, Parameter(name, type_, list(value)), descriptor)
+    else:
+        node.declare_parameter(name, value, descriptor, ignore_override=True)
+    return _kept(type_, value)
 
 
-def _kept(kind: Any, value: Any) -> Any:
-    """Value of a parameter as a field holds it; a list that was not given is empty."""
-    return tuple(value or ()) if kind in _LISTS else value
+def _declare_list(node: Node, parameter: Parameter, descriptor: ParameterDescriptor) -> None:
+    """Declare a list that may be empty: rclpy infers the type from what is in it."""
+    node.declare_parameter(parameter.name, parameter.type_, ignore_override=True)
+    node.set_parameters([parameter])
+    node.set_descriptor(parameter.name, descriptor)
 
 
-def _descriptor(kind: Any, described: Quantity) -> ParameterDescriptor:
-    unit = f' [{described.unit}]' if described.unit else ''
+def _kept(type_: Parameter.Type, value: Any) -> Any:
+    """Value of a parameter as a field holds it."""
+    return tuple(value) if type_ in _LISTS else value
+
+
+def _descriptor(type_: Parameter.Type, described: Quantity) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
-        type=_TYPES[kind],
-        description=described.description + unit,
+        type=type_.value,
+        description=description_with_unit(described),
         read_only=not described.adjustable,
         additional_constraints=', '.join(described.choices),
     )
     low, high = described.minimum, described.maximum
     if low is None and high is None:
         return descriptor
-    if kind is int:
+    if type_ is Parameter.Type.INTEGER:
         low = -_LARGEST_INTEGER if low is None else int(low)
         high = _LARGEST_INTEGER if high is None else int(high)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
@@ -152,12 +203,3 @@ def _descriptor(kind: Any, described: Quantity) -> ParameterDescriptor:
         high = float('inf') if high is None else float(high)
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
-
-
-def _complaint(
-    node: Node, name: str, kind: Any, given: Parameter | None, described: Quantity
-) -> str:
-    value = None if given is None else given.value
-    complaint = described.complaint(value) if type(value) is kind else None
-    complaint = complaint or f'must be {_EXAMPLES[kind]}'
-    return f'parameter {name} of {node.get_name()} = {value!r} {complaint}'

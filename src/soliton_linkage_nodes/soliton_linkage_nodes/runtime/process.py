@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -16,6 +16,8 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from soliton_linkage_nodes.runtime.command_line import check_arguments
+from soliton_linkage_nodes.runtime.parameter_files import notices
 from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
 _LONGEST_WAIT = 0.1
@@ -52,18 +54,21 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(
-    create_node: Callable[[], Node],
+    node_class: type[Node],
     finished: Callable[[Any], bool] | None = None,
     first: bool = False,
 ) -> None:
-    """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
+    """Spin a node, created without arguments, until SIGINT or SIGTERM, or until it has finished, and end the process.
 
     `finished` may raise what the node has failed of: executors print the trace of what callbacks
     raise. A node that is to be `first` goes before ordinary threads, as far as the system allows
     that, while it mostly waits.
 
-    The exit code is 0, or 1 after one line where the node could not start or go on.
+    The exit code is 0, 1 after one line where the node could not start or go on, or 2 after one
+    line where the program was given arguments that it does not know.
     """
+    check_arguments(node_class, sys.argv[1:])
+    create = cast(Callable[[], Node], node_class)
     stopping = stop_on_signals()
     code = 0
     try:
@@ -71,10 +76,11 @@ def run(
         # Before the node, whose middleware starts threads of its own.
         place = FirstAsLongAsIdle() if first else None
         gc.collect()
-        node = create_node()
+        node = create()
         # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
         gc.freeze()
         try:
+            _tell_notices(node)
             # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
             executor = EventsExecutor()
             executor.add_node(node)
@@ -89,4 +95,20 @@ def run(
         code = 1
     finally:
         rclpy.try_shutdown()
+    _ignore_signals()
     sys.exit(code)
+
+
+def _tell_notices(node: Node) -> None:
+    """Say what is to be said of the files and parameters that a node was started with."""
+    for notice in notices(node, sys.argv):
+        if notice.warning:
+            node.get_logger().warning(notice.text)
+        else:
+            node.get_logger().info(notice.text)
+
+
+def _ignore_signals() -> None:
+    """Let a second signal not end what has ended well, while Python takes its handlers away."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)

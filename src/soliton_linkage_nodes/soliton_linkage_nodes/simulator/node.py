@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -17,7 +17,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder
-from soliton_linkage_nodes.messages.chain_source import declare_chain
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, declare_chain
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     default_joint_names,
@@ -26,7 +26,7 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
-from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
@@ -52,20 +52,25 @@ class Simulator(Node):
     Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), `/diagnostics`
     and, if asked to, `/clock`. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
     `tilt` [rad], which sets the parameter `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`,
-    and what `standard_services` lists.
-    Parameters: those of `SimulatorParameters`, `chain.*` of `declare_chain`, `gravity.*` of
-    `Gravity` and `sensors.*` of `EncoderErrors` [SI]. A change of one acts at the instant of a
-    frame.
+    and those of the package simulation_interfaces where that is installed. A change of a
+    parameter acts at the instant of a frame.
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        SimulatorParameters: '',
+        Gravity: 'gravity.',
+        EncoderErrors: 'sensors.',
+        **CHAIN_PARAMETERS,
+    }
 
     def __init__(self, **kwargs: Any) -> None:
         """Read the parameters, announce the chain and start the clockwork."""
         super().__init__('simulator', **kwargs)
         settings = self.settings = declare(self, SimulatorParameters)
         chain = declare_chain(self)
-        gravity = declare(self, Gravity, 'gravity.')
-        errors = declare(self, EncoderErrors, 'sensors.')
-        refuse_unknown(self)
+        gravity = declare(self, Gravity, self.PARAMETERS[Gravity])
+        errors = declare(self, EncoderErrors, self.PARAMETERS[EncoderErrors])
+        finish_declaring(self)
         names = default_joint_names(chain.number_of_rotors)
         self.named = NamedChain(chain, names)
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)

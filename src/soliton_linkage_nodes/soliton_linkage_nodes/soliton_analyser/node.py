@@ -6,18 +6,22 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
-from soliton_linkage_nodes.messages.chain_source import ChainSource, OptionalChainSourceParameters
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_PARAMETERS,
+    ChainSource,
+    OptionalChainSourceParameters,
+)
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
@@ -37,8 +41,13 @@ class SolitonAnalyser(Node):
 
     Subscribes to `joint_states` [rad, rad/s] and, unless told the chain by parameters, to `chain`.
     Publishes `soliton_state` and `/diagnostics`.
-    Parameters: `noise` [rad], `chain_from`, `joint_names`, and `chain.*` of `Chain` [SI].
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        AnalyserParameters: '',
+        OptionalChainSourceParameters: '',
+        **CHAIN_PARAMETERS,
+    }
 
     def __init__(self, **kwargs: Any) -> None:
         """Listen to the chain and its joints."""
@@ -54,7 +63,7 @@ class SolitonAnalyser(Node):
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
-        refuse_unknown(self)
+        finish_declaring(self)
         interfaces.JOINT_STATES.subscribe(self, self.take, raw=True)
 
     def _on_chain(self, named: NamedChain) -> None:

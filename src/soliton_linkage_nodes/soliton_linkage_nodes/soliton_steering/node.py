@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.action import CancelResponse
@@ -19,7 +19,11 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.steering.steering import Ended, Outcome
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
-from soliton_linkage_nodes.messages.chain_source import ChainSource
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_PARAMETERS,
+    ChainSource,
+    ChainSourceParameters,
+)
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     frame_from_msg,
@@ -28,7 +32,7 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.freshness import Freshness
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
 from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
@@ -47,9 +51,13 @@ class SolitonSteering(Node):
     Serves the action `move_soliton` and `~/release`. Subscribes to `joint_states` and, unless
     told the chain by parameters, to `chain`. Publishes `rotor_torques` [N m] while it moves or
     holds a soliton, and `/diagnostics`. Time is that of the joint states.
-    Parameters: those of `SolitonSteeringParameters`, `chain_from`, `joint_names`, and `chain.*`
-    of `Chain` [SI].
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        SolitonSteeringParameters: '',
+        ChainSourceParameters: '',
+        **CHAIN_PARAMETERS,
+    }
 
     def __init__(self, **kwargs: Any) -> None:
         """Connect the topics and open the action."""
@@ -61,7 +69,7 @@ class SolitonSteering(Node):
         diagnostics = self.diagnostics = Diagnostics(self, 'steering', self._report)
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
         ChainSource(self, diagnostics, diagnostics.refusing('chain', self._on_chain))
-        refuse_unknown(self)
+        finish_declaring(self)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
         topic = interfaces.JOINT_STATES
         # What has waited in a queue is too old to act on.

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line of a node: its help, and what it does not know."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from rclpy.exceptions import ROSInterruptException
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage_nodes.runtime.parameters import (
+    description_with_unit,
+    range_in_words,
+    type_in_words,
+)
+
+USAGE = 2
+"""Exit code of a program whose arguments are wrong, as argparse has it."""
+_WIDTH = 96
+"""Columns of the help, that of a usual window and of the sources."""
+_PACKAGE = 'soliton_linkage_nodes'
+_ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
+_PATHS = ('bag', 'output')
+"""Parameters that a bare path is meant for, where a node has one."""
+
+
+def check_arguments(node: type[Node], arguments: Sequence[str]) -> None:
+    """Print the help of a node and exit, or refuse arguments that it does not know with code 2.
+
+    What follows `--ros-args` is left to ROS.
+    """
+    if {'-h', '--help'} & set(arguments):
+        print(help_of(node))
+        sys.exit(0)
+    try:
+        unknown = remove_ros_args(list(arguments))
+    except (RuntimeError, ROSInterruptException):
+        return
+    if unknown:
+        meant = _meant(node, unknown)
+        known = f'try: {_command(node)} {meant}' if meant else f'see {_command(node)} --help'
+        print(f'{name_of(node)} does not know {" ".join(unknown)!r}; {known}', file=sys.stderr)
+        sys.exit(USAGE)
+
+
+def name_of(node: type[Node]) -> str:
+    """Name of the executable of a node and, unless it is remapped, of the node itself."""
+    return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
+
+
+def help_of(node: type[Node]) -> str:
+    """What a node does, its topics, services and parameters, from its docstring and these."""
+    told = inspect.cleandoc(node.__doc__ or '').replace('`', '')
+    lines = [
+        f'{name_of(node)}: {told}',
+        '',
+        'Run it with parameters by hand or from files, and with other names:',
+        f'  {_command(node)} --ros-args -p NAME:=VALUE --params-file FILE -r NAME:=OTHER_NAME',
+        '',
+        'Parameters, with their defaults:',
+        *(line for group, prefix in _groups(node).items() for line in _described(group, prefix)),
+    ]
+    return '\n'.join(lines)
+
+
+def _groups(node: type[Node]) -> dict[type, str]:
+    """Prefix of the parameters of a node by the dataclasses whose fields they are."""
+    groups: dict[type, str] = getattr(node, 'PARAMETERS', {})
+    return groups
+
+
+def _described(group: type, prefix: str) -> Iterator[str]:
+    kinds, quantities = get_type_hints(group), described_fields(group)
+    for field in dataclasses.fields(group):
+        if field.name in quantities:
+            described = quantities[field.name]
+            kind = type_in_words(kinds[field.name])
+            yield f'  {prefix}{field.name}:={_as_yaml(field.default)}  ({kind})'
+            yield from textwrap.wrap(
+                _meaning(described), _WIDTH, initial_indent=' ' * 6, subsequent_indent=' ' * 6
+            )
+
+
+def _meaning(described: Quantity) -> str:
+    changes = 'can be changed at run time' if described.adjustable else ''
+    parts = (description_with_unit(described), range_in_words(described), changes)
+    return '; '.join(filter(None, parts))
+
+
+def _as_yaml(value: Any) -> str:
+    if isinstance(value, tuple):
+        return str(list(value))
+    return str(value).lower() if isinstance(value, bool) else str(value) or "''"
+
+
+def _command(node: type[Node]) -> str:
+    runner = f'ros2 run {_PACKAGE}' if shutil.which('ros2') else 'soliton-linkage run'
+    return f'{runner} {name_of(node)}'
+
+
+def _meant(node: type[Node], unknown: Sequence[str]) -> str | None:
+    """Arguments that may be meant by those that are unknown; None where nothing comes near."""
+    first, rest = unknown[0], unknown[1:]
+    known = {
+        prefix + name
+        for group, prefix in _groups(node).items()
+        for name in described_fields(group)
+    }
+    option, _, value = first.partition('=')
+    name = option.lstrip('-').replace('-', '_')
+    if first in _ROS_OPTIONS:
+        return ' '.join(['--ros-args', *unknown])
+    if ':=' in first:
+        return f'--ros-args -p {first}'
+    if name in known and (value or rest):
+        return f'--ros-args -p {name}:={value or rest[0]}'
+    if Path(first).suffix in ('.yaml', '.yml'):
+        return f'--ros-args --params-file {first}'
+    paths = [path for path in _PATHS if path in known]
+    return None if first.startswith('-') or not paths else f'--ros-args -p {paths[0]}:={first}'
