@@ -26,7 +26,12 @@ def _start(program: str, interrupted: int = INTERRUPTED) -> None:
 
     signal.signal(signal.SIGINT, end)
     signal.signal(signal.SIGTERM, end)
-    import_module(f'soliton_linkage_nodes.{program}').main()
+    try:
+        import_module(f'soliton_linkage_nodes.{program}').main()
+    finally:
+        # Python takes its handlers away before it has ended, and a second signal would kill it.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 simulator = partial(_start, 'simulator.node', _STOPPED)

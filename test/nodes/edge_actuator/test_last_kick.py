@@ -126,7 +126,7 @@ def test_a_pulse_is_told_with_what_was_asked_and_what_came_of_it(graph: Graph) -
     topic, command = COMMANDS['pulse']
     rig.say(topic, command)
     kick = rig.next_kick()
-    assert kick.source == 'edge_command'
+    assert kick.source == '/edge_command'
     assert kick.asked.edge == EdgeCommand.FIRST
     for field in ('kind', 'value', 'duration', 'ramp_up', 'ramp_down'):
         assert getattr(kick.asked, field) == getattr(command, field)
@@ -201,7 +201,7 @@ def test_a_kick_while_a_joint_is_driven_has_its_own_ledger(graph: Graph, name: s
     told = []
     if name == 'nudge':
         told.append(rig.next_kick())
-        assert told[0].source == 'nudge'
+        assert told[0].source == '/nudge'
     rig.say(interfaces.EFFORT_COMMANDS, Float64MultiArray(data=[0.0] * 8))
     while not told or rig.driver.busy:
         told.append(rig.next_kick())

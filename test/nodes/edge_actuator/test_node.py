@@ -259,7 +259,7 @@ def test_wrong_commands_are_refused_and_what_is_going_on_goes_on(bench: Bench) -
 def test_a_wrong_nudge_is_refused(bench: Bench, value: float) -> None:
     bench.joints(bench.named.chain.uniform_state(LEFT))
     bench.nudge(value)
-    assert bench.refusal().startswith(f'nudge: speed = {value:g} rad/s must ')
+    assert bench.refusal().startswith(f'/nudge: speed = {value:g} rad/s must ')
     bench.nudge(1.0)
     bench.next_impulses()
 
@@ -341,7 +341,7 @@ def test_while_nobody_takes_impulses_commands_are_refused(graph: Graph, named: N
             lambda n=number: reports and values(reports[-1])['refused'] == str(n), 'the refusal'
         )
         assert values(reports[-1])['last refusal'] == (
-            f'{topic.name}: nothing subscribes to {torques}; start the simulator first'
+            f'/{topic.name}: nothing subscribes to {torques}; start the simulator first'
         )
 
 

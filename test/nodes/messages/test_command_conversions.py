@@ -88,9 +88,9 @@ def test_actuators_are_those_that_are_listed_or_all(names: tuple[str, ...]) -> N
 def test_each_effort_finds_its_rotor_and_its_limit(names: tuple[str, ...]) -> None:
     actuators = conversions.joint_actuators(NAMED, names, LIMITS.__getitem__)
     message = JointState(name=['rotor_3', 'rotor_0'], effort=[4.0, -1.0])
-    rotors, torques = conversions.efforts_from_msg(actuators, message)
+    rotors, torques = conversions.efforts_from_msg(actuators, 'joint_commands', message)
     np.testing.assert_array_equal(rotors, [3, 0])
     np.testing.assert_array_equal(torques, [4.0, -1.0])
     message = JointState(name=['rotor_0', 'rotor_3'], effort=[1.5, 1.5])
     with pytest.raises(ValueError, match=r'rotor_0 = 1.5 N m must lie in the range -1 to 1 N m'):
-        conversions.efforts_from_msg(actuators, message)
+        conversions.efforts_from_msg(actuators, 'joint_commands', message)

@@ -112,6 +112,10 @@ class BagPlayer(Node):
         )
         self._diagnostics = Diagnostics(self, 'playing', self._report)
         self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
+        self.get_logger().info(
+            f'playing {settings.bag}: {self._outlets.total} messages, {settings.rate:g} times as '
+            'fast as recorded'
+        )
         self._playing.play(self._excerpt)
 
     @property

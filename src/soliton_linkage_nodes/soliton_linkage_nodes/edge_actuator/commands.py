@@ -82,7 +82,7 @@ class Commands:
     def joint_commands(self, source: str, message: JointState) -> None:
         """Hold torques of named joints."""
         chain = self._ready()
-        rotors, torques = efforts_from_msg(chain.joints, message)
+        rotors, torques = efforts_from_msg(chain.joints, source, message)
         self._check_age(message.header.stamp)
         self._frames.check_fresh()
         chain.driver.hold(source, rotors, torques)
@@ -90,18 +90,18 @@ class Commands:
     def efforts(self, source: str, message: Float64MultiArray) -> None:
         """Hold torques of all joints that carry an actuator."""
         chain = self._ready()
-        rotors, torques = efforts_from_array(chain.joints, message)
+        rotors, torques = efforts_from_array(chain.joints, source, message)
         self._frames.check_fresh()
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Lead torques of joints through points."""
         chain = self._ready()
-        rotors, times, torques = trajectory_from_msg(chain.joints, message)
+        rotors, times, torques = trajectory_from_msg(chain.joints, source, message)
         delay = -self._age(message.header.stamp)
         if times[-1] + delay < 0:
             raise ValueError(
-                f'~/joint_trajectory was over {-times[-1] - delay:.3g} s ago; send it in time, or '
+                f'{source} was over {-times[-1] - delay:.3g} s ago; send it in time, or '
                 'with a stamp of 0, which means now'
             )
         self._frames.check_fresh()

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
 from soliton_linkage_nodes.runtime.freshness import Freshness
@@ -12,12 +15,16 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 class LatestFrames:
     """The last two frames of joint states, of which only fresh ones are acted on."""
 
-    def __init__(self, longest: float) -> None:
-        """Joint states that are older than `longest` [s] are not acted on."""
+    def __init__(self, longest: float, look: Callable[[int, Array], None]) -> None:
+        """Joint states that are older than `longest` [s] are not acted on.
+
+        `look` is called with the stamp [ns] and the angles [rad] of each frame that is read.
+        """
         self.freshness = Freshness(longest)
         self.taken = 0
         """How many frames have come."""
         self._longest = longest
+        self._look = look
         self._decoder = JointStateDecoder()
         self._previous: bytes | None = None
         self._latest: bytes | None = None
@@ -40,7 +47,9 @@ class LatestFrames:
     def read(self, named: NamedChain) -> tuple[Frame, int]:
         """Return a fresh frame and its stamp [ns], or ValueError."""
         joints = self._decoder.decode(self.check_fresh())
-        return frame_from_msg(named, joints), joints.stamp
+        frame = frame_from_msg(named, joints)
+        self._look(joints.stamp, frame.angles)
+        return frame, joints.stamp
 
     @property
     def stamp_before(self) -> int | None:

@@ -29,7 +29,9 @@ from soliton_linkage_nodes.messages.chain_source import (
 )
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
@@ -61,7 +63,8 @@ class EdgeActuator(Node):
         settings = declare(self, EdgeActuatorParameters)
         self._torque_limits = declare_torque_limits(self, settings)
         self.actuator = declare(self, actuator_type(settings.actuator))
-        self.frames = LatestFrames(settings.state_timeout)
+        encoders = EncoderWatch(self.get_logger().warning)
+        self.frames = LatestFrames(settings.state_timeout, encoders.look)
         self.outlets = ActuatorOutlets(self)
         self.commands = Commands(settings, self.actuator, self.frames, self.outlets)
         self.carried_out = 0
@@ -70,6 +73,10 @@ class EdgeActuator(Node):
         self.source = ChainSource(self, self.diagnostics, self._learn)
         finish_declaring(self)
         self._listen()
+        self.get_logger().info(
+            f'{settings.actuator} actuators on {self.source.in_words}; a nudge is a '
+            f'{settings.nudge_as} at the {settings.nudge_edge} edge'
+        )
         self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
 
     def _follow_parameters(self) -> None:
@@ -84,15 +91,16 @@ class EdgeActuator(Node):
             (interfaces.EFFORT_COMMANDS, '~/commands', commands.efforts),
             (interfaces.JOINT_TRAJECTORY, '~/joint_trajectory', commands.trajectory),
         ):
-            command = self.diagnostics.refusing(name, self._counting(name, take))
+            source = self.resolve_topic_name(name)
+            command = self.diagnostics.refusing(source, self._counting(source, take))
             replace(topic, name=name).subscribe(self, command)
         interfaces.DELIVERY.subscribe(self, self._on_delivery)
         take_joints = self.diagnostics.refusing('joint_states', self._on_joint_states)
-        interfaces.JOINT_STATES.subscribe(self, take_joints, raw=True)
+        AdaptiveSubscription(self, interfaces.JOINT_STATES, take_joints, raw=True)
 
-    def _counting(self, name: str, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
+    def _counting(self, source: str, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
         def carry_out(message: Any) -> None:
-            take(name, message)
+            take(source, message)
             if self.commands.chain is not None:
                 self.commands.chain.driver.record.measured = self.outlets.measured
             self.carried_out += 1

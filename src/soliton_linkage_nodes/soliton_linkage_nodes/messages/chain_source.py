@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.node import Node
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.deviations import Deviations, Disorder
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations, Disorder
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import (
@@ -21,6 +21,7 @@ from soliton_linkage_nodes.messages.conversions import (
     default_joint_names,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
 from soliton_linkage_nodes.runtime.parameters import declare
 
@@ -76,6 +77,17 @@ def chain_of(read: Callable[[Any], Any]) -> Chain:
     return dataclasses.replace(chain, deviations=given.joined(drawn))
 
 
+def chain_in_words(chain: Chain) -> str:
+    """A chain in a few words, such as its number of rotors and its class of motion."""
+    shape = 'a ring' if chain.periodic else 'a chain'
+    alike = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
+    return (
+        f'{shape} of {chain.number_of_rotors} rotors ({chain.motion.value}, '
+        f'a = {chain.spacing:g} m, r = {chain.rotor_length:g} m, '
+        f'rest angle {chain.rest_angle:g} rad{alike})'
+    )
+
+
 class ChainSource:
     """The chain that a node works on; None until it is known."""
 
@@ -88,9 +100,13 @@ class ChainSource:
     ) -> None:
         """Read the parameters or listen to the topic; `learnt` is called with each chain.
 
+        The node says which chain it learns from the topic, and when that is another one.
+
         Raises ValueError where the parameters describe no chain.
         """
         self.named: NamedChain | None = None
+        self._logger = node.get_logger()
+        self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
         self._learnt = learnt
         self.parameters = declare(node, parameters)
         check_names('parameter joint_names', self.parameters.joint_names)
@@ -99,10 +115,29 @@ class ChainSource:
             self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
         elif self.parameters.chain_from == 'topic':
             take = diagnostics.refusing('chain', self._on_chain)
-            interfaces.CHAIN.subscribe(node, take)
+            AdaptiveSubscription(node, interfaces.CHAIN, take)
+
+    @property
+    def in_words(self) -> str:
+        """Which chain it is, or where it will come from."""
+        if self.named is not None:
+            return chain_in_words(self.named.chain)
+        known = self.parameters.chain_from == 'topic'
+        return f'the chain of {self._topic}' if known else 'a chain that is not known'
 
     def _on_chain(self, message: msg.Chain) -> None:
+        before = self.named
         self._learn(chain_from_msg(message))
+        if self.named == before or self.named is None:
+            return
+        told = f'{self._topic} tells of {chain_in_words(self.named.chain)}'
+        if before is None:
+            self._logger.info(told)
+        else:
+            self._logger.warning(
+                f'{told}, named {self.named.joint_names[0]!r} to {self.named.joint_names[-1]!r}: '
+                f'the chain has changed, it was {chain_in_words(before.chain)}'
+            )
 
     def _learn(self, named: NamedChain) -> None:
         joints = self.parameters.joint_names

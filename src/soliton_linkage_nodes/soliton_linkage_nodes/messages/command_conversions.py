@@ -118,54 +118,55 @@ def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
     )
 
 
-def efforts_from_msg(actuators: JointActuators, message: JointState) -> tuple[Rotors, Array]:
-    """Rotors and their torques [N m]; raises ValueError unless all are acceptable."""
+def efforts_from_msg(
+    actuators: JointActuators, source: str, message: JointState
+) -> tuple[Rotors, Array]:
+    """Rotors and torques [N m] of the topic `source`; ValueError unless all are acceptable."""
     if message.position or message.velocity:
         raise ValueError(
-            'joint_commands asks for positions or velocities; the actuators take effort alone'
+            f'{source} asks for positions or velocities; the actuators take effort alone'
         )
     if not message.name:
-        raise ValueError('joint_commands names no joint; name those that it is for')
+        raise ValueError(f'{source} names no joint; name those that it is for')
     efforts = np.asarray(message.effort, dtype=np.float64)
-    return actuators.checked('joint_commands.effort', message.name, efforts)
+    return actuators.checked(f'{source}.effort', message.name, efforts)
 
 
 def efforts_from_array(
-    actuators: JointActuators, message: Float64MultiArray
+    actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
     """Rotors and their torques [N m] in the order of the actuators; ValueError if any is wrong."""
     torques = np.asarray(message.data, dtype=np.float64)
-    return actuators.checked('~/commands.data', actuators.names, torques)
+    return actuators.checked(f'{source}.data', actuators.names, torques)
 
 
 def trajectory_from_msg(
-    actuators: JointActuators, message: JointTrajectory
+    actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
     """Rotors, instants from the start [s] and torques [N m] of shape (points, named).
 
     Raises ValueError unless all are acceptable.
     """
-    source = '~/joint_trajectory.points.effort'
     if not (message.points and message.joint_names):
-        raise ValueError('~/joint_trajectory has no points or no joints; give one or more')
+        raise ValueError(f'{source} has no points or no joints; give one or more')
     for number, point in enumerate(message.points):
         if len(point.positions) or len(point.velocities) or len(point.accelerations):
             raise ValueError(
-                f'point {number} of ~/joint_trajectory asks for positions, velocities or '
+                f'point {number} of {source} asks for positions, velocities or '
                 'accelerations; the actuators take effort alone'
             )
         if len(point.effort) != len(message.joint_names):
             raise ValueError(
-                f'point {number} of ~/joint_trajectory has {len(point.effort)} efforts for '
+                f'point {number} of {source} has {len(point.effort)} efforts for '
                 f'{len(message.joint_names)} joints; give each one effort'
             )
     instants = np.array([time_from_msg(point.time_from_start) for point in message.points])
     if instants[0] < 0 or np.any(np.diff(instants) <= 0):
         raise ValueError(
-            'time_from_start of the points of ~/joint_trajectory must be 0 or more and increase'
+            f'time_from_start of the points of {source} must be 0 or more and increase'
         )
     torques = np.array([point.effort for point in message.points], dtype=np.float64)
-    rotors, torques = actuators.checked(source, message.joint_names, torques)
+    rotors, torques = actuators.checked(f'{source}.points.effort', message.joint_names, torques)
     return rotors, instants / SECOND, torques
 
 

@@ -58,7 +58,9 @@ def run(
     finished: Callable[[Any], bool] | None = None,
     first: bool = False,
 ) -> None:
-    """Spin a node, created without arguments, until SIGINT or SIGTERM, or until it has finished, and end the process.
+    """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
+
+    The node is created without arguments, unless the command line asks for help or is wrong.
 
     `finished` may raise what the node has failed of: executors print the trace of what callbacks
     raise. A node that is to be `first` goes before ordinary threads, as far as the system allows
@@ -95,7 +97,6 @@ def run(
         code = 1
     finally:
         rclpy.try_shutdown()
-    _ignore_signals()
     sys.exit(code)
 
 
@@ -106,9 +107,3 @@ def _tell_notices(node: Node) -> None:
             node.get_logger().warning(notice.text)
         else:
             node.get_logger().info(notice.text)
-
-
-def _ignore_signals() -> None:
-    """Let a second signal not end what has ended well, while Python takes its handlers away."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -17,7 +17,11 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder
-from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, declare_chain
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_PARAMETERS,
+    chain_in_words,
+    declare_chain,
+)
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     default_joint_names,
@@ -92,6 +96,11 @@ class Simulator(Node):
         most = self.frames.depth
         services = SimulationServices(self, self.named, world, self.control, period, most)
         serve_standard(self, services)
+        self.get_logger().info(
+            f'simulating {chain_in_words(chain)}, {settings.mechanics}'
+            f'{f" by {settings.integrator}" if settings.mechanics == "elastic" else ""}, '
+            f'at {settings.publish_rate:g} Hz'
+        )
         if self._obstacles:
             self.get_logger().warning(obstacles_in_words(self._obstacles))
         self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())

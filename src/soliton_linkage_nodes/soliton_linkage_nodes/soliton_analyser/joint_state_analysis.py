@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
-from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
+from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 
@@ -20,6 +20,8 @@ class JointStateAnalysis:
         self._reader: FrameReader | None = None
         self.analyser: Analyser | UnknownChainAnalyser | None = None
         self.latest: Analysis | None = None
+        self.frame: Frame | None = None
+        """The frame that was read last."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -46,7 +48,7 @@ class JointStateAnalysis:
         """
         if self.analyser is None or self._reader is None:
             raise ValueError('joint_states came before the chain was known; tell it first')
-        frame = self._reader.read(joints)
+        frame = self.frame = self._reader.read(joints)
         analysis = self.analyser.analyse(joints.stamp, frame.angles, frame.rates)
         if analysis is not None:
             self.latest = analysis

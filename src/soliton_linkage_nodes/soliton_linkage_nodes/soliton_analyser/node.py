@@ -18,8 +18,10 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
@@ -64,7 +66,10 @@ class SolitonAnalyser(Node):
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
         finish_declaring(self)
-        interfaces.JOINT_STATES.subscribe(self, self.take, raw=True)
+        self._encoders = EncoderWatch(self.get_logger().warning)
+        AdaptiveSubscription(self, interfaces.JOINT_STATES, self.take, raw=True)
+        frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
+        self.get_logger().info(f'analysing {frames} of {self._source.in_words}')
 
     def _on_chain(self, named: NamedChain) -> None:
         """Analyse the frames that came before the chain was known."""
@@ -89,6 +94,8 @@ class SolitonAnalyser(Node):
             if self._analysis.analyser is None:
                 self._analysis.learn_joints(self._source.parameters.joint_names or joints.name)
             analysis = self._analysis.analyse(joints)
+            if self._analysis.frame is not None:
+                self._encoders.look(joints.stamp, self._analysis.frame.angles)
         except ValueError as error:
             self.diagnostics.refuse('joint_states', error)
             return

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,7 +30,9 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_from_msg,
     torques_to_msg,
 )
+from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.freshness import Freshness
 from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
@@ -68,17 +71,21 @@ class SolitonSteering(Node):
         self._decoder = JointStateDecoder()
         diagnostics = self.diagnostics = Diagnostics(self, 'steering', self._report)
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
-        ChainSource(self, diagnostics, diagnostics.refusing('chain', self._on_chain))
+        take_chain = diagnostics.refusing('chain', self._on_chain)
+        source = ChainSource(self, diagnostics, take_chain)
+        self._encoders = EncoderWatch(self.get_logger().warning)
         finish_declaring(self)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
-        topic = interfaces.JOINT_STATES
         # What has waited in a queue is too old to act on.
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         take = diagnostics.refusing('joint_states', self._on_joint_states)
-        self.create_subscription(topic.type, topic.name, take, latest, raw=True)
+        joint_states = replace(interfaces.JOINT_STATES, qos=latest)
+        AdaptiveSubscription(self, joint_states, take, raw=True)
         self.create_service(Trigger, '~/release', self._on_release)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watch = self.create_timer(_WATCH_PERIOD, self._on_watch, clock=steady)
+        actuated = len(self.settings.actuated_joints) or 'all'
+        self.get_logger().info(f'steering the soliton of {source.in_words} by {actuated} joints')
 
     @property
     def place(self) -> float:
@@ -104,6 +111,7 @@ class SolitonSteering(Node):
             return
         joints = self._decoder.decode(serialized)
         frame = frame_from_msg(self.chain.named, joints)
+        self._encoders.look(joints.stamp, frame.angles)
         self.freshness.renew()
         torques, ended = self.chain.observe(joints.stamp, frame)
         if torques is not None:

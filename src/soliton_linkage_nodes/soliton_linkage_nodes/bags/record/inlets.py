@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.bags.read.reading import message_class, type_name
 from soliton_linkage_nodes.bags.record.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
+from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
 from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
 
 _DEPTH = 5000
@@ -29,7 +30,7 @@ class Inlet:
         self.gaps = SequenceGaps()
         self._node = node
         self._type = message_type
-        self._qos = _heard_by_all(source.profiles)
+        self._qos = heard_by_all(source.profiles, _DEPTH)
         self._subscription = self._subscribe()
         self.publishers = 0
         """How many publishers it heard when it last looked."""
@@ -53,8 +54,9 @@ class Inlet:
         """Subscribe anew where a publisher offers less; return what was waiting till then."""
         offered = self._node.get_publishers_info_by_topic(self.source.name)
         self.publishers = len(offered)
-        qos = _heard_by_all([info.qos_profile for info in offered]) if offered else self._qos
-        if (qos.reliability, qos.durability) == (self._qos.reliability, self._qos.durability):
+        profiles = [info.qos_profile for info in offered]
+        qos = heard_by_all(profiles, _DEPTH) if offered else self._qos
+        if same_offer(qos, self._qos):
             return []
         taken = self.drain()
         self._node.destroy_subscription(self._subscription)
@@ -121,17 +123,6 @@ class InletFinder:
         latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         source = Source(name, type_, tuple(profiles), latched)
         return [Inlet(self._node, source, message_type)]
-
-
-def _heard_by_all(profiles: Sequence[QoSProfile]) -> QoSProfile:
-    """A deep quality of service in which every publisher can be heard."""
-    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
-    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
-    return QoSProfile(
-        depth=_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
 
 
 def _compiled(parameter: str, pattern: str) -> re.Pattern[str] | None:
