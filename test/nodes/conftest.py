@@ -71,3 +71,15 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
 def named() -> NamedChain:
     """A chain of a few rotors."""
     return NamedChain(Chain(number_of_rotors=8), default_joint_names(8))
+
+
+@pytest.fixture
+def said(capfd: pytest.CaptureFixture[str]) -> Callable[[], str]:
+    """Tell what the nodes of the test have logged so far."""
+    lines: list[str] = []
+
+    def read() -> str:
+        lines.append(capfd.readouterr().err)
+        return ''.join(lines)
+
+    return read

@@ -196,7 +196,11 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (TRAJECTORY, JointTrajectory(joint_names=['rotor_1']), 'has no points or no joints'),
     (TRAJECTORY, trajectory([], (0.1, [])), 'has no points or no joints'),
     (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
-    (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [])), 'point 1 of /edge_actuator/joint_traj'),
+    (
+        TRAJECTORY,
+        trajectory(['rotor_1'], GOOD_POINT, (0.2, [])),
+        'point 1 of /edge_actuator/joint_traj',
+    ),
     (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, GOOD_POINT), 'or more and increase'),
     (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [9.0])), 'rotor_1 = 9 N m must'),
     (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [math.nan])), 'rotor_1 = nan N m'),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,6 +24,15 @@ NODES = (
     'bag_player',
 )
 MINUTE = 60 * 10**9
+FIRST_WORDS = {
+    'simulator': 'simulating a chain of 40 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle '
+    '0.97 rad), elastic by DOP853, at 500 Hz',
+    'edge_actuator': 'pneumatic actuators on the chain of /chain; a nudge is a kick at the',
+    'soliton_analyser': 'analysing /joint_states of the chain of /chain',
+    'soliton_steering': 'steering the soliton of the chain of /chain by all joints',
+    'bag_recorder': 'recording to ',
+    'bag_player': 'messages at rate 1',
+}
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -45,6 +55,7 @@ def test_every_node_stops_cleanly_on_a_signal(
         assert program.stop(number) == 0, node
         assert 'Traceback' not in ''.join(program.said), node
         assert 'FATAL' not in ''.join(program.said), node
+        assert sum(FIRST_WORDS[node] in line for line in program.said) == 1, node
 
 
 def test_a_simulator_that_computes_a_long_frame_stops_as_well(
@@ -57,11 +68,16 @@ def test_a_simulator_that_computes_a_long_frame_stops_as_well(
 
 
 def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Program]) -> None:
-    reports = graph.reports('simulator')
-    program = start('simulator')
-    graph.until(lambda: reports, 'a report')
-    program.process.send_signal(signal.SIGTERM)
-    assert program.stop(signal.SIGINT) == 0
+    reports = {node: graph.reports(node) for node in ('simulator', 'bag_recorder')}
+    nodes = {0.0: 'simulator', 0.03: 'bag_recorder', 0.1: 'simulator', 0.2: 'bag_recorder'}
+    programs = {gap: start(node) for gap, node in nodes.items()}
+    graph.until(lambda: min(map(len, reports.values())) > 4, 'two reports of each')
+    for gap, program in programs.items():
+        program.process.send_signal(signal.SIGINT)
+        time.sleep(gap)
+        assert program.stop(signal.SIGINT) == 0, gap
+        closed = sum('closed' in line for line in program.said)
+        assert closed == (nodes[gap] == 'bag_recorder'), gap
 
 
 @pytest.mark.parametrize('content', ['simulator:\n  ros__parameters: [', '\x00'])
@@ -84,8 +100,8 @@ def test_parameters_that_cannot_be_read_are_said_in_one_line(
         (['--unknown'], "wrong ROS arguments: ['--unknown']"),
         (['--params-file', '/nowhere.yaml'], 'wrong ROS arguments: '),
         (
-            ['-p', 'publish_rate:=500'],
-            'parameter publish_rate of simulator = 500 must be a number with a decimal point',
+            ['-p', 'publish_rate:=fast'],
+            "parameter publish_rate of simulator = 'fast' must be a number such as 1.0",
         ),
         (
             ['-p', 'publsh_rate:=500.0'],

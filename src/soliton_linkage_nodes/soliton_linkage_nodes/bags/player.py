@@ -112,10 +112,8 @@ class BagPlayer(Node):
         )
         self._diagnostics = Diagnostics(self, 'playing', self._report)
         self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
-        self.get_logger().info(
-            f'playing {settings.bag}: {self._outlets.total} messages, {settings.rate:g} times as '
-            'fast as recorded'
-        )
+        pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
+        self.get_logger().info(f'playing {settings.bag}: {self._outlets.total} messages {pace}')
         self._playing.play(self._excerpt)
 
     @property

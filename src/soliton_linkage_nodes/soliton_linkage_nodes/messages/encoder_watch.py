@@ -16,8 +16,9 @@ _FRAMES_BETWEEN_LOOKS = 100
 """Frames of which the unit of one is looked at: it costs 80 us and does not change."""
 _BEYOND_RADIANS = 4.0
 """Angle that any frame in degrees exceeds [rad]: of two neighbours one is at 90 or more."""
-_LARGEST_MISFIT = 0.05
-"""Misfit of neighbours, from 0 to 2, that most of a chain has less of in the right unit [1]."""
+_LARGEST_MISFIT = 0.2
+"""Misfit of most neighbours in the right unit [1], even where a wall takes half the chain; degrees
+taken for radians have 0.4 or more."""
 
 
 class EncoderWatch:

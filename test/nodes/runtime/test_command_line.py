@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes have help that holds every parameter, and refuse arguments that they do not know."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from graphs import Graph
+from programs import Program
+from rclpy.node import Node
+from recordings import run_of, write_bag
+
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime.command_line import check_arguments, help_of, name_of
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+
+NODES = (Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering, BagRecorder, BagPlayer)
+OF_ROS = {
+    *('use_sim_time', 'start_type_description_service', 'rosout', 'parameter_events'),
+    *('describe_parameters', 'get_parameters', 'get_parameter_types', 'list_parameters'),
+    *('set_parameters', 'set_parameters_atomically', 'get_type_description'),
+}
+
+
+@pytest.mark.parametrize('node', NODES, ids=name_of)
+def test_help_tells_of_every_parameter_and_topic(
+    graph: Graph, node: type[Node], named: NamedChain, tmp_path: Path
+) -> None:
+    needed = {
+        BagRecorder: {'output': str(tmp_path / 'out')},
+        BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
+    }
+    started = graph.start(node, needed.get(node, {}))
+    assert started.get_name() == name_of(node)
+    told = help_of(node)
+    shown = re.findall(r'^  (\S+):=(.*)  \((\w+)\)$', told, flags=re.MULTILINE)
+    assert {name for name, _, _ in shown} == started.get_parameters_by_prefix('').keys() - OF_ROS
+    for name, _, kind in shown:
+        assert kind == started.get_parameter(name).type_.name.lower(), name
+    words = set(re.findall(r'\w+', told))
+    spoken = {publisher.topic_name for publisher in started.publishers}
+    spoken |= {subscription.topic_name for subscription in started.subscriptions}
+    spoken |= {service.srv_name for service in started.services}
+    replayed = {'chain', 'joint_states', 'soliton_state', 'nudge'} if node is BagPlayer else set()
+    assert {name.rpartition('/')[2] for name in spoken} - OF_ROS - replayed <= words
+
+
+def test_help_tells_what_a_parameter_means() -> None:
+    told = help_of(Simulator)
+    assert (
+        '  publish_rate:=500.0  (double)\n      rate of joint_states in simulated time [Hz]; '
+        in told
+    )
+    assert '1 to 10000\n' in told
+    assert '  fixed_rotors:=[]  (string_array)\n' in told
+    assert 'one of elastic, rigid\n' in told
+    assert max(map(len, told.splitlines())) < 100
+
+
+@pytest.mark.parametrize('arguments', [['--help'], ['-h'], ['--ros-args', '-p', 'x:=1', '-h']])
+def test_help_ends_well(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        check_arguments(BagRecorder, arguments)
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith('bag_recorder: Records topics')
+
+
+@pytest.mark.parametrize(
+    ('node', 'arguments', 'meant'),
+    [
+        (Simulator, ['config/flipper.yaml'], '--ros-args --params-file config/flipper.yaml'),
+        (Simulator, ['--params-file', 'x.yaml'], '--ros-args --params-file x.yaml'),
+        (Simulator, ['-p', 'publish_rate:=5'], '--ros-args -p publish_rate:=5'),
+        (Simulator, ['publish_rate:=5'], '--ros-args -p publish_rate:=5'),
+        (Simulator, ['--publish-rate', '5'], '--ros-args -p publish_rate:=5'),
+        (Simulator, ['--publish_rate=5'], '--ros-args -p publish_rate:=5'),
+        (Simulator, ['--bogus'], None),
+        (Simulator, ['--ros-args', '-p', 'x:=1', '--', 'bags'], None),
+        (BagPlayer, ['bags/flipper_0'], '--ros-args -p bag:=bags/flipper_0'),
+        (BagRecorder, ['run', '--ros-args'], '--ros-args -p output:=run'),
+    ],
+)
+def test_arguments_that_are_unknown_are_refused_with_the_right_ones(
+    node: type[Node], arguments: list[str], meant: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        check_arguments(node, arguments)
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'{name_of(node)} does not know ')
+    command = f'{name_of(node)} {meant}' if meant else f'{name_of(node)} --help'
+    assert line.endswith(command)
+
+
+@pytest.mark.parametrize('arguments', [[], ['--ros-args', '-p', 'publish_rate:=5']])
+def test_what_is_for_ros_is_left_to_it(arguments: list[str]) -> None:
+    check_arguments(Simulator, arguments)
+
+
+def test_a_program_prints_its_help_and_starts_nothing(
+    start: Callable[..., Program], tmp_path: Path
+) -> None:
+    program = start('bag_recorder', '--help')
+    assert program.wait() == 0
+    assert any('snapshot_duration:=0.0' in line for line in program.said)
+    assert not list(tmp_path.glob('recording_*'))
+    program = start('bag_player', 'bags/flipper_0')
+    assert program.wait() == 2
+    assert len(program.said) == 1

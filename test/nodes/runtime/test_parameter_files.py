@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of parameters say for which nodes they are, and a node says what it does with them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from graphs import Graph
+from rclpy.node import Node
+
+from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.runtime.parameter_files import concerns, notices, read_sections
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+
+CONFIG = Path(__file__).parents[3] / 'config'
+MINE = '/**/simulator: {ros__parameters: {publish_rate: 250.0}}\n'
+ALL = '/**: {ros__parameters: {chain.spacing: 0.2}}\n'
+
+
+@pytest.mark.parametrize(
+    ('pattern', 'node', 'named'),
+    [
+        ('simulator', '/simulator', True),
+        ('/simulator', '/simulator', True),
+        ('/simulator', '/left/simulator', False),
+        ('/left/simulator', '/left/simulator', True),
+        ('/**', '/a/b/simulator', True),
+        ('/**/simulator', '/simulator', True),
+        ('/**/simulator', '/a/b/simulator', True),
+        ('/**/simulator', '/simulator_2', False),
+        ('/*/simulator', '/left/simulator', True),
+        ('/*/simulator', '/simulator', False),
+        ('/*', '/simulator', True),
+    ],
+)
+def test_which_nodes_a_section_is_for(
+    graph: Graph, tmp_path: Path, pattern: str, node: str, named: bool
+) -> None:
+    assert concerns(pattern, node) == named
+    path = tmp_path / 'file.yaml'
+    path.write_text(f'{pattern}: {{ros__parameters: {{x: 5}}}}\n')
+    namespace, _, name = node.rpartition('/')
+    started = graph.start(
+        Node,
+        node_name=name,
+        namespace=namespace,
+        cli_args=['--ros-args', '--params-file', str(path)],
+        automatically_declare_parameters_from_overrides=True,
+    )
+    assert started.has_parameter('x') == named, 'ROS has it otherwise'
+
+
+def test_names_are_joined(tmp_path: Path) -> None:
+    path = tmp_path / 'file.yaml'
+    path.write_text('left:\n  simulator:\n    ros__parameters: {gravity: {tilt: 0.1}, x: []}\n')
+    assert read_sections(path) == {'/left/simulator': {'gravity.tilt': 0.1, 'x': []}}
+
+
+@pytest.mark.parametrize('content', ['words', 'a: 1', '', '- 1', '{', 'node: {x: 1.0}'])
+def test_what_is_no_file_of_parameters_is_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / 'file.yaml'
+    path.write_text(content)
+    with pytest.raises(ValueError, match=f'{re.escape(str(path))} is no file of parameters'):
+        read_sections(path)
+
+
+@pytest.mark.parametrize('namespace', ['', 'left', 'left/hand'])
+def test_the_files_of_the_suite_work_in_every_namespace(graph: Graph, namespace: str) -> None:
+    arguments = ['--ros-args', '--params-file', str(CONFIG / 'wobbler.yaml')]
+    node = graph.start(Simulator, namespace=namespace, cli_args=arguments)
+    assert node.settings.publish_rate == 250.0
+    assert node.named.rotors == 20
+    assert list(notices(node, arguments)) == []
+
+
+@pytest.mark.parametrize(
+    ('content', 'rules', 'rate', 'told'),
+    [
+        (MINE + ALL, [], 250.0, None),
+        (MINE + ALL, ['publish_rate:=50'], 50.0, '-p publish_rate:=50 overrides publish_rate = '),
+        (MINE + ALL, ['publish_rate:=250'], 250.0, None),
+        (MINE + ALL, ['simulator:publish_rate:=50'], 50.0, 'overrides publish_rate = 250.0 of'),
+        (MINE + ALL, ['analyser:publish_rate:=50'], 250.0, None),
+        (
+            ALL + MINE,
+            ['publish_rate:=50'],
+            250.0,
+            'overrides -p publish_rate:=50; write -p simulator:publish_rate:=50 after it',
+        ),
+        (ALL + MINE, ['simulator:publish_rate:=50'], 50.0, 'overrides publish_rate = 250.0 of'),
+        ('other: {ros__parameters: {x: 1}}', [], 500.0, 'parameters for /other, not for /simulat'),
+    ],
+)
+def test_what_overrides_what_is_told(
+    graph: Graph, tmp_path: Path, content: str, rules: list[str], rate: float, told: str | None
+) -> None:
+    path = tmp_path / 'file.yaml'
+    path.write_text(content)
+    given = [argument for rule in rules for argument in ('-p', rule)]
+    arguments = ['--ros-args', '--params-file', str(path), *given]
+    node = graph.start(Simulator, cli_args=arguments)
+    assert node.settings.publish_rate == rate
+    said = [notice.text for notice in notices(node, arguments)]
+    assert len(said) == (told is not None)
+    assert all(told is not None and told in text and str(path) in text for text in said)
+
+
+@pytest.mark.parametrize('create', [Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering])
+def test_each_node_that_reads_the_chain_refuses_what_is_no_parameter_of_it(
+    graph: Graph, create: Callable[..., Node]
+) -> None:
+    with pytest.raises(ValueError, match=r"unknown; did you mean 'chain\.spacing'\?"):
+        graph.start(create, cli_args=['--ros-args', '-p', 'chain.spacng:=0.1'])
+
+
+def test_a_recorder_takes_the_file_of_a_chain(graph: Graph, tmp_path: Path) -> None:
+    file = str(CONFIG / 'flipper.yaml')
+    arguments = ['--ros-args', '--params-file', file, '-p', f'output:={tmp_path / "run"}']
+    node = graph.start(BagRecorder, cli_args=arguments)
+    assert list(notices(node, arguments)) == []
