@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -289,6 +291,22 @@ def test_without_a_chain_commands_are_refused(graph: Graph, named: NamedChain) -
     bench.joints(named.chain.uniform_state(LEFT))
     bench.nudge(1.0)
     assert 'the chain is not known yet; publish chain or set chain_from' in bench.refusal()
+
+
+def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[], str]) -> None:
+    renamed = ['--ros-args', '-r', 'nudge:=poke', '-r', '~/commands:=/efforts']
+    graph.start(EdgeActuator, namespace='left', cli_args=renamed)
+    for topic, name in (
+        (interfaces.NUDGE, '/left/poke'),
+        (interfaces.EFFORT_COMMANDS, '/efforts'),
+        (interfaces.JOINT_TRAJECTORY, '/left/edge_actuator/joint_trajectory'),
+    ):
+        reports = graph.reports('edge_actuator')
+        graph.speak(replace(topic, name=name)).publish(topic.type())
+        graph.until(
+            lambda heard=reports, name=name: any(name in status.message for status in heard), name
+        )
+    assert 'refused /left/poke: nothing subscribes' in said()
 
 
 def test_parameters_of_the_chain_take_the_place_of_the_topic(

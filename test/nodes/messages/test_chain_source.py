@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -18,7 +19,7 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
 )
-from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -58,6 +59,32 @@ def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:
         publisher.publish(chain_to_msg(chain, time_to_msg(0)))
         graph.until(lambda chain=chain: learner.source.named == chain, 'the chain')
     assert learner.learnt == [named, other]
+
+
+def test_a_chain_that_changes_is_told_of_once(
+    graph: Graph, named: NamedChain, said: Callable[[], str]
+) -> None:
+    learner = graph.start(Learner)
+    publisher = graph.speak(interfaces.CHAIN)
+    other = NamedChain(Chain(number_of_rotors=2, mass=1.0), ('left', 'right'))
+    for number, chain in enumerate((named, named, other, other), start=1):
+        publisher.publish(chain_to_msg(chain, time_to_msg(0)))
+        graph.until(lambda number=number: len(learner.learnt) == number, 'the chain')
+    lines = said().splitlines()
+    (first,) = [line for line in lines if '/chain tells of a chain of 8 rotors (flipper' in line]
+    assert 'changed' not in first
+    (change,) = [line for line in lines if 'the chain has changed' in line]
+    assert "2 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle 0.97 rad), named 'left'" in change
+
+
+def test_two_publishers_of_the_chain_are_told_of(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
+) -> None:
+    monkeypatch.setattr(adaptive_subscription, '_LOOK_PERIOD', 0.05)
+    graph.start(Learner)
+    graph.speak(interfaces.CHAIN)
+    graph.speak(interfaces.CHAIN)
+    graph.until(lambda: '2 publishers of /chain' in said(), 'the warning')
 
 
 def test_a_message_that_describes_no_chain_changes_nothing(
