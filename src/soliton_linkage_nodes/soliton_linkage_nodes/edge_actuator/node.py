@@ -6,12 +6,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
 
-from soliton_linkage.actuation.actuator import ACTUATORS, actuator_type
+from soliton_linkage.actuation.actuator import actuator_type
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage_msgs.msg import Delivery
@@ -19,14 +19,11 @@ from soliton_linkage_nodes.edge_actuator.commands import ActuatedChain, Commands
 from soliton_linkage_nodes.edge_actuator.latest_frames import LatestFrames
 from soliton_linkage_nodes.edge_actuator.outlets import ActuatorOutlets
 from soliton_linkage_nodes.edge_actuator.parameters import (
+    PARAMETERS,
     EdgeActuatorParameters,
     declare_torque_limits,
 )
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    ChainSource,
-    ChainSourceParameters,
-)
+from soliton_linkage_nodes.messages.chain_source import ChainSource
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
@@ -50,12 +47,7 @@ class EdgeActuator(Node):
     and the parameters of the actuator are those of the kind that is chosen.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {
-        EdgeActuatorParameters: '',
-        **dict.fromkeys(ACTUATORS.values(), ''),
-        ChainSourceParameters: '',
-        **CHAIN_PARAMETERS,
-    }
+    PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
         """Connect the topics."""

@@ -8,9 +8,11 @@ from dataclasses import asdict, dataclass, make_dataclass
 
 from rclpy.node import Node
 
+from soliton_linkage.actuation.actuator import ACTUATORS
 from soliton_linkage.actuation.edge_command import CommandKind
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
 from soliton_linkage_nodes.runtime.parameters import declare
 
 
@@ -53,6 +55,15 @@ class EdgeActuatorParameters:
         0.0,
     )
     joints: tuple[str, ...] = quantity((), 'joints that carry an actuator; empty for all of them')
+
+
+PARAMETERS: dict[type, str] = {
+    EdgeActuatorParameters: '',
+    **dict.fromkeys(ACTUATORS.values(), ''),
+    ChainSourceParameters: '',
+    **CHAIN_PARAMETERS,
+}
+"""The prefix of all parameters of the node, by their dataclasses."""
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:

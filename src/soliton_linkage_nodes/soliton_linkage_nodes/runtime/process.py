@@ -20,6 +20,8 @@ from soliton_linkage_nodes.runtime.command_line import check_arguments
 from soliton_linkage_nodes.runtime.parameter_files import notices
 from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
+_MIXED = 'Sequence should be of same type'
+"""What rcl says of a list such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
 """Of the executor, before it looks whether a signal has come [s]."""
 
@@ -50,7 +52,9 @@ def initialise(arguments: list[str] | None = None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        raise ValueError(f'wrong ROS arguments: {str(error).splitlines()[0]}') from error
+        reason = str(error).splitlines()[0]
+        hint = '; write all numbers of a list with a point, or none' if _MIXED in reason else ''
+        raise ValueError(f'wrong ROS arguments: {reason}{hint}') from error
 
 
 def run(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, ClassVar
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -17,11 +17,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    chain_in_words,
-    declare_chain,
-)
+from soliton_linkage_nodes.messages.chain_source import declare_chain
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     default_joint_names,
@@ -34,8 +30,12 @@ from soliton_linkage_nodes.runtime.parameters import current, declare, finish_de
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
-from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
-from soliton_linkage_nodes.simulator.report import SimulationReport, obstacles_in_words
+from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters
+from soliton_linkage_nodes.simulator.report import (
+    SimulationReport,
+    obstacles_in_words,
+    simulation_in_words,
+)
 from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
 from soliton_linkage_nodes.simulator.services import SimulationServices
 from soliton_linkage_nodes.simulator.standard_services import serve_standard
@@ -60,20 +60,15 @@ class Simulator(Node):
     parameter acts at the instant of a frame.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {
-        SimulatorParameters: '',
-        Gravity: 'gravity.',
-        EncoderErrors: 'sensors.',
-        **CHAIN_PARAMETERS,
-    }
+    PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
         """Read the parameters, announce the chain and start the clockwork."""
         super().__init__('simulator', **kwargs)
         settings = self.settings = declare(self, SimulatorParameters)
         chain = declare_chain(self)
-        gravity = declare(self, Gravity, self.PARAMETERS[Gravity])
-        errors = declare(self, EncoderErrors, self.PARAMETERS[EncoderErrors])
+        gravity = declare(self, Gravity, PARAMETERS[Gravity])
+        errors = declare(self, EncoderErrors, PARAMETERS[EncoderErrors])
         finish_declaring(self)
         names = default_joint_names(chain.number_of_rotors)
         self.named = NamedChain(chain, names)
@@ -96,11 +91,7 @@ class Simulator(Node):
         most = self.frames.depth
         services = SimulationServices(self, self.named, world, self.control, period, most)
         serve_standard(self, services)
-        self.get_logger().info(
-            f'simulating {chain_in_words(chain)}, {settings.mechanics}'
-            f'{f" by {settings.integrator}" if settings.mechanics == "elastic" else ""}, '
-            f'at {settings.publish_rate:g} Hz'
-        )
+        self.get_logger().info(simulation_in_words(chain, settings))
         if self._obstacles:
             self.get_logger().warning(obstacles_in_words(self._obstacles))
         self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
@@ -153,8 +144,8 @@ class Simulator(Node):
             )
 
     def _follow_parameters(self) -> None:
-        self.control.turn_gravity(current(self, Gravity, 'gravity.'))
-        self._joints.change(current(self, EncoderErrors, 'sensors.'))
+        self.control.turn_gravity(current(self, Gravity, PARAMETERS[Gravity]))
+        self._joints.change(current(self, EncoderErrors, PARAMETERS[EncoderErrors]))
         self._loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
@@ -170,7 +161,7 @@ class Simulator(Node):
                 f'waiting for {wanted} subscribers of joint_states, there are {heard}',
                 warning=True,
             )
-        gravity = current(self, Gravity, 'gravity.')
+        gravity = current(self, Gravity, PARAMETERS[Gravity])
         return self._figures(
             {
                 'motion': self.named.chain.motion.value,

@@ -5,7 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from soliton_linkage.linkage.encoders import EncoderErrors
+from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS
 from soliton_linkage_nodes.simulator.world import WorldParameters
 
 
@@ -36,3 +39,12 @@ class SimulatorParameters(WorldParameters):
     subscribers: int = quantity(
         0, 'number of subscribers of joint_states to wait for before time begins', '', 0, 1000
     )
+
+
+PARAMETERS: dict[type, str] = {
+    SimulatorParameters: '',
+    Gravity: 'gravity.',
+    EncoderErrors: 'sensors.',
+    **CHAIN_PARAMETERS,
+}
+"""The prefix of all parameters of the node, by their dataclasses."""

@@ -7,10 +7,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.passage import Obstacle
+from soliton_linkage_nodes.messages.chain_source import chain_in_words
 from soliton_linkage_nodes.runtime.diagnostics import Report
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.simulator.control import SimulationControl, SimulationStatus
+from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 _FRAMES_OVERDUE = 3
 """Frames that a report may miss before it says that the next takes long: one may lie on each
@@ -72,6 +75,13 @@ class SimulationReport:
             self._complain(message)
         self._said = status.failure
         return message
+
+
+def simulation_in_words(chain: Chain, settings: SimulatorParameters) -> str:
+    """What is being simulated, how, and at which rate."""
+    elastic = settings.mechanics == 'elastic'
+    how = f'elastic by {settings.integrator}' if elastic else settings.mechanics
+    return f'simulating {chain_in_words(chain)}, {how}, at {settings.publish_rate:g} Hz'
 
 
 def obstacles_in_words(obstacles: Sequence[Obstacle]) -> str:

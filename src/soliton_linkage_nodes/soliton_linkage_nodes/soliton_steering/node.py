@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from rclpy.action import CancelResponse
@@ -20,11 +20,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.steering.steering import Ended, Outcome
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    ChainSource,
-    ChainSourceParameters,
-)
+from soliton_linkage_nodes.messages.chain_source import ChainSource
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     frame_from_msg,
@@ -38,7 +34,7 @@ from soliton_linkage_nodes.runtime.freshness import Freshness
 from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
-from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
+from soliton_linkage_nodes.soliton_steering.parameters import PARAMETERS, SolitonSteeringParameters
 from soliton_linkage_nodes.soliton_steering.report import report
 from soliton_linkage_nodes.soliton_steering.steered_chain import SteeredChain
 
@@ -56,11 +52,7 @@ class SolitonSteering(Node):
     holds a soliton, and `/diagnostics`. Time is that of the joint states.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {
-        SolitonSteeringParameters: '',
-        ChainSourceParameters: '',
-        **CHAIN_PARAMETERS,
-    }
+    PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
         """Connect the topics and open the action."""

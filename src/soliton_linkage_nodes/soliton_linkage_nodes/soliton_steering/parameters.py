@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
 
 
 @dataclass(frozen=True)
@@ -29,3 +30,11 @@ class SolitonSteeringParameters:
     state_timeout: float = quantity(
         0.5, 'time without joint_states after which a soliton is lost', 's', 1e-2, 60.0
     )
+
+
+PARAMETERS: dict[type, str] = {
+    SolitonSteeringParameters: '',
+    ChainSourceParameters: '',
+    **CHAIN_PARAMETERS,
+}
+"""The prefix of all parameters of the node, by their dataclasses."""
