@@ -35,7 +35,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.programs.experiment_observer import ExperimentParameters
-from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
@@ -82,7 +82,7 @@ class Declarer(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('declarer', **kwargs)
         self.settings = declare(self, Examples, 'group.')
-        finish_declaring(self)
+        refuse_unknown(self)
 
 
 def change(graph: Graph, **values: Any) -> list[SetParametersResult]:

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.bags.play.transport import RATES, Transport
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -80,7 +80,7 @@ class BagPlayer(Node):
         """Look into the bag and begin to play."""
         super().__init__('bag_player', **kwargs)
         self._settings = settings = declare(self, BagPlayerParameters)
-        finish_declaring(self)
+        refuse_unknown(self)
         if not settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._transport = Transport(settings.rate, settings.start_paused, not settings.lockstep)
@@ -88,6 +88,10 @@ class BagPlayer(Node):
         with open_bag(Path(settings.bag)) as reader:
             self._outlets = ReplayOutlets(
                 self, chosen(reader, settings.topics), self._transport.stopping
+            )
+            pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
+            self.get_logger().info(
+                f'playing {settings.bag}: {self._outlets.total} messages {pace}'
             )
             self._excerpt = excerpt(reader, settings.start_offset, settings.playback_until)
             self._awaited = self._topics_to_wait_for(reader)
@@ -112,8 +116,6 @@ class BagPlayer(Node):
         )
         self._diagnostics = Diagnostics(self, 'playing', self._report)
         self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
-        pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
-        self.get_logger().info(f'playing {settings.bag}: {self._outlets.total} messages {pace}')
         self._playing.play(self._excerpt)
 
     @property

@@ -20,7 +20,7 @@ from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 
@@ -68,7 +68,7 @@ class BagRecorder(Node):
         """Create the bag and begin."""
         super().__init__('bag_recorder', **kwargs)
         self._settings = settings = declare(self, BagRecorderParameters)
-        finish_declaring(self)
+        refuse_unknown(self)
         self._inbox = rclpy.create_node(
             '_bag_recorder_inbox',
             namespace=self.get_namespace(),

@@ -30,7 +30,7 @@ from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _REHEARSED_EVERY = 10
@@ -63,7 +63,7 @@ class EdgeActuator(Node):
         self._delivery: Delivery | None = None
         self.diagnostics = Diagnostics(self, 'actuation', self._report)
         self.source = ChainSource(self, self.diagnostics, self._learn)
-        finish_declaring(self)
+        refuse_unknown(self)
         self._listen()
         self.get_logger().info(
             f'{settings.actuator} actuators on {self.source.in_words}; a nudge is a '

@@ -16,7 +16,7 @@ from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.programs.bag_report import places
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 
@@ -39,7 +39,7 @@ class Observer(Node):
         """Connect the topics."""
         super().__init__('experiment', **kwargs)
         self.settings = declare(self, ExperimentParameters)
-        finish_declaring(self)
+        refuse_unknown(self)
         self.reports: dict[str, DiagnosticStatus] = {}
         self.states: dict[int, tuple[float, ...]] = {}
         self.rotors = 0

@@ -9,6 +9,7 @@ from array import array
 from collections.abc import Mapping, Sequence
 from types import NoneType
 from typing import Any, TypeVar, cast, get_type_hints
+from weakref import WeakSet
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -41,6 +42,8 @@ _EXAMPLES = {
     Parameter.Type.DOUBLE_ARRAY: 'a list of numbers such as [1.0, 0.5]',
 }
 _SHARED = 'chain.'
+_TAKING: WeakSet[Node] = WeakSet()
+"""Nodes that take whole numbers where numbers with a point are meant."""
 _LARGEST_INTEGER = 2**63 - 1
 """That a ROS parameter holds, which is an int64."""
 
@@ -51,6 +54,7 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     Fields without a description keep their default. Raises ValueError, naming parameter, value,
     limit and remedy, where a value given for one is not allowed.
     """
+    _take_whole_numbers(node)
     quantities = described_fields(parameters)
     kinds = get_type_hints(parameters)
     values = {
@@ -77,11 +81,10 @@ def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     return parameters(**{name: _kept(_TYPES[kinds[name]], values[name]) for name in values})
 
 
-def finish_declaring(node: Node) -> None:
-    """Have a node know no other parameters, and take changes of those it has as files give them.
+def refuse_unknown(node: Node) -> None:
+    """Raise ValueError for a parameter that was given to a node and that it has not declared.
 
-    Raises ValueError for a parameter that was given to it and that it has not declared. The
-    parameters `chain.*` may be given to every node, whether it needs them or not.
+    The parameters `chain.*` may be given to every node, whether it needs them or not.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
@@ -91,7 +94,6 @@ def finish_declaring(node: Node) -> None:
         near = difflib.get_close_matches(name, declared, n=1)
         meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
         raise ValueError(f'parameter {name!r} of {node.get_name()} is unknown; {meant}')
-    node.add_pre_set_parameters_callback(lambda changes: [_meant(node, each) for each in changes])
 
 
 def given(node: Node) -> Mapping[str, Parameter]:
@@ -132,6 +134,16 @@ def _judge(
             reason = f'parameter {change.name} = {change.value!r} {complaint}'
             return SetParametersResult(successful=False, reason=reason)
     return SetParametersResult(successful=True)
+
+
+def _take_whole_numbers(node: Node) -> None:
+    """Have a node take changes at run time in the types that are meant, as it takes files."""
+    # rclpy joins what such callbacks return, so that there must be one.
+    if node not in _TAKING:
+        _TAKING.add(node)
+        node.add_pre_set_parameters_callback(
+            lambda changes: [_meant(node, change) for change in changes]
+        )
 
 
 def _meant(node: Node, change: Parameter) -> Parameter:

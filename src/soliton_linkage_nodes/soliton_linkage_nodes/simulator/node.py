@@ -26,7 +26,7 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
-from soliton_linkage_nodes.runtime.parameters import current, declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
@@ -69,7 +69,7 @@ class Simulator(Node):
         chain = declare_chain(self)
         gravity = declare(self, Gravity, PARAMETERS[Gravity])
         errors = declare(self, EncoderErrors, PARAMETERS[EncoderErrors])
-        finish_declaring(self)
+        refuse_unknown(self)
         names = default_joint_names(chain.number_of_rotors)
         self.named = NamedChain(chain, names)
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)

@@ -23,7 +23,7 @@ from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
@@ -65,7 +65,7 @@ class SolitonAnalyser(Node):
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
-        finish_declaring(self)
+        refuse_unknown(self)
         self._encoders = EncoderWatch(self.get_logger().warning)
         AdaptiveSubscription(self, interfaces.JOINT_STATES, self.take, raw=True)
         frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)

@@ -31,7 +31,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.freshness import Freshness
-from soliton_linkage_nodes.runtime.parameters import declare, finish_declaring
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
 from soliton_linkage_nodes.soliton_steering.parameters import PARAMETERS, SolitonSteeringParameters
@@ -66,7 +66,7 @@ class SolitonSteering(Node):
         take_chain = diagnostics.refusing('chain', self._on_chain)
         source = ChainSource(self, diagnostics, take_chain)
         self._encoders = EncoderWatch(self.get_logger().warning)
-        finish_declaring(self)
+        refuse_unknown(self)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
         # What has waited in a queue is too old to act on.
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
