@@ -9,7 +9,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -24,6 +24,8 @@ from soliton_linkage_nodes.runtime.parameters import (
     type_in_words,
 )
 
+NodeClass = Callable[[], Node]
+"""The class of a node that needs no arguments."""
 USAGE = 2
 """Exit code of a program whose arguments are wrong, as argparse has it."""
 _WIDTH = 96
@@ -34,7 +36,7 @@ _PATHS = ('bag', 'output')
 """Parameters that a bare path is meant for, where a node has one."""
 
 
-def check_arguments(node: type[Node], arguments: Sequence[str]) -> None:
+def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     """Print the help of a node and exit, or refuse arguments that it does not know with code 2.
 
     What follows `--ros-args` is left to ROS.
@@ -53,12 +55,12 @@ def check_arguments(node: type[Node], arguments: Sequence[str]) -> None:
         sys.exit(USAGE)
 
 
-def name_of(node: type[Node]) -> str:
+def name_of(node: NodeClass) -> str:
     """Name of the executable of a node and, unless it is remapped, of the node itself."""
     return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
 
 
-def help_of(node: type[Node]) -> str:
+def help_of(node: NodeClass) -> str:
     """What a node does, its topics, services and parameters, from its docstring and these."""
     told = inspect.cleandoc(node.__doc__ or '').replace('`', '')
     lines = [
@@ -73,7 +75,7 @@ def help_of(node: type[Node]) -> str:
     return '\n'.join(lines)
 
 
-def _groups(node: type[Node]) -> dict[type, str]:
+def _groups(node: NodeClass) -> dict[type, str]:
     """Prefix of the parameters of a node by the dataclasses whose fields they are."""
     groups: dict[type, str] = getattr(node, 'PARAMETERS', {})
     return groups
@@ -103,12 +105,12 @@ def _as_yaml(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value) or "''"
 
 
-def _command(node: type[Node]) -> str:
+def _command(node: NodeClass) -> str:
     runner = f'ros2 run {_PACKAGE}' if shutil.which('ros2') else 'soliton-linkage run'
     return f'{runner} {name_of(node)}'
 
 
-def _meant(node: type[Node], unknown: Sequence[str]) -> str | None:
+def _meant(node: NodeClass, unknown: Sequence[str]) -> str | None:
     """Arguments that may be meant by those that are unknown; None where nothing comes near."""
     first, rest = unknown[0], unknown[1:]
     known = {

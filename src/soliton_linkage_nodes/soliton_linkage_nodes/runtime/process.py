@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -58,13 +58,14 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(
-    node_class: type[Node],
+    create_node: Callable[[], Node],
     finished: Callable[[Any], bool] | None = None,
     first: bool = False,
 ) -> None:
     """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
 
-    The node is created without arguments, unless the command line asks for help or is wrong.
+    What creates the node is its class. It does not where the command line asks for help or is
+    wrong.
 
     `finished` may raise what the node has failed of: executors print the trace of what callbacks
     raise. A node that is to be `first` goes before ordinary threads, as far as the system allows
@@ -73,8 +74,7 @@ def run(
     The exit code is 0, 1 after one line where the node could not start or go on, or 2 after one
     line where the program was given arguments that it does not know.
     """
-    check_arguments(node_class, sys.argv[1:])
-    create = cast(Callable[[], Node], node_class)
+    check_arguments(create_node, sys.argv[1:])
     stopping = stop_on_signals()
     code = 0
     try:
@@ -82,7 +82,7 @@ def run(
         # Before the node, whose middleware starts threads of its own.
         place = FirstAsLongAsIdle() if first else None
         gc.collect()
-        node = create()
+        node = create_node()
         # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
         gc.freeze()
         try:
