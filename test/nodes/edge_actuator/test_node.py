@@ -293,6 +293,22 @@ def test_without_a_chain_commands_are_refused(graph: Graph, named: NamedChain) -
     assert 'the chain is not known yet; publish chain or set chain_from' in bench.refusal()
 
 
+def test_a_frame_that_is_read_again_is_not_late(
+    graph: Graph, named: NamedChain, said: Callable[[], str]
+) -> None:
+    bench = Bench(graph, named)
+    bench.tell_chain()
+    bench.joints(named.chain.uniform_state(LEFT))
+    for _ in range(3):
+        bench.nudge(1.0)
+        bench.next_impulses()
+    assert 'late' not in said()
+    bench.joints(named.chain.uniform_state(LEFT), stamp=0.01)
+    bench.nudge(1.0)
+    bench.next_impulses()
+    assert 'joint_states come late: the stamp of one is the same as' in said()
+
+
 def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[], str]) -> None:
     renamed = ['--ros-args', '-r', 'nudge:=poke', '-r', '~/commands:=/efforts']
     graph.start(EdgeActuator, namespace='left', cli_args=renamed)

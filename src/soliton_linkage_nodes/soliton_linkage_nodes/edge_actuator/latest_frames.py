@@ -18,13 +18,14 @@ class LatestFrames:
     def __init__(self, longest: float, look: Callable[[int, Array], None]) -> None:
         """Joint states that are older than `longest` [s] are not acted on.
 
-        `look` is called with the stamp [ns] and the angles [rad] of each frame that is read.
+        `look` is called once with the stamp [ns] and angles [rad] of each frame that is read.
         """
         self.freshness = Freshness(longest)
         self.taken = 0
         """How many frames have come."""
         self._longest = longest
         self._look = look
+        self._looked_at = 0
         self._decoder = JointStateDecoder()
         self._previous: bytes | None = None
         self._latest: bytes | None = None
@@ -48,7 +49,9 @@ class LatestFrames:
         """Return a fresh frame and its stamp [ns], or ValueError."""
         joints = self._decoder.decode(self.check_fresh())
         frame = frame_from_msg(named, joints)
-        self._look(joints.stamp, frame.angles)
+        if self._looked_at != self.taken:
+            self._looked_at = self.taken
+            self._look(joints.stamp, frame.angles)
         return frame, joints.stamp
 
     @property

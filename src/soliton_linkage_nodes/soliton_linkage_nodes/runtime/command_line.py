@@ -32,6 +32,7 @@ _WIDTH = 96
 """Columns of the help, that of a usual window and of the sources."""
 _PACKAGE = 'soliton_linkage_nodes'
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
+_EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
 """Parameters that a bare path is meant for, where a node has one."""
 
@@ -63,14 +64,15 @@ def name_of(node: NodeClass) -> str:
 def help_of(node: NodeClass) -> str:
     """What a node does, its topics, services and parameters, from its docstring and these."""
     told = inspect.cleandoc(node.__doc__ or '').replace('`', '')
+    parameters = [
+        line for group, prefix in _groups(node).items() for line in _described(group, prefix)
+    ]
     lines = [
         f'{name_of(node)}: {told}',
         '',
-        'Run it with parameters by hand or from files, and with other names:',
-        f'  {_command(node)} --ros-args -p NAME:=VALUE --params-file FILE -r NAME:=OTHER_NAME',
-        '',
-        'Parameters, with their defaults:',
-        *(line for group, prefix in _groups(node).items() for line in _described(group, prefix)),
+        'Run it with parameters by hand, from a file, or with other names of topics:',
+        *(f'  {_command(node)} --ros-args {example}' for example in _EXAMPLES),
+        *(['', 'Parameters, with their defaults:', *parameters] if parameters else []),
     ]
     return '\n'.join(lines)
 
