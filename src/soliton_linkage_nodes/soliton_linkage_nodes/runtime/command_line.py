@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import os
 import re
 import shutil
 import sys
@@ -13,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from rclpy.exceptions import ROSInterruptException
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
@@ -43,11 +43,15 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     What follows `--ros-args` is left to ROS.
     """
     if {'-h', '--help'} & set(arguments):
-        print(help_of(node))
+        try:
+            print(help_of(node), flush=True)
+        except BrokenPipeError:
+            # A pager has closed the pipe, of which Python would complain at its end.
+            os._exit(0)
         sys.exit(0)
     try:
         unknown = remove_ros_args(list(arguments))
-    except (RuntimeError, ROSInterruptException):
+    except RuntimeError:
         return
     if unknown:
         meant = _meant(node, unknown)
