@@ -17,7 +17,7 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.studies.drawing import BLACK, BLUE, GREY
+from soliton_linkage.studies.palette import BLACK, BLUE, GREY
 from soliton_linkage.studies.plates import Plate
 
 _TOLERANCE = 1e-12

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from soliton_linkage.studies.drawing import BLACK, BLUE
+from soliton_linkage.studies.palette import BLACK, BLUE
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:

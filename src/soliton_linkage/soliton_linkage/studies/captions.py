@@ -5,6 +5,21 @@ from __future__ import annotations
 
 from soliton_linkage.linkage.chain import Chain
 
+LINKAGE = (
+    'Black crosses are the pivots, black bars the rotors - every other one grey where they reach '
+    'over their neighbours -, blue dots the masses at their ends; r is the length of a rotor, a '
+    'the distance of the pivots, θ̄ the angle of rest, d = 2 r sin θ̄ / a.'
+)
+"""Symbols of pictures of a chain."""
+MODE = 'green arrows are the velocities of the masses in it, to one scale'
+"""Symbols of a zero mode."""
+PROJECTIONS = (
+    'Arrows beneath the pivots are the horizontal displacements u = r sin φ of the masses, in '
+    'rows where they would hide each other: purple ones lean right, orange ones left, the paler '
+    'the less they lean.'
+)
+"""Symbols of projections."""
+
 
 def parameters(chain: Chain) -> str:
     """Length of the rotors and rest angle: what the shape of a chain is."""

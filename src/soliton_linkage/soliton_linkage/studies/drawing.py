@@ -10,32 +10,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import FuncNorm
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.quiver import Quiver
+from numpy.typing import ArrayLike
 
 from soliton_linkage.linkage.chain import Array, Chain
-
-# Colours that the colour-blind can tell apart, after Okabe and Ito.
-BLACK = '#000000'
-GREY = '#7f7f7f'
-BLUE = '#0072b2'
-RED = '#d55e00'
-GREEN = '#009e73'
-PURPLE = '#cc79a7'
-COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
-"""Of curves beside each other."""
-MARKERS = 'os^Dv'
-"""Of points beside each other."""
-CURVE_COLOURS = (BLUE, PURPLE)
-"""Colours of the components of a configuration space."""
-LEAN_COLOURS = 'PuOr'
-"""Colour map of u: orange where the rotors lean left, purple where they lean right."""
+from soliton_linkage.studies.palette import (
+    BLACK,
+    BLUE,
+    CURVE_COLOURS,
+    GREEN,
+    GREY,
+    LEAN_COLOURS,
+    LEANS_LEFT,
+    LEANS_RIGHT,
+    RED,
+    WHITE,
+    lean_shares,
+)
 
 _MARGIN = 0.35
 """Room around what a chain can reach [rotor spacings]."""
@@ -71,17 +72,24 @@ def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
     return np.column_stack([mode * vertical, -mode * horizontal])
 
 
-def limits(chain: Chain, projections: bool = False) -> tuple[float, float, float, float]:
+def limits(
+    chain: Chain, projections: bool = False, lowered: float = 0.0
+) -> tuple[float, float, float, float]:
     """Left, right, bottom and top [m] of what a chain can reach, and a margin."""
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
     bottom = float(_rows(chain).min()) - margin / 2 if projections else -reach
-    return -reach, float(chain.spacings.sum()) + reach, bottom, reach
+    return -reach, float(chain.spacings.sum()) + reach, bottom - lowered, reach
 
 
-def lean_scale(chain: Chain) -> float:
-    """Return u at the ends of `LEAN_COLOURS` [m]; beyond rest, whose colours would be black."""
-    return 1.3 * chain.rotor_length * math.sin(chain.rest_angle)
+def lean_norm(chain: Chain) -> FuncNorm:
+    """Where displacements u [m] are in `LEAN_COLOURS`, by `lean_shares`."""
+    places, shares = lean_shares(chain)
+    return FuncNorm(
+        (partial(_between, places, shares), partial(_between, shares, places)),
+        vmin=float(places[0]),
+        vmax=float(places[-1]),
+    )
 
 
 class ChainPicture:
@@ -97,22 +105,27 @@ class ChainPicture:
         rigid: bool = False,
         projections: bool = False,
         arrow_length: float | None = None,
+        lowered: float = 0.0,
     ) -> None:
         """Draw a chain at angles [rad] with its mode [1], if one is given, shape (N,) each.
 
         A component 1 of the mode is an arrow of `arrow_length` [m], for all rotors and times.
+        Odd rotors are drawn lower than they are [m], where rotors would hide each other.
         """
         self.chain = chain
         self.axes = axes
+        self._lowering = np.where(np.arange(chain.number_of_rotors) % 2, lowered, 0.0)
         self._arrow_length = arrow_length
         self.springs, self.rotors = _bars(axes, chain, rigid)
         self.pivots, self.masses = _points(axes, chain)
         self.arrows = None
         if mode is not None:
             self.arrows = mode_quiver(axes, chain, angles, mode, arrow_length)
-        self.projections = projection_quiver(axes, chain, angles) if projections else None
+        self.projections = None
+        if projections:
+            self.projections = projection_quiver(axes, chain, angles, lowered)
         self.update(angles, mode)
-        left, right, bottom, top = limits(chain, projections)
+        left, right, bottom, top = limits(chain, projections, lowered)
         axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.set_aspect('equal', adjustable='box')
         axes.set_axis_off()
@@ -139,6 +152,8 @@ class ChainPicture:
         pivots, masses = pivot_points(chain), mass_points(chain, angles)
         turned, centre = _turned(tilt), (pivots[0] + pivots[-1]) / 2
         pivots, masses = ((points - centre) @ turned + centre for points in (pivots, masses))
+        for points in (pivots, masses):
+            points[:, 1] -= self._lowering
         beyond = masses[:1] + [float(chain.spacings.sum()), 0.0] @ turned
         joined = np.concatenate([masses, beyond])
         springs = chain.number_of_springs
@@ -177,6 +192,27 @@ def make_room(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
     return width, height
 
 
+def add_legend(figure: Figure, *, rigid: bool = False, mode: bool = True) -> None:
+    """Name the parts of pictures of chains beneath them, all in one row."""
+    right, left = (f'u leans {side}' for side in ('right', 'left'))
+    looks = [
+        ('pivot', BLACK, 'x', ''),
+        ('rotor', BLACK, '', '-'),
+        ('mass', BLUE, 'o', ''),
+        ('rigid bar' if rigid else 'spring', RED, '', '-' if rigid else '--'),
+        *([('velocity in the zero mode', GREEN, r'$\rightarrow$', '')] if mode else []),
+        (right, LEANS_RIGHT, r'$\rightarrow$', ''),
+        (left, LEANS_LEFT, r'$\leftarrow$', ''),
+    ]
+    handles = [
+        Line2D([], [], color=colour, marker=marker, linestyle=line, label=name, markersize=8)
+        for name, colour, marker, line in looks
+    ]
+    figure.legend(
+        handles=handles, loc='outside lower center', ncols=len(handles), fontsize=8, frameon=False
+    )
+
+
 def draw_chain(
     axes: Axes,
     chain: Chain,
@@ -205,18 +241,18 @@ def mode_quiver(
     return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
 
 
-def projection_quiver(axes: Axes, chain: Chain, angles: Array) -> Quiver:
+def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
     """Arrows u_n = r sin(phi_n) [m] beneath the rotors, which `move_projections` moves.
 
     Purple arrows lean right, orange ones left. Where rotors are longer than the spacing, their
     arrows take turns in several rows.
     """
     along = displacement(chain, angles)
-    places = pivot_points(chain) + np.column_stack([np.zeros_like(along), _rows(chain)])
+    places = pivot_points(chain) + np.column_stack([np.zeros_like(along), _rows(chain) - lowered])
     vectors = np.column_stack([along, np.zeros_like(along)])
     arrows = _quiver(axes, places, vectors, 0.9 * _thickness(chain), None)
     arrows.set_cmap(LEAN_COLOURS)
-    arrows.set_clim(-lean_scale(chain), lean_scale(chain))
+    arrows.set_norm(lean_norm(chain))
     arrows.set_array(along)
     return arrows
 
@@ -231,15 +267,15 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
     """Draw configurations of a unit cell, staggered angles [rad] of shape (K, 2) a curve.
 
     The square is the torus of both angles, its opposite sides one; triangles are the ground
-    states, red ones lean right and green ones left (paper, Fig. 4c).
+    states, purple ones lean right and orange ones left (paper, Fig. 4c).
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
         axes.plot(*broken_at_turns(curve).T, color=colour, linewidth=2.5, zorder=2)
     rest = chain.rest_angle
     for states, marker, colour, label in (
-        ((rest, math.pi - rest), '>', RED, 'leans right'),
-        ((-rest, rest - math.pi), '<', GREEN, 'leans left'),
+        ((rest, math.pi - rest), '>', LEANS_RIGHT, 'leans right'),
+        ((-rest, rest - math.pi), '<', LEANS_LEFT, 'leans left'),
     ):
         axes.plot(
             states,
@@ -247,7 +283,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
             marker,
             color=colour,
             markersize=13,
-            markeredgecolor='white',
+            markeredgecolor=WHITE,
             label=label,
             zorder=4,
         )
@@ -283,7 +319,7 @@ def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCo
         colors=[BLACK, GREY] if overlapping else BLACK,
         linewidths=thickness,
         capstyle='round',
-        path_effects=[withStroke(linewidth=thickness + 1.6, foreground='white')],
+        path_effects=[withStroke(linewidth=thickness + 1.6, foreground=WHITE)],
         zorder=3,
     )
     axes.add_collection(springs, autolim=False)
@@ -299,7 +335,7 @@ def _points(axes: Axes, chain: Chain) -> tuple[Line2D, Line2D]:
         [], [], 'x', color=BLACK, markersize=size, markeredgewidth=0.6 * thickness, zorder=4
     )
     (masses,) = axes.plot(
-        [], [], 'o', color=BLUE, markersize=size, markeredgecolor='white', zorder=6
+        [], [], 'o', color=BLUE, markersize=size, markeredgecolor=WHITE, zorder=6
     )
     return pivots, masses
 
@@ -346,3 +382,12 @@ def _turned(tilt: float) -> Array:
     """Matrix that points (x, z) are multiplied by to lower the end at x > 0, (2, 2)."""
     sine, cosine = math.sin(tilt), math.cos(tilt)
     return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def _between(places: Array, values: Array, wanted: ArrayLike) -> Array:
+    """Values at places in between, straight on beyond the first and the last."""
+    at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
+    inside = np.interp(at, places, values)
+    slopes = np.diff(values)[[0, -1]] / np.diff(places)[[0, -1]]
+    beyond = np.minimum(at - places[0], 0) * slopes[0] + np.maximum(at - places[-1], 0) * slopes[1]
+    return np.asarray(inside + beyond)

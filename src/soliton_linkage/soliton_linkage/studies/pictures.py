@@ -13,7 +13,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
 from soliton_linkage.studies.captions import description
-from soliton_linkage.studies.drawing import BLACK, BLUE, LEAN_COLOURS, RED, displacement
+from soliton_linkage.studies.drawing import displacement
+from soliton_linkage.studies.palette import BLACK, BLUE, LEAN_COLOURS, RED
 
 _MOST_COLUMNS = 2000
 """Frames of a kymograph, of which more would not be pixels of their own."""

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finished figures: the picture, the data in it, and what it says beside the paper."""
+"""Finished figures: the picture, its caption, its data, and what it says beside the paper."""
 
 from __future__ import annotations
 
 import csv
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,10 +14,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from soliton_linkage.studies.formulas import Formula
+
 _RESOLUTION = 150
 """Of pictures as PNG [pixels per inch]: 1200 to 2000 pixels across."""
 _DIGITS = 5
 """Significant digits of numbers in a table, more than most theories are good for."""
+_LINE = 95
+"""Letters in a line of a caption."""
 _ROUNDING = 1e-11
 """Error that a table shows as none: what rounding leaves of a sum of some thousand terms."""
 
@@ -27,14 +32,19 @@ class Comparison:
 
     quantity: str
     """What it is, with the chain that it is of and its unit."""
-    paper: str
+    paper: str | Formula
     """What the paper says, with its equation."""
-    theory: str
-    """What holds for the discrete chain."""
+    theory: str | Formula
+    """What holds for the discrete chain: a formula, or where its number is from in words."""
     measured: float
     """What the simulated chain does."""
-    expected: float = math.nan
-    """The theory as a number, where it is one."""
+    stated: float = math.nan
+    """The number of a theory in words, where it has one."""
+
+    @property
+    def expected(self) -> float:
+        """The theory as a number, that of its formula; NaN where there is none."""
+        return self.theory.value if isinstance(self.theory, Formula) else self.stated
 
     @property
     def error(self) -> str:
@@ -52,6 +62,8 @@ class Plate:
     """A figure in the making: panels to draw on, and the data that was drawn."""
 
     figure: Figure
+    caption: str
+    """What it shows, and each symbol, line and colour that no legend names."""
     rows: list[tuple[str, str, float, float, str, str]] = field(default_factory=list)
     """Every point drawn, as (panel, series, x, y, x_name, y_name)."""
     comparisons: list[Comparison] = field(default_factory=list)
@@ -67,15 +79,21 @@ class Plate:
             self.rows.append((panel, series, float(across), float(up), *names))
 
     def compare(
-        self, quantity: str, paper: str, theory: str, measured: float, expected: float = math.nan
+        self,
+        quantity: str,
+        paper: str | Formula,
+        theory: str | Formula,
+        measured: float,
+        stated: float = math.nan,
     ) -> None:
         """Add a line to the table that sets paper, theory and measurement side by side."""
-        self.comparisons.append(Comparison(quantity, paper, theory, measured, expected))
+        self.comparisons.append(Comparison(quantity, paper, theory, measured, stated))
 
     def save(self, folder: Path, name: str) -> None:
-        """Write the picture as PNG and PDF, and its data as CSV."""
+        """Write the picture as PNG and PDF, its caption as text, and its data as CSV."""
         for suffix in ('png', 'pdf'):
             save_figure(self.figure, folder / f'{name}.{suffix}')
+        save_caption(self.caption, folder / f'{name}.txt')
         with (folder / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
             writer.writerow(['panel', 'series', 'x', 'y', 'x_name', 'y_name'])
@@ -89,6 +107,15 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture, of the kind that the suffix says; the same figure makes the same file."""
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
+
+
+def save_caption(caption: str, path: Path) -> None:
+    """Write a caption in lines that fit a page, its paragraphs apart, as Markdown reads it."""
+    paragraphs = [' '.join(each.split()) for each in caption.strip().split('\n\n')]
+    if not any(paragraphs):
+        raise ValueError(f'{path.stem} has no caption; say what it shows and what its colours are')
+    text = '\n\n'.join(textwrap.fill(each, _LINE) for each in paragraphs)
+    path.write_text(f'{text}\n', encoding='utf-8')
 
 
 def write_table(
@@ -121,13 +148,13 @@ def _rows_by_figure(path: Path) -> dict[str, list[str]]:
 
 
 def _row(name: str, comparison: Comparison) -> str:
-    theory = comparison.theory
-    if math.isfinite(comparison.expected):
-        theory = f'{theory} = {comparison.expected:.{_DIGITS}g}'
+    theory = str(comparison.theory)
+    if math.isfinite(comparison.stated):
+        theory = f'{theory} = {comparison.stated:.{_DIGITS}g}'
     cells = [
         name,
         comparison.quantity,
-        comparison.paper,
+        str(comparison.paper),
         theory,
         f'{comparison.measured:.{_DIGITS}g}',
         comparison.error,

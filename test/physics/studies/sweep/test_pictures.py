@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from soliton_linkage.linkage.chain import Chain, Motion
-from soliton_linkage.studies.drawing import BLUE, RED
+from soliton_linkage.studies.palette import BLUE, RED
 from soliton_linkage.studies.sweep.config import Axis, SweepStudy
 from soliton_linkage.studies.sweep.pictures import draw_sweep, numbers, shares, sweep_figure
 

@@ -20,8 +20,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage.studies.captions import class_and_shape
-from soliton_linkage.studies.drawing import BLUE, RED
 from soliton_linkage.studies.experiments import MIDDLE, crossing_duration, kicked
+from soliton_linkage.studies.palette import BLUE, RED
 from soliton_linkage.studies.plates import Comparison, Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 

@@ -16,7 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
 from soliton_linkage.studies.accuracy.table import Line
 from soliton_linkage.studies.captions import class_and_shape
-from soliton_linkage.studies.drawing import COLOURS, GREY, MARKERS
+from soliton_linkage.studies.palette import COLOURS, GREY, MARKERS
 from soliton_linkage.studies.plates import Plate
 
 _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))

@@ -23,7 +23,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage.studies.captions import class_and_shape
-from soliton_linkage.studies.drawing import BLACK, BLUE, RED
+from soliton_linkage.studies.palette import BLACK, BLUE, RED
 from soliton_linkage.studies.plates import Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 

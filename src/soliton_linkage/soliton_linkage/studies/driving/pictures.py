@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 
 from soliton_linkage.studies.actuators import DrivenChain
 from soliton_linkage.studies.bars import draw_convergence
-from soliton_linkage.studies.drawing import BLACK, COLOURS, GREY
 from soliton_linkage.studies.driving.runs import BalancedRun, TiltedRun
 from soliton_linkage.studies.moves.runs import MoveRun
+from soliton_linkage.studies.palette import BLACK, COLOURS, GREY
 from soliton_linkage.studies.plates import Plate
 
 IMBALANCE_LIMIT = 1e-9

@@ -18,8 +18,8 @@ from soliton_linkage.studies.actuators import (
     driven_chain,
     stepped_response,
 )
-from soliton_linkage.studies.drawing import BLACK, BLUE, GREY, RED
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.palette import BLACK, BLUE, GREY, RED
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 

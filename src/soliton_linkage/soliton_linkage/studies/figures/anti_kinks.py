@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from soliton_linkage.linear.statics import balanced
 from soliton_linkage.linkage.chain import Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, wall_theory
-from soliton_linkage.studies.drawing import BLACK, BLUE
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.palette import BLACK, BLUE
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section
 

@@ -12,9 +12,9 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.studies.captions import parameters
-from soliton_linkage.studies.drawing import COLOURS, MARKERS
 from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.measures import OUTCOMES, SweepTrial, measure_survival
+from soliton_linkage.studies.palette import COLOURS, MARKERS
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 from soliton_linkage.studies.shares import score_interval

@@ -13,9 +13,9 @@ from soliton_linkage.linear.bands import largest_group_velocity, penetration_dep
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.continuum import WallTheory, wall_theory
 from soliton_linkage.studies.captions import parameters
-from soliton_linkage.studies.drawing import BLACK, COLOURS, MARKERS
 from soliton_linkage.studies.experiments import MIDDLE, moving_wall, wall_places
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.palette import BLACK, COLOURS, MARKERS
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 

@@ -11,28 +11,36 @@ from matplotlib.figure import Figure
 
 from soliton_linkage.linear.bands import (
     dispersion,
-    gap,
-    largest_group_velocity,
     penetration_depth,
-    speed_of_sound,
     winding_number,
 )
 from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage.studies.captions import parameters
-from soliton_linkage.studies.drawing import (
-    COLOURS,
-    GREY,
-    MARKERS,
-    ChainPicture,
-    make_room,
-)
+from soliton_linkage.studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
+from soliton_linkage.studies.drawing import ChainPicture, add_legend, make_room
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.formulas import chain_formula
+from soliton_linkage.studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CAPTION = f"""
+The chain as a mechanical insulator (paper, Fig. 1). {LINKAGE}
+
+(a) The linkage of rigid bars (solid red) in its uniform state that leans right. (b) The same with
+springs (dashed red) and its zero mode, which stretches none of them: {MODE}; it sits at the last
+rotor. (c) A wall at rest between rotors that lean right and left, in a chain of rigid bars.
+(d) {PROJECTIONS}
+
+(e) Absolute components of the normalised zero mode of three chains, each in a colour of its own,
+against the distance from the last rotor; lines fall by e in each penetration depth
+ℓ = a / ln((1 + d)/|1 − d|). (f) Frequencies of phonons against the wave number of the staggered
+angles: lines are those of an infinite chain by theory, markers those of the finite chain with
+free ends. No phonon has a frequency below the gap, the lowest point of its line; the thin grey
+line is the frequency 0 of the zero mode.
+"""
 _LONG = 400
 """Rotors of a chain whose lowest modes tell those of an infinite one to 1e-4."""
 
@@ -46,7 +54,7 @@ def figure_1(section: Section, quick: bool) -> Plate:
     figure = Figure(figsize=(10, 9.5), layout='constrained')
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]
-    plate = Plate(figure)
+    plate = Plate(figure, _CAPTION)
     rest = chain.uniform_state(1)
     uniform = ChainPicture(top[0], chain, rest, rigid=True)
     wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
@@ -60,9 +68,9 @@ def figure_1(section: Section, quick: bool) -> Plate:
     for axes, title in zip(
         top,
         (
-            'a  the linkage, leaning right',
-            'b  springs and the zero mode, which sits at the last rotor',
-            'c, d  a wall at rest, and the horizontal projections of the rotors',
+            'a  the linkage of rigid bars (red), leaning right',
+            'b  springs (dashed) and the zero mode (green), which sits at the last rotor',
+            'c  a wall at rest,   d  the horizontal projections of its rotors',
         ),
         strict=True,
     ):
@@ -70,6 +78,7 @@ def figure_1(section: Section, quick: bool) -> Plate:
     names = ('rotor n', 'phi [rad]')
     plate.note('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
     plate.note('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
+    add_legend(figure)
     _draw_depths(plate, figure.add_subplot(grid[3, 0]), [chain, *others])
     _draw_bands(plate, figure.add_subplot(grid[3, 1]), [chain, *others])
     for each in [chain, *others]:
@@ -79,7 +88,7 @@ def figure_1(section: Section, quick: bool) -> Plate:
 
 def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     """The zero mode of each chain on a logarithmic scale, over the decay of theory."""
-    for chain, colour, marker in zip(chains, COLOURS, MARKERS, strict=False):
+    for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
         from_edge = np.arange(chain.number_of_rotors)[::-1]
         depth = penetration_depth(chain) / chain.spacing
@@ -90,16 +99,17 @@ def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     axes.set(
         yscale='log',
         ylim=(1e-7, 2),
-        xlabel='rotors from the last',
-        ylabel='zero mode |t|',
-        title='e  the zero mode decays with its depth (lines)',
+        xlabel='distance from the last rotor [rotor spacings]',
+        ylabel='component of the zero mode |t| [1]',
+        title='e  the zero mode decays with its depth ℓ',
     )
+    axes.plot([], [], '-', color=GREY, label=r'$e^{-n a / \ell}$, theory')
     axes.legend()
 
 
 def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     """Frequencies of the phonons: lines of theory, dots of a finite chain with free ends."""
-    for chain, colour, marker in zip(chains, COLOURS, MARKERS, strict=False):
+    for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         numbers = np.linspace(0, math.pi, 200)
         line = dispersion(chain, numbers / chain.spacing) * chain.time_unit
         axes.plot(numbers, line, '-', color=colour)
@@ -114,10 +124,11 @@ def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
         plate.note('f', parameters(chain), names, steps, placed)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set(
-        xlabel='wave number k a, staggered angles',
-        ylabel=r'frequency $\omega\,\sqrt{M/k_e}$',
+        xlabel='wave number k a of the staggered angles [rad]',
+        ylabel=r'frequency $\omega\,\sqrt{M/k_e}$ [1]',
         title='f  no phonon below the gap',
     )
+    axes.plot([], [], '-', color=GREY, label='infinite chain, theory')
     axes.legend()
 
 
@@ -129,34 +140,29 @@ def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
     )
     frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
     mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
-    paper_gap = chain.rotor_length**2 * math.sin(2 * chain.rest_angle) / chain.rest_length
     plate.compare(
         f'gap ω₀ √(M/kₑ), {name}',
-        f'r² sin 2θ̄ / l̄ = {paper_gap / spacing:.5g} (units of a)',
-        '||q₊| − |q₋|| / r',
+        chain_formula('r² sin(2 θ̄) / (l̄ a)', chain),
+        chain_formula('||q₊| − |q₋|| / r', chain),
         _extrapolated_gap(frequencies),
-        gap(chain) * unit,
     )
     plate.compare(
         f'speed of sound c √(M/kₑ) / a, {name}',
-        'cos θ̄ √|4r² sin² θ̄ − a²| / l̄',
-        'the same, about the lowest frequency',
+        'cos θ̄ √|4 r² sin² θ̄ − a²| / l̄',
+        chain_formula('√|q₊ q₋| / r', chain, 'the same, about the lowest frequency'),
         _curvature(frequencies),
-        speed_of_sound(chain) * unit / spacing,
     )
     plate.compare(
         f'largest group velocity √(M/kₑ) / a, {name}',
         'c, as if without a gap',
-        'min(|q₊|, |q₋|) / r',
+        chain_formula('min(|q₊|, |q₋|) / r', chain),
         float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
-        largest_group_velocity(chain) * unit / spacing,
     )
     plate.compare(
         f'penetration depth ℓ / a, {name}',
-        '1 / ln((1 + d) / |1 − d|), d = 2r sin θ̄ / a',
         'the same',
+        chain_formula('1 / ln((1 + d) / |1 − d|)', chain, 'd is 2 r sin θ̄ / a'),
         -1 / float(np.log(mode[-2] / mode[-1])),
-        penetration_depth(chain) / spacing,
     )
     centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))
     plate.compare(

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
@@ -17,23 +16,21 @@ from soliton_linkage.solitons.unit_cell import (
     configuration_curves,
     flipper_limit,
     ground_states,
-    motion_of,
-    slope_at_ground_state,
     spinner_limit,
     windings,
 )
-from soliton_linkage.studies.drawing import (
+from soliton_linkage.studies.drawing import ChainPicture, draw_torus, mass_points, pivot_points
+from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.formulas import chain_formula
+from soliton_linkage.studies.palette import (
     BLACK,
     CURVE_COLOURS,
-    GREEN,
     GREY,
-    RED,
-    ChainPicture,
-    draw_torus,
-    mass_points,
-    pivot_points,
+    LEANS_LEFT,
+    LEANS_RIGHT,
+    MOTION_COLOURS,
+    tint,
 )
-from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
@@ -41,9 +38,36 @@ _FINE = 40_000
 """Steps of the curves that are measured, whose slope is then right to 1e-7."""
 _SHAPE = 1.9
 """Width over height of a panel of the cells, as the rows of the figure have it."""
-_REGIONS = {'flippers': (0.22, 0.85), 'wobbling flippers': (1.75, 0.55), 'spinners': (4.5, 1.1)}
+_REGIONS = {
+    Motion.FLIPPER: (0.22, 0.85),
+    Motion.WOBBLING_FLIPPER: (1.75, 0.55),
+    Motion.SPINNER: (4.5, 1.1),
+}
 """Where the names of the phases stand: r/a and rest angle [rad]."""
-_PHASES = ('#e8f1f8', '#f7e6c4', '#dcefe2')
+_TINT = 0.2
+"""How much of the colour of its class a phase has [1], so that lines and words show on it."""
+_RADIUS = 2.2
+"""Of the axis of a torus in space, over that of its tube [1]."""
+_ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
+"""Of the eye that looks at a torus [rad]."""
+_CAPTION = """
+The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4).
+
+(a) The way in which a wall moves, over the length of the rotors r/a and the angle of rest θ̄:
+flippers (pale blue) below d = 2 r sin θ̄ / a = 1 (solid line), spinners (pale green) above
+d = d_c = 2 / sin θ̄ (dashed line), wobbling flippers (pale orange) in between. Dots are the cells
+of (b), (c) and (d), a column for each. (b) The four uniform states of two rotors (black, the
+second grey where they overlap) on their pivots (crosses), joined by a rigid bar (red): masses are
+purple where the cell leans right, orange where it leans left, and the lower row is the upper one
+upside down.
+
+(c) All configurations of the cell that keep the length of its bar, over its staggered angles
+θ₁ and θ₂, which are angles: opposite sides of the square are one. Each component is a curve of
+its own colour, the first blue, the second pink; triangles are the four states of (b).
+(d) The same curves on a torus in space (grey), around whose axis θ₁ goes and around whose tube
+θ₂; what is behind the torus is dotted and pale. One component bounds a disc; the two of a
+spinner go through each other's hole: they are linked.
+"""
 
 
 @FIGURES.add('figure_4')
@@ -52,10 +76,10 @@ def figure_4(section: Section, quick: bool) -> Plate:
     section.allow('chains', 'points')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     points = section.whole_number('points', 100, 100_000)
-    plate = Plate(Figure(figsize=(11, 14), layout='constrained'))
+    plate = Plate(Figure(figsize=(11, 14), layout='constrained'), _CAPTION)
     grid = plate.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
     rows = [plate.figure.add_subfigure(grid[row]) for row in range(4)]
-    _draw_diagram(plate, rows[0].subplots(), chains, 60 if quick else 400)
+    _draw_diagram(plate, rows[0].subplots(), chains, 200)
     for number, chain in enumerate(chains):
         curves = configuration_curves(chain, points // 10 if quick else points)
         cells = rows[1].add_subplot(1, len(chains), number + 1)
@@ -71,10 +95,20 @@ def figure_4(section: Section, quick: bool) -> Plate:
 
 def _draw_diagram(plate: Plate, axes: Axes, chains: list[Chain], points: int) -> None:
     """Classes of motion over r/a and the rest angle, with the lines where they change."""
-    ratios = np.geomspace(0.1, 10, points)
+    low, high = 0.1, 10.0
     rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
-    classes = motion_of(ratios, rest_angles[:, None])
-    axes.pcolormesh(ratios, rest_angles, classes, cmap=ListedColormap(_PHASES), rasterized=True)
+    borders = [
+        np.full(points, low),
+        np.clip(flipper_limit(rest_angles), low, high),
+        np.clip(spinner_limit(rest_angles), low, high),
+        np.full(points, high),
+    ]
+    for (motion, place), left, right in zip(
+        _REGIONS.items(), borders[:-1], borders[1:], strict=True
+    ):
+        colour = tint(MOTION_COLOURS[motion], _TINT)
+        axes.fill_betweenx(rest_angles, left, right, color=colour, linewidth=0)
+        axes.text(*place, f'{motion.value}s', ha='center', va='center', fontsize=13)
     axes.plot(flipper_limit(rest_angles), rest_angles, '-', color=BLACK, label='$d = 1$')
     axes.plot(
         spinner_limit(rest_angles),
@@ -90,13 +124,11 @@ def _draw_diagram(plate: Plate, axes: Axes, chains: list[Chain], points: int) ->
         place = chain.rotor_length / chain.spacing, chain.rest_angle
         axes.plot(*place, 'o', color=BLACK)
     axes.plot([], [], 'o', color=BLACK, label='cells of b, c and d')
-    for name, place in _REGIONS.items():
-        axes.text(*place, name, ha='center', va='center', fontsize=13)
     axes.set(
         xscale='log',
-        xlim=(0.1, 10),
+        xlim=(low, high),
         ylim=(0.02, math.pi / 2 - 0.02),
-        xlabel='r / a',
+        xlabel='length of the rotors r / a [1]',
         ylabel='rest angle θ̄ [rad]',
     )
     axes.set_title('a  phases of motion', loc='left')
@@ -115,7 +147,7 @@ def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
             bars.set_segments([np.asarray(segment) + aside for segment in bars.get_segments()])
         picture.pivots.set_data(*(pivot_points(cell) + aside).T)
         picture.masses.set_data(*(mass_points(cell, staggered(state)) + aside).T)
-        picture.masses.set_color(GREEN if number % 2 else RED)
+        picture.masses.set_color(LEANS_LEFT if number % 2 else LEANS_RIGHT)
     high = chain.rotor_length * math.cos(chain.rest_angle) + 0.4 * chain.spacing
     half = max(0.85 * across, _SHAPE * (down / 2 + high))
     middle = (across + chain.spacing) / 2
@@ -131,9 +163,9 @@ def _draw_curves(
 ) -> None:
     draw_torus(axes, chain, curves)
     ratios = f'$d = {chain.lean_ratio:.2f}$, $d_c = {chain.critical_lean_ratio:.2f}$'
-    axes.set_title(f'{letter}  {ratios}'.lstrip(), loc='left')
+    axes.set_title(f'{letter}  configurations, {ratios}'.lstrip(), loc='left', fontsize=10)
     if letter:
-        axes.legend(loc='upper left', title='b, c', fontsize=9, markerscale=0.8)
+        axes.legend(loc='upper left', title='b, c: states', fontsize=9, markerscale=0.8)
     for number, curve in enumerate(curves):
         names = ('theta_1 [rad]', 'theta_2 [rad]')
         series = f'component {number + 1} of {chain.motion.value}'
@@ -143,21 +175,45 @@ def _draw_curves(
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
     """The same curves on a torus in space: theta_1 round its axis, theta_2 round its tube."""
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
+    axes.computed_zorder = False
     axes.plot_surface(
-        *_on_torus(around, across, 0.98), color=GREY, alpha=0.12, linewidth=0, rasterized=True
+        *_on_torus(around, across), color=GREY, alpha=0.12, linewidth=0, rasterized=True
     )
     for curve, colour in zip(curves, CURVE_COLOURS, strict=False):
-        axes.plot(*_on_torus(curve[:, 0], curve[:, 1], 1.02), color=colour, linewidth=2)
-    title = f'{letter}  {len(curves)} component{"s" if len(curves) > 1 else ""}'
-    axes.set_title(title.lstrip(), loc='left')
-    axes.set_box_aspect((1, 1, 0.45), zoom=1.5)
-    axes.view_init(elev=50, azim=-60)
+        points = np.array(_on_torus(curve[:, 0], curve[:, 1]))
+        hidden = _hidden(points)
+        for shown, style in (
+            (hidden, {'linestyle': ':', 'linewidth': 1.5, 'alpha': 0.6, 'zorder': 2}),
+            (~hidden, {'linestyle': '-', 'linewidth': 2.5, 'zorder': 3}),
+        ):
+            axes.plot(*np.where(shown, points, np.nan), color=colour, **style)
+    title = f'{letter}  {len(curves)} component{"s" if len(curves) > 1 else ""} on the torus'
+    axes.set_title(title.lstrip(), loc='left', fontsize=10)
+    wide = _RADIUS + 1
+    axes.set(xlim=(-wide, wide), ylim=(-wide, wide), zlim=(-1, 1))
+    axes.set_box_aspect((wide, wide, 1), zoom=1.3)
+    axes.set_proj_type('ortho')
+    axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(_AZIMUTH))
     axes.set_axis_off()
 
 
-def _on_torus(around: Array, across: Array, tube: float) -> tuple[Array, Array, Array]:
-    radius = 2.2 + tube * np.cos(across)
-    return radius * np.cos(around), radius * np.sin(around), tube * np.sin(across)
+def _on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
+    radius = _RADIUS + np.cos(across)
+    return radius * np.cos(around), radius * np.sin(around), np.sin(across)
+
+
+def _hidden(points: Array) -> Array:
+    """Whether the torus is between its points, shape (3, K), and the eye, shape (K,)."""
+    eye = np.array(
+        [
+            math.cos(_ELEVATION) * math.cos(_AZIMUTH),
+            math.cos(_ELEVATION) * math.sin(_AZIMUTH),
+            math.sin(_ELEVATION),
+        ]
+    )
+    steps = np.linspace(0.02, 2 * (_RADIUS + 1), 400)
+    x, y, z = points[:, :, None] + eye[:, None, None] * steps
+    return np.asarray(((np.hypot(x, y) - _RADIUS) ** 2 + z**2 < 1).any(axis=-1))
 
 
 def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
@@ -193,9 +249,8 @@ def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
     plate.compare(
         f'slope dθ₂/dθ₁ at the right-leaning state, {name}',
         'changes sign at d = 1',
-        '−q₊ / q₋',
+        chain_formula('−q₊ / q₋', chain),
         float(step[1] / step[0]),
-        slope_at_ground_state(chain, 1),
     )
 
 
@@ -210,7 +265,6 @@ def _compare_limits(plate: Plate, chain: Chain) -> None:
     plate.compare(
         f'r/a where flippers become spinners, θ̄ = {chain.rest_angle:g}',
         'd_c = 2 / sin θ̄, l̄ = 2r − a',
-        '1 / sin² θ̄',
+        chain_formula('1 / sin² θ̄', chain),
         low,
-        float(spinner_limit(chain.rest_angle)),
     )

@@ -14,9 +14,9 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.track import follow
 from soliton_linkage.studies.bars import convergence_order, draw_convergence
-from soliton_linkage.studies.drawing import BLACK, COLOURS
 from soliton_linkage.studies.experiments import kick_rates
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.palette import BLACK, COLOURS
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 

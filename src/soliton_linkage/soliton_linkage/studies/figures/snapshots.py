@@ -16,16 +16,33 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.tanh_fit import order_field
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
-from soliton_linkage.studies.drawing import ChainPicture, make_room
+from soliton_linkage.studies.captions import LINKAGE, MODE, PROJECTIONS, description
+from soliton_linkage.studies.drawing import ChainPicture, add_legend, make_room
 from soliton_linkage.studies.experiments import kicked
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.formulas import chain_formula
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CAPTION = f"""
+A wall that runs to and fro in a chain of springs of {{chain}}, kicked along its zero mode with
+v₀ = {{kick:g}} a√(kₑ/M) (paper, Figs. 2 and 3): (a) before the kick, (b) with the wall half way on
+its first crossing, (c) after one round trip, when it is at the last rotor again.{{lowered}}
+
+{LINKAGE} Dashed red lines are springs. In each state {MODE}. {PROJECTIONS}
+"""
+_LOWERED = (
+    ' Odd rotors, grey, are drawn lower than they are, so that none hides another: their springs '
+    'look longer than they are.'
+)
+_APART = 1.6
+"""How much lower odd rotors are drawn that would hide even ones, over the length of a rotor."""
 _WIDTH = 9.0
 """Of the figure [inches]."""
 _TITLE = 0.4
 """Height of a title above a panel [inches], with some room."""
+_LEGEND = 0.3
+"""Height of the legend beneath all panels [inches]."""
 
 
 @FIGURES.add('figure_2')
@@ -45,15 +62,20 @@ def snapshot_figure(section: Section, quick: bool) -> Plate:
             'duration', f'is too short: {len(crossings)} crossings of 2; record for longer'
         )
     chosen = [0, *_turning_points(chain, recording, track, crossings)]
-    plate = Plate(Figure(layout='constrained'))
+    lowered = _APART * chain.rotor_length if chain.rotor_length > chain.spacing else 0.0
+    caption = _CAPTION.format(
+        chain=description(chain), kick=kick, lowered=_LOWERED if lowered else ''
+    )
+    plate = Plate(Figure(layout='constrained'), caption)
     panels = plate.figure.subplots(3, 1)
     states = ('before the kick', 'the wall half way to the first rotor', 'after one round trip')
     pictures = [
-        draw_snapshot(axes, chain, recording.angles[frame])
+        draw_snapshot(axes, chain, recording.angles[frame], lowered)
         for axes, frame in zip(panels, chosen, strict=True)
     ]
     width, height = make_room(pictures)
-    plate.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE))
+    plate.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
+    add_legend(plate.figure)
     for axes, frame, letter, state in zip(panels, chosen, 'abc', states, strict=True):
         angles = recording.angles[frame]
         time = recording.times[frame] / chain.time_unit
@@ -63,9 +85,10 @@ def snapshot_figure(section: Section, quick: bool) -> Plate:
     return plate
 
 
-def draw_snapshot(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:
+def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
     """Draw a chain of springs with its zero mode, and its projections beneath."""
-    picture = ChainPicture(axes, chain, angles, zero_mode(chain, angles), projections=True)
+    mode = zero_mode(chain, angles)
+    picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
     for arrows in (picture.arrows, picture.projections):
         if arrows is not None:
             arrows.set_in_layout(False)
@@ -102,13 +125,11 @@ def _compare(plate: Plate, chain: Chain, recording: Recording, kick: float, spee
         float(np.abs(orbit.turns).mean()),
         1.0 if spinner else 0.0,
     )
-    slow = kick * chain.spacing / (site_arc(chain) * chain.rotor_length * chain.time_unit)
     plate.compare(
         f'speed of the wall after a kick of {kick:g}, rotors / √(M/kₑ), {chain.motion.value}',
         'not given',
-        'v₀ / Λ, slow limit',
+        chain_formula('v₀ a / (Λ r)', chain, 'slow limit', **{'v₀': kick, 'Λ': site_arc(chain)}),
         speed * chain.time_unit,
-        slow * chain.time_unit,
     )
     plate.compare(
         f'energy at the end over that at the start, {chain.motion.value}',

@@ -15,7 +15,6 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.studies.captions import shape
-from soliton_linkage.studies.drawing import BLACK, COLOURS, GREY, MARKERS
 from soliton_linkage.studies.experiments import (
     PLACE,
     SNAPSHOTS,
@@ -24,10 +23,29 @@ from soliton_linkage.studies.experiments import (
     static_snapshots,
 )
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.formulas import chain_formula
+from soliton_linkage.studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
+_PROFILES = """
+Profiles of walls of wobbling flippers (paper, Fig. S1): displacements u = r sin φ of the rotors,
+over ū = r sin θ̄ at rest, against their distance from the wall, in {count} snapshots each of a slow
+motion of rigid bars while the wall goes on by one rotor spacing. A marker and a shade for each
+chain; the grey lines are the uniform states ±ū, beyond which the rotors swing on both sides of the
+wall, the further the larger d = 2 r sin θ̄ / a is.
+"""
+_TAILS = """
+Oscillations beside walls of wobbling flippers, a row for each chain (paper, Fig. S2). Dots are
+{count} snapshots each of a slow motion of rigid bars. (a) What u has more than the tanh of
+flippers, over the rotor spacing a. (b) Its distance from the uniform state ū = r sin θ̄, on a
+logarithmic scale. Lines are an oscillation that changes sign from rotor to rotor and decays, by
+the exact penetration depth ℓ of the zero mode (black) and by the r sin θ̄ of the paper (dashed red),
+each fitted to the dots beyond 1.5 rotor spacings; in (b) they are its envelopes.
+"""
 _BEYOND = 'rotors from the wall [rotor spacings]'
+_QUICK_SNAPSHOTS = 4
+"""Of each chain in a quick figure."""
 _BESIDE = 10
 """How far from a wall its oscillation is drawn [rotor spacings]."""
 _NEAR = 1.5
@@ -39,10 +57,12 @@ def figure_s1(section: Section, quick: bool) -> Plate:
     """Profiles of wobbling flippers, from snapshots of a slow motion (paper, Fig. S1)."""
     section.allow('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
-    plate = Plate(Figure(figsize=(9, 5.5), layout='constrained'))
+    count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
+    figure = Figure(figsize=(9, 5.5), layout='constrained')
+    plate = Plate(figure, _PROFILES.format(count=count))
     axes = plate.figure.subplots()
-    for chain, colour, marker in zip(chains, COLOURS, MARKERS, strict=False):
-        seen = _slow_snapshots(chain, 4 if quick else SNAPSHOTS)
+    for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
+        seen = _slow_snapshots(chain, count)
         near = np.abs(seen.places) < 9
         name = shape(chain)
         axes.plot(
@@ -50,12 +70,12 @@ def figure_s1(section: Section, quick: bool) -> Plate:
         )
         plate.note('', name, (PLACE, 'u / ub [1]'), seen.places[near], seen.fields[near])
         _compare_overshoot(plate, chain)
-    axes.axhline(1, color=GREY, linewidth=0.8)
-    axes.axhline(-1, color=GREY, linewidth=0.8)
+    for side, label in ((1, 'uniform states ±ū'), (-1, None)):
+        axes.axhline(side, color=GREY, linewidth=0.8, label=label)
     axes.set(
-        xlabel='n − X [rotors from the wall]',
-        ylabel='u / ū',
-        title='wobbling flippers overshoot: ten snapshots each',
+        xlabel='distance from the wall n − X [rotor spacings]',
+        ylabel='u / ū [1]',
+        title=f'wobbling flippers overshoot: {count} snapshots of each chain',
     )
     axes.legend()
     return plate
@@ -66,37 +86,41 @@ def figure_s2(section: Section, quick: bool) -> Plate:
     """Oscillations beside wobbling walls, over the decay of theory (paper, Fig. S2)."""
     section.allow('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
-    plate = Plate(Figure(figsize=(12, 3 * len(chains)), layout='constrained'))
+    count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
+    figure = Figure(figsize=(12, 3 * len(chains)), layout='constrained')
+    plate = Plate(figure, _TAILS.format(count=count))
     panels = plate.figure.subplots(len(chains), 2, sharex=True, squeeze=False)
-    for (linear, logarithmic), chain, colour in zip(panels, chains, COLOURS, strict=False):
-        seen = _slow_snapshots(chain, 4 if quick else SNAPSHOTS)
+    for (linear, logarithmic), chain in zip(panels, chains, strict=True):
+        seen = _slow_snapshots(chain, count)
         beyond = (seen.places < 0) & (seen.places > -_BESIDE)
         places = -seen.places[beyond]
         lean = chain.lean_ratio / 2
         from_tanh = lean * (seen.fields[beyond] - np.tanh(places * 2 * lean))
         from_rest = lean * (seen.fields[beyond] - 1)
-        linear.plot(places, from_tanh, 'o', color=colour, markersize=4, label='chain')
-        logarithmic.plot(places, np.abs(from_rest), 'o', color=colour, markersize=4, label='chain')
+        for axes, values in ((linear, from_tanh), (logarithmic, np.abs(from_rest))):
+            axes.plot(places, values, 'o', color=MEASURED, markersize=4, label='chain')
         _draw_decays(plate, linear, logarithmic, chain, places, from_rest)
         name = shape(chain)
         plate.note(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), places, from_tanh)
         plate.note(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), places, from_rest)
-        linear.set(ylabel=r'$(u - u_{\tanh}) / a$', title=name)
-        logarithmic.set(ylabel=r'$|u - \bar u| / a$', yscale='log', ylim=(1e-9, 3))
-        logarithmic.legend()
+        linear.set(ylabel=r'$(u - u_{\tanh}) / a$ [1]')
+        linear.set_title(f'a  beside tanh, {name}', loc='left')
+        logarithmic.set(ylabel=r'$|u - \bar u| / a$ [1]', yscale='log', ylim=(1e-9, 3))
+        logarithmic.set_title(f'b  decay, {name}', loc='left')
         _compare_tail(plate, chain)
     for axes in panels[-1]:
-        axes.set(xlabel='rotors from the wall')
-    panels[0, 0].legend()
+        axes.set(xlabel='distance from the wall [rotor spacings]')
+    for axes in panels[0]:
+        axes.legend()
     return plate
 
 
 def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
-    """Frames of the rigid chain with its wall in the middle of the chain."""
+    """Frames of the rigid chain with its wall at as many places of one rotor spacing."""
     start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
     period = site_arc(chain) / count
     simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)
-    return snapshots(chain, simulation.record(1.5 * count * period), count)
+    return snapshots(chain, simulation.record((count - 1) * period), count)
 
 
 def _draw_decays(
@@ -110,8 +134,8 @@ def _draw_decays(
     far = places > _NEAR
     beside_tanh = chain.lean_ratio / 2 * (1 - np.tanh(fine * chain.lean_ratio))
     for depth, style, colour, label in (
-        (penetration_depth(chain) / chain.spacing, '-', BLACK, 'exact decay ℓ'),
-        (chain.lean_ratio / 2, '--', GREY, 'paper: decay r sin θ̄'),
+        (penetration_depth(chain) / chain.spacing, '-', THEORY, 'decay exact, ℓ'),
+        (chain.lean_ratio / 2, '--', PAPER, 'decay r sin θ̄ (paper)'),
     ):
         waves = np.stack([np.cos(np.pi * places[far]), np.sin(np.pi * places[far])], axis=1)
         strengths = np.linalg.lstsq(waves, from_rest[far] * np.exp(places[far] / depth))[0]
@@ -152,15 +176,14 @@ def _compare_tail(plate: Plate, chain: Chain) -> None:
     name = shape(chain)
     plate.compare(
         f'decay length of the oscillation / a, {name}',
-        f'r sin θ̄ / a = {chain.lean_ratio / 2:.4g}',
-        '1 / ln((d + 1)/(d − 1))',
+        chain_formula('r sin θ̄ / a', chain),
+        chain_formula('1 / ln((d + 1) / (d − 1))', chain),
         -1 / math.log(abs(ratios[0])),
-        depth,
     )
     plate.compare(
         f'wavelength of the oscillation / a, {name}',
         '2π / √8 = 2.2 (linearised), 2 (seen)',
-        '2, a change of sign at every rotor',
+        'two rotors, a change of sign at every one',
         2.0 if (ratios < 0).all() else math.inf,
         2.0,
     )

@@ -12,14 +12,7 @@ from matplotlib.patches import Circle
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.solitons.unit_cell import configuration_curves
 from soliton_linkage.studies.captions import description
-from soliton_linkage.studies.drawing import (
-    BLACK,
-    GREY,
-    ChainPicture,
-    broken_at_turns,
-    draw_torus,
-    pivot_points,
-)
+from soliton_linkage.studies.drawing import ChainPicture, broken_at_turns, draw_torus, pivot_points
 from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
     BOTTOM,
@@ -27,6 +20,7 @@ from soliton_linkage.studies.films.scenes import (
     Format,
     Scene,
 )
+from soliton_linkage.studies.palette import BLACK, GREY
 from soliton_linkage.studies.settings import Section, chain_from
 
 _SMOOTH = 800

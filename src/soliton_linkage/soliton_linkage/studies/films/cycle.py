@@ -9,9 +9,7 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.studies.captions import description
-from soliton_linkage.studies.drawing import (
-    ChainPicture,
-)
+from soliton_linkage.studies.drawing import ChainPicture
 from soliton_linkage.studies.experiments import kick_rates
 from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (

@@ -13,14 +13,7 @@ from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.studies.captions import description
-from soliton_linkage.studies.drawing import (
-    BLUE,
-    GREEN,
-    RED,
-    ChainPicture,
-    limits,
-    pivot_points,
-)
+from soliton_linkage.studies.drawing import ChainPicture, limits, pivot_points
 from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
     BOTTOM,
@@ -30,6 +23,7 @@ from soliton_linkage.studies.films.scenes import (
     Format,
     Scene,
 )
+from soliton_linkage.studies.palette import BLUE, GREEN, RED
 from soliton_linkage.studies.settings import Section, chain_from
 
 _SMALLEST_SWING = 1e-5

@@ -18,16 +18,8 @@ from matplotlib.patches import Rectangle
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.tanh_fit import find_solitons
-from soliton_linkage.studies.drawing import (
-    BLACK,
-    BLUE,
-    GREY,
-    LEAN_COLOURS,
-    displacement,
-    lean_scale,
-    limits,
-    pivot_points,
-)
+from soliton_linkage.studies.drawing import displacement, lean_norm, limits, pivot_points
+from soliton_linkage.studies.palette import BLACK, BLUE, GREY, LEAN_COLOURS
 
 INCHES_HIGH = 7.2
 """Height of every figure, in which letters have their size."""
@@ -135,8 +127,7 @@ class SpaceTime:
             aspect='auto',
             interpolation='nearest',
             cmap=LEAN_COLOURS,
-            vmin=-lean_scale(chain),
-            vmax=lean_scale(chain),
+            norm=lean_norm(chain),
             extent=(-half, last + half, 0, duration),
         )
         self.cover = Rectangle((-half, 0), last + 2 * half, duration, color='white', zorder=2)

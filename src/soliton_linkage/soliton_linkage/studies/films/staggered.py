@@ -13,15 +13,7 @@ from matplotlib.lines import Line2D
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.studies.drawing import (
-    BLACK,
-    BLUE,
-    GREY,
-    RED,
-    limits,
-    mass_points,
-    pivot_points,
-)
+from soliton_linkage.studies.drawing import limits, mass_points, pivot_points
 from soliton_linkage.studies.experiments import kick_rates
 from soliton_linkage.studies.films.cycle import KickedWall
 from soliton_linkage.studies.films.registry import film_kind
@@ -34,6 +26,7 @@ from soliton_linkage.studies.films.scenes import (
     Scene,
     SpaceTime,
 )
+from soliton_linkage.studies.palette import BLACK, BLUE, GREY, RED
 from soliton_linkage.studies.settings import Section
 
 _AZIMUTH = math.radians(-75)

@@ -16,7 +16,6 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.studies.captions import description
 from soliton_linkage.studies.drawing import (
-    BLACK,
     ChainPicture,
     limits,
     move_projections,
@@ -33,6 +32,7 @@ from soliton_linkage.studies.films.scenes import (
     Scene,
     SpaceTime,
 )
+from soliton_linkage.studies.palette import BLACK
 from soliton_linkage.studies.settings import Section, chain_from
 
 

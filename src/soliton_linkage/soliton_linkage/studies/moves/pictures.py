@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from soliton_linkage.studies.drawing import COLOURS, GREY
 from soliton_linkage.studies.moves.runs import MoveKey, MoveRun, MoveTask
+from soliton_linkage.studies.palette import COLOURS, GREY
 from soliton_linkage.studies.plates import Plate
 
 _WANTED = 0.1

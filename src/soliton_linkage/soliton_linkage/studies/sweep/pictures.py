@@ -18,8 +18,8 @@ from matplotlib.ticker import LogLocator
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.unit_cell import flipper_limit, spinner_limit
-from soliton_linkage.studies.drawing import COLOURS, MARKERS
 from soliton_linkage.studies.measures import Value
+from soliton_linkage.studies.palette import COLOURS, MARKERS
 from soliton_linkage.studies.shares import score_interval
 from soliton_linkage.studies.sweep.config import Axis, SweepStudy
 

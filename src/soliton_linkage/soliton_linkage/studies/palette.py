@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colours of all pictures: one thing has one of them in every figure and film.
+
+They are those of Okabe and Ito, which the colour-blind can tell apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex, to_rgb
+
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+
+BLACK = '#000000'
+GREY = '#7f7f7f'
+PALE = '#d9d9d9'
+DARK = '#3a3a3a'
+BLUE = '#0072b2'
+SKY = '#56b4e9'
+RED = '#d55e00'
+ORANGE = '#e69f00'
+GREEN = '#009e73'
+PURPLE = '#cc79a7'
+WHITE = '#ffffff'
+NAMES = {
+    BLACK: 'black',
+    GREY: 'grey',
+    PALE: 'pale grey',
+    DARK: 'dark grey',
+    BLUE: 'blue',
+    SKY: 'sky blue',
+    RED: 'red',
+    ORANGE: 'orange',
+    GREEN: 'green',
+    PURPLE: 'pink',
+    WHITE: 'white',
+}
+"""What captions call them."""
+
+MEASURED, PAPER, THEORY = BLUE, RED, BLACK
+"""Of what simulated chains do, of what the paper says, and of what corrected theory says."""
+COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
+"""Of things beside each other that have no colour of their own."""
+MARKERS = 'os^Dv'
+"""Of points beside each other."""
+CURVE_COLOURS = (BLUE, PURPLE)
+"""Of the components of a configuration space."""
+MECHANICS_COLOURS = {'elastic': BLUE, 'rigid': RED}
+"""Of chains of springs and of rigid bars."""
+OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
+"""Of what becomes of a wall."""
+
+LEAN_COLOURS = 'PuOr'
+"""Colour map of u: orange where the rotors lean left, purple where they lean right."""
+_REST = 0.32
+"""Of the map, from its middle to a uniform state at rest [1]: what overshoots it is darker."""
+LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
+"""Of the uniform states that lean right and left."""
+
+_SHADES = {
+    Motion.FLIPPER: (BLUE, SKY, '#003a5c'),
+    Motion.WOBBLING_FLIPPER: (ORANGE, '#a06a00', '#5c3d00'),
+    Motion.SPINNER: (GREEN, '#66c5ab', '#00523c'),
+}
+MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
+"""Of chains by the way in which their walls move."""
+
+
+def chain_colours(chains: Sequence[Chain]) -> list[str]:
+    """Return the colour of the class of each chain, in shades where several are of one.
+
+    The one of the largest lean ratio d has the colour of the class itself.
+    """
+    order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
+    found = {}
+    for number in order:
+        shades = _SHADES[chains[number].motion]
+        before = sum(chains[other].motion is chains[number].motion for other in found)
+        found[number] = shades[before % len(shades)]
+    return [found[number] for number in range(len(chains))]
+
+
+def scale_colours(count: int) -> list[str]:
+    """Return colours of values in their order, from dark to light."""
+    return [to_hex(colour) for colour in colormaps['viridis'](np.linspace(0.0, 0.82, count))]
+
+
+def tint(colour: str, share: float) -> str:
+    """Return a colour that is a share of another one, the rest white."""
+    return to_hex(share * np.array(to_rgb(colour)) + 1 - share)
+
+
+def lean_shares(chain: Chain) -> tuple[Array, Array]:
+    """Displacements u [m] and where the colour map has them [1], both (5,), lines in between.
+
+    Largest and at rest to the left, none, at rest and largest to the right: a uniform state has
+    the same colours in all chains, and neither an overshoot nor an edge rotor is clipped.
+    """
+    rest = float(np.sin(chain.rest_angle)) * chain.rotor_length
+    largest = float(chain.rotor_lengths.max())
+    places = np.array([-largest, -rest, 0.0, rest, largest])
+    return places, np.array([0.0, 0.5 - _REST, 0.5, 0.5 + _REST, 1.0])
