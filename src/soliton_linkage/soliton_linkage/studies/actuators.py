@@ -73,7 +73,8 @@ def draw_response(plate: Plate, axes: Axes, response: CommandResponse) -> Axes:
     for name, times, pressures, style, colour in series:
         axes.plot(times, 1e-3 * pressures, style, color=colour, label=name)
         plate.note('a', name, (TIME, 'pressure [Pa]'), times, pressures)
-    axes.set(xlabel=TIME, ylabel='pressure [kPa]', title='a', ylim=(0, None))
+    axes.set(xlabel=TIME, ylabel='pressure [kPa]', ylim=(0, None))
+    axes.set_title('a  pressure after a command', loc='left')
     axes.legend()
     largest = int(np.argmax(response.stepped))
     plate.compare(

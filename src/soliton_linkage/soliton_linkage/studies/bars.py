@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from soliton_linkage.studies.palette import BLACK, BLUE
+from soliton_linkage.studies.palette import MEASURED, THEORY
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
@@ -19,8 +19,10 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
     """Draw distances of an angle from rigid bars [rad], both (K,), and a line of order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
-    axes.loglog(across, up, 'o', color=BLUE, label=label)
-    axes.loglog(across, up[-1] * across[-1] / across, '--', color=BLACK, label=r'$\propto 1/k_e$')
+    axes.loglog(across, up, 'o', color=MEASURED, label=label)
+    axes.loglog(
+        across, up[-1] * across[-1] / across, '--', color=THEORY, label=r'order 1, $\propto 1/k_e$'
+    )
     axes.set(ylabel='largest distance of an angle [rad]')
     axes.legend()
     return axes

@@ -23,6 +23,14 @@ from soliton_linkage.studies.palette import BLACK, BLUE, GREY, RED
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CAPTION = """
+The soft actuator, a chamber that fills and vents with a lag of its own. (a) Its pressure after a
+command with ramps (dashed grey): in closed form (blue line) and solved by small steps (black
+dots). (b) A noisy record of a step up and down (black dots: read; dashed grey: commanded), and
+the response with the filling and venting times that are found from it (red line). (c) Energy of a
+chain of springs that the actuator drives (blue line), and the work that is booked from torques
+and angles of its frames (dotted black), which must be the same.
+"""
 _SEED = 1
 """Of the noise of the record."""
 _FRAMES_A_SECOND = 500
@@ -38,7 +46,7 @@ def actuator_figure(section: Section, quick: bool) -> Plate:
     duration = section.number('duration', 0.01, 10.0)
     ramp = section.number('ramp', 0.0, 10.0)
     order = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, pressure, duration, ramp, ramp)
-    plate = Plate(Figure(figsize=(8, 10), layout='constrained'))
+    plate = Plate(Figure(figsize=(8, 10), layout='constrained'), _CAPTION)
     above, middle, below = plate.figure.subplots(3)
     draw_response(plate, above, stepped_response(actuator, order.profile))
     noise = section.number('noise', 0.0, 1e5)
@@ -66,7 +74,8 @@ def _draw_fit(
     axes.step(times, commands / 1e3, '--', color=GREY, where='post', label='commanded')
     axes.plot(times, read / 1e3, '.', color=BLACK, label='read')
     axes.plot(times, fitted / 1e3, color=RED, label='fitted')
-    axes.set(xlabel=TIME, ylabel='pressure [kPa]', title='b')
+    axes.set(xlabel=TIME, ylabel='pressure [kPa]')
+    axes.set_title('b  filling and venting times from a noisy record', loc='left')
     axes.legend()
     for series, values in (('commanded', commands), ('read', read), ('fitted', fitted)):
         plate.note('b', series, (TIME, 'pressure [Pa]'), times, values)
@@ -97,7 +106,8 @@ def _draw_work(
     ):
         axes.plot(driven.times, values * 1e3, style, color=colour, label=series)
         plate.note('c', series, (TIME, 'energy [J]'), driven.times, values)
-    axes.set(xlabel=TIME, ylabel='energy [mJ]', title='c')
+    axes.set(xlabel=TIME, ylabel='energy [mJ]')
+    axes.set_title('c  energy that the chain gains, and work that is booked', loc='left')
     axes.legend()
     plate.compare(
         'work of a pressure on the chain [J]',

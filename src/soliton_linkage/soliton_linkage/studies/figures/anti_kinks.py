@@ -12,9 +12,17 @@ from soliton_linkage.linear.statics import balanced
 from soliton_linkage.linkage.chain import Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, wall_theory
 from soliton_linkage.studies.figures.registry import FIGURES
-from soliton_linkage.studies.palette import BLACK, BLUE
+from soliton_linkage.studies.formulas import chain_formula
+from soliton_linkage.studies.palette import MEASURED, THEORY
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section
+
+_CAPTION = """
+Energy of an anti-kink at rest in a ring of springs, the wall of charge −1 that no chain has for
+nothing, over that of the continuum, (16/3) k_e a ū³ / l̄² with ū = r sin θ̄ and l̄ the rest length
+of the springs, against d = 2 r sin θ̄ / a. Blue dots are balanced rings with one kink and one
+anti-kink, joined by lines; the dashed line is the continuum, the limit of small d.
+"""
 
 
 @FIGURES.add('anti_kink_cost')
@@ -23,17 +31,21 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
     section.allow('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
-    plate = Plate(Figure(figsize=(7, 4.8), layout='constrained'))
+    plate = Plate(Figure(figsize=(7, 4.8), layout='constrained'), _CAPTION)
     axes = plate.figure.subplots()
     shown = np.array(wanted[::3] if quick else wanted)
     chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
     costs = np.array([_anti_kink_cost(chain) for chain in chains])
     shares = costs / np.array([wall_theory(chain).energy(0.0, charge=-1) for chain in chains])
-    axes.plot(shown, shares, 'o-', color=BLUE)
+    axes.plot(shown, shares, 'o-', color=MEASURED, label='ring of springs')
     axes.axhline(
-        1, color=BLACK, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
+        1, color=THEORY, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
     )
-    axes.set(xlabel='d = 2 r sin θ̄ / a', ylabel='anti-kink cost / continuum', ylim=(0.6, 1.05))
+    axes.set(
+        xlabel='d = 2 r sin θ̄ / a [1]',
+        ylabel='energy of an anti-kink over continuum [1]',
+        ylim=(0.6, 1.05),
+    )
     axes.legend()
     names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
     plate.note('', 'anti-kink', names, shown, shares)
@@ -41,9 +53,8 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
         plate.compare(
             f'energy of an anti-kink at rest / (kₑ a²), d = {chain.lean_ratio:.3g}',
             'finite',
-            '(16/3) a ū³ / l̄², for d ≪ 1',
+            chain_formula('(16/3) ū³ / (a l̄²)', chain, 'for d ≪ 1'),
             float(cost) / (chain.stiffness * chain.spacing**2),
-            wall_theory(chain).energy(0.0, charge=-1) / (chain.stiffness * chain.spacing**2),
         )
     return plate
 

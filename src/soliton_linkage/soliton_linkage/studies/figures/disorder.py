@@ -14,14 +14,25 @@ from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.studies.captions import parameters
 from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.measures import OUTCOMES, SweepTrial, measure_survival
-from soliton_linkage.studies.palette import COLOURS, MARKERS
+from soliton_linkage.studies.palette import MARKERS, chain_colours
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 from soliton_linkage.studies.shares import score_interval
 
+_CAPTION = """
+Share of chains whose wall crosses and returns, against the deviations of their rotor lengths,
+spacings and stiffnesses, all of which are drawn with the same relative standard deviation:
+(a) of rigid bars, (b) of springs. A marker and a colour for each class of chain; each point is the
+share of {count} drawn chains, and its bar the interval in which the probability is with 95 %
+(score interval of Wilson). Points at the same deviation stand beside each other so that their bars
+can be told apart. With rigid bars no wall passes a bond that is too short for its neighbours.
+"""
+_TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
+_QUICK_SEEDS = 3
+"""Most chains of each kind and deviation in a quick figure: fewer are no share."""
 _NORMAL = 1.959964
 """Standard deviations of a normal distribution that hold 95 % of it [1]."""
-_ASIDE = 0.15
+_ASIDE = 0.4
 """By which the points of chains stand beside each other, so that bars do not overlap [%]."""
 
 
@@ -31,23 +42,24 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
     section.allow('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)
-    plate = Plate(Figure(figsize=(10, 4.6), layout='constrained'))
-    panels = plate.figure.subplots(1, 2, sharey=True)
     shown = np.array(fractions[::2] if quick else fractions)
-    count = 1 if quick else seeds
+    count = min(seeds, _QUICK_SEEDS) if quick else seeds
+    figure = Figure(figsize=(10, 4.6), layout='constrained')
+    plate = Plate(figure, _CAPTION.format(count=count))
+    panels = plate.figure.subplots(1, 2, sharey=True)
     rigid: list[tuple[Array, Array]] = []
-    for number, ((name, each), colour, marker) in enumerate(
-        zip(section.section('chains').sections().items(), COLOURS, MARKERS, strict=False)
-    ):
+    studied = section.section('chains').sections()
+    chains = [chain_from(each.section('chain')) for each in studied.values()]
+    looks = zip(studied.items(), chains, chain_colours(chains), MARKERS, strict=False)
+    for number, ((name, each), chain, colour, marker) in enumerate(looks):
         each.allow('chain', 'kick')
-        chain = chain_from(each.section('chain'))
         kick = each.number('kick', 1e-6, 100.0)
         drawn = [
             [_deviating(chain, fraction, seed) for seed in range(count)] for fraction in shown
         ]
         open_ = np.array([[not blocked_bonds(one).any() for one in row] for row in drawn])
         label = f'{name}: {parameters(chain)}, N = {chain.number_of_rotors}'
-        for axes, mechanics in zip(panels, ('rigid', 'elastic'), strict=True):
+        for axes, mechanics in zip(panels, _TITLES, strict=True):
             passed = np.array([[_returns(one, kick, mechanics) for one in row] for row in drawn])
             shares = passed.mean(axis=1)
             ends = np.array(score_interval(shares, count, _NORMAL))
@@ -61,7 +73,7 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
                 capsize=3,
                 linewidth=1,
             )
-            axes.set_title(f'{mechanics}: crosses and returns', loc='left')
+            axes.set_title(_TITLES[mechanics], loc='left')
             names = ('standard deviation of r, a and k_e, relative [1]', 'share that pass [1]')
             plate.note(mechanics, label, names, shown, shares)
             for series, end in zip(('lower', 'upper'), ends, strict=True):
@@ -70,8 +82,10 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
                 rigid.append((open_, passed))
     for axes in panels:
         axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
-    panels[0].set_ylabel(f'share of {count} chains, 95 % intervals')
-    panels[0].legend(fontsize=7, handlelength=1.2, loc='lower left')
+    panels[0].set_ylabel(f'share whose wall crosses and returns [1],\n{count} chains each')
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc='outside upper center', ncols=len(chains)
+    )
     _compare_passage(plate, shown, *np.concatenate(rigid, axis=2))
     return plate
 

@@ -15,18 +15,29 @@ from soliton_linkage.solitons.continuum import WallTheory, wall_theory
 from soliton_linkage.studies.captions import parameters
 from soliton_linkage.studies.experiments import MIDDLE, moving_wall, wall_places
 from soliton_linkage.studies.figures.registry import FIGURES
-from soliton_linkage.studies.palette import BLACK, COLOURS, MARKERS
+from soliton_linkage.studies.formulas import Formula
+from soliton_linkage.studies.palette import BLACK, MARKERS, THEORY, WHITE, chain_colours
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CAPTION = """
+Energy of walls in chains of springs against their speed v over the speed of sound c, a marker and
+a colour for each chain; thin lines join its walls. Means over the frames with the wall in the
+middle of its chain. (a) The whole energy over E_s = M_eff c², half of what an anti-kink costs at
+rest in the continuum; dashed: the theory's (γ − 1) M_eff c² for the first chain,
+γ = 1 / √(1 − v²/c²). (b) Energy in the springs over that in motion; dashed: (γ − 1)/(γ + 1).
+(c) Share of the whole energy that a wall has left behind, eight penetration depths and three
+rotors or more from it. Hollow markers may hold phonons of the kick that were reflected at the far
+edge, and are an upper bound.
+"""
 _REACH = 8
 """Penetration depths from a wall, at which its tail is down to e^-8 of the zero mode."""
 _CONTINUUM = 0.3
 """Lean ratio d up to which the theory of the continuum is set beside a chain: it holds to d^2."""
 _ENERGIES = {
-    'a': 'whole energy / E_s [1]',
-    'b': 'elastic / kinetic energy [1]',
-    'c': 'energy behind the wall / whole energy [1]',
+    'a': 'whole energy over E_s [1]',
+    'b': 'elastic over kinetic energy [1]',
+    'c': 'energy behind the wall over whole energy [1]',
 }
 _SLOW = 0.87
 """Speed over that of sound up to which walls have the energies of theory to a few per cent."""
@@ -36,14 +47,15 @@ _SLOW = 0.87
 def energy_figure(section: Section, quick: bool) -> Plate:
     """Energy of a wall, how it divides, and what it leaves behind, against its speed."""
     section.allow('chains')
-    plate = Plate(Figure(figsize=(13, 4.8), layout='constrained'))
+    plate = Plate(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
     panels = plate.figure.subplots(1, 3)
     theories = []
-    for (name, each), colour, marker in zip(
-        section.section('chains').sections().items(), COLOURS, MARKERS, strict=False
+    studied = section.section('chains').sections()
+    chains = [chain_from(each.section('chain')) for each in studied.values()]
+    for (name, each), chain, colour, marker in zip(
+        studied.items(), chains, chain_colours(chains), MARKERS, strict=False
     ):
         each.allow('chain', 'kicks')
-        chain = chain_from(each.section('chain'))
         kicks = each.numbers('kicks', 1e-6, 100.0)
         label = f'{name}: {parameters(chain)}'
         rows = [_energies(chain, kick) for kick in (kicks[::4] if quick else kicks)]
@@ -68,16 +80,16 @@ def energy_figure(section: Section, quick: bool) -> Plate:
             theories.append(wall_theory(chain))
     for theory in theories[:1]:
         _draw_theory(panels, theory)
-    titles = ('a  whole energy / $E_s$', 'b  elastic / kinetic energy', 'c  share behind the wall')
-    for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(title, loc='left')
-        axes.set(xlabel='v / c', yscale='log')
+    titles = ('whole energy of the wall', 'how it divides', 'what the wall leaves behind')
+    for axes, (letter, label), title in zip(panels, _ENERGIES.items(), titles, strict=True):
+        axes.set_title(f'{letter}  {title}', loc='left')
+        axes.set(xlabel='speed v / c [1]', ylabel=label.replace('E_s', '$E_s$'), yscale='log')
     panels[2].plot(
         [],
         [],
         'o',
         color=BLACK,
-        markerfacecolor='white',
+        markerfacecolor=WHITE,
         label='may hold reflected phonons of the kick',
     )
     panels[0].legend(fontsize=8)
@@ -92,8 +104,10 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
     energies = np.array([theory.energy(velocity) for velocity in velocities])
     shares = [theory.elastic_energy(each) / theory.kinetic_energy(each) for each in velocities]
     whole = energies / theory.energy_scale
-    panels[0].plot(fine, whole, '--', color=BLACK, label=r'$(\gamma - 1)\,M_{eff}\,c^2 / E_s$')
-    panels[1].plot(fine, shares, '--', color=BLACK, label=r'$(\gamma - 1)/(\gamma + 1)$')
+    panels[0].plot(
+        fine, whole, '--', color=THEORY, label=r'theory: $(\gamma - 1)\,M_{eff}\,c^2 / E_s$'
+    )
+    panels[1].plot(fine, shares, '--', color=THEORY, label=r'theory: $(\gamma - 1)/(\gamma + 1)$')
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
@@ -127,18 +141,21 @@ def _compare_energies(
 ) -> None:
     slow, theory = speed < _SLOW, wall_theory(chain)
     for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
-        velocity = float(v) * theory.speed_of_sound
+        gamma = {'γ': theory.lorentz_factor(float(v) * theory.speed_of_sound)}
+        scale = theory.effective_mass * theory.speed_of_sound**2 / theory.energy_scale
         plate.compare(
             f'energy of a wall / E_s at v = {v:.3f} c, {parameters(chain)}',
             'cost-free at rest; no energy given',
-            '(γ − 1) M_eff c² / E_s with the exact c (limit γ − 1)',
+            Formula(
+                '(γ − 1) M_eff c²/E_s',
+                {**gamma, 'M_eff c²/E_s': scale},
+                'with the exact c; its limit is γ − 1',
+            ),
             float(energy),
-            theory.energy(velocity) / theory.energy_scale,
         )
         plate.compare(
             f'elastic over kinetic energy at v = {v:.3f} c, {parameters(chain)}',
             'not given',
-            '(γ − 1)/(γ + 1)',
+            Formula('(γ − 1) / (γ + 1)', gamma),
             float(ratio),
-            theory.elastic_energy(velocity) / theory.kinetic_energy(velocity),
         )

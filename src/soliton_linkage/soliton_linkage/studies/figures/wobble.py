@@ -40,8 +40,8 @@ Oscillations beside walls of wobbling flippers, a row for each chain (paper, Fig
 {count} snapshots each of a slow motion of rigid bars. (a) What u has more than the tanh of
 flippers, over the rotor spacing a. (b) Its distance from the uniform state ū = r sin θ̄, on a
 logarithmic scale. Lines are an oscillation that changes sign from rotor to rotor and decays, by
-the exact penetration depth ℓ of the zero mode (black) and by the r sin θ̄ of the paper (dashed red),
-each fitted to the dots beyond 1.5 rotor spacings; in (b) they are its envelopes.
+the exact penetration depth ℓ of the zero mode (black) and by the r sin θ̄ of the paper (dashed
+red), each fitted to the dots beyond 1.5 rotor spacings; in (b) they are its envelopes.
 """
 _BEYOND = 'rotors from the wall [rotor spacings]'
 _QUICK_SNAPSHOTS = 4
