@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Protocol
 
@@ -28,6 +28,10 @@ class Track:
     """Centre of the soliton [rotor spacings], shape (T,)."""
     place_rates: Array
     """Rate of the centre [rotor spacings / s], shape (T,)."""
+    rotor_deviations: Array = field(default_factory=lambda: np.empty(0))
+    """Standard deviation of the centre [rotor spacings], shape (T,), or empty where unknown."""
+    rate_deviations: Array = field(default_factory=lambda: np.empty(0))
+    """Standard deviation of the rate [rotor spacings / s], shape (T,), or empty where unknown."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,40 @@ class MovingWall(Protocol):
         """Of the centre [m/s]."""
 
 
+class MeasuredWall(MovingWall, Protocol):
+    """A wall of which it is known how well it is known."""
+
+    @property
+    def position_deviation(self) -> float:
+        """Standard deviation of the centre [m]."""
+
+    @property
+    def velocity_deviation(self) -> float:
+        """Standard deviation of the velocity [m/s]."""
+
+
 def track_point(chain: Chain, solitons: Sequence[MovingWall]) -> tuple[float, float]:
     """Place [rotor spacings] of the first soliton and its rate [rotor spacings / s], or NaN."""
     if not solitons:
         return np.nan, np.nan
     return solitons[0].rotor, solitons[0].velocity / chain.spacing
+
+
+def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
+    """Track of the first wall of each frame with its uncertainties; times [s] of shape (T,)."""
+    spacing, nothing = chain.spacing, (np.nan,) * 4
+    points = [
+        (
+            found[0].rotor,
+            found[0].velocity / spacing,
+            found[0].position_deviation / spacing,
+            found[0].velocity_deviation / spacing,
+        )
+        if found
+        else nothing
+        for found in walls
+    ]
+    return Track(times, *np.array(points, dtype=np.float64).reshape(-1, 4).T)
 
 
 def follow(chain: Chain, recording: Recording) -> Track:

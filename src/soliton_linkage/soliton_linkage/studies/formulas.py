@@ -44,7 +44,7 @@ class Formula:
 
     def __str__(self) -> str:
         """Return text, value, values and remark, from which `read_formula` has it again."""
-        symbols = ', '.join(f'{name} = {value:.6g}' for name, value in self.values.items())
+        symbols = ', '.join(f'{name} = {value:.8g}' for name, value in self.values.items())
         remark = f' ({self.remark})' if self.remark else ''
         return f'{self.text} = {self.value:.5g}{f" for {symbols}" if symbols else ""}{remark}'
 

@@ -55,8 +55,11 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 
 LEAN_COLOURS = 'PuOr'
 """Colour map of u: orange where the rotors lean left, purple where they lean right."""
-_REST = 0.32
+_REST = 0.30
 """Of the map, from its middle to a uniform state at rest [1]: what overshoots it is darker."""
+_NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
+"""Displacements over that at rest, and how far from the middle of the map: swings of a few per
+cent about rest are seen [1]."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Of the uniform states that lean right and left."""
 
@@ -94,12 +97,22 @@ def tint(colour: str, share: float) -> str:
 
 
 def lean_shares(chain: Chain) -> tuple[Array, Array]:
-    """Displacements u [m] and where the colour map has them [1], both (5,), lines in between.
+    """Displacements u [m] and where the colour map has them [1], both (K,), lines in between.
 
-    Largest and at rest to the left, none, at rest and largest to the right: a uniform state has
-    the same colours in all chains, and neither an overshoot nor an edge rotor is clipped.
+    A uniform state has the same colours in all chains; swings about it are stretched, and not
+    even the length of a rotor is clipped.
     """
-    rest = float(np.sin(chain.rest_angle)) * chain.rotor_length
+    rest, largest = float(lean_marks(chain)[3]), float(lean_marks(chain)[4])
+    near = [(share * rest, off) for share, off in _NEAR_REST if share * rest < 0.99 * largest]
+    places, offs = np.array([*near, (largest, 0.5)]).T
+    return (
+        np.concatenate([-places[::-1], [0.0], places]),
+        np.concatenate([0.5 - offs[::-1], [0.5], 0.5 + offs]),
+    )
+
+
+def lean_marks(chain: Chain) -> Array:
+    """Displacements u [m] furthest and at rest to the left, none, at rest and furthest right."""
+    rest = chain.rotor_length * float(np.sin(chain.rest_angle))
     largest = float(chain.rotor_lengths.max())
-    places = np.array([-largest, -rest, 0.0, rest, largest])
-    return places, np.array([0.0, 0.5 - _REST, 0.5, 0.5 + _REST, 1.0])
+    return np.array([-largest, -rest, 0.0, rest, largest])

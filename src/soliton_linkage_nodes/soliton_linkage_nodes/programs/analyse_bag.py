@@ -5,20 +5,18 @@ from __future__ import annotations
 
 import argparse
 import csv
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from soliton_linkage.estimation.analyser import Analysis
+from soliton_linkage.estimation.analyser import AnalysedSoliton, Analysis
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.solitons.track import Track, find_crossings
-from soliton_linkage.studies.pictures import kymograph_figure, track_figure
-from soliton_linkage.studies.plates import save_figure
+from soliton_linkage.solitons.track import find_crossings, measured_track
+from soliton_linkage.studies.pictures import save_run
 from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
     open_bag,
@@ -46,28 +44,24 @@ class Drawn:
         """Begin without any; the names are those of the joints, rotor 0 first."""
         self._reader = FrameReader(joint_names)
         self._every, self._count = 1, 0
-        self._kept: list[tuple[int, Array, float, float]] = []
+        self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
         """Keep a frame if it is one of those to be drawn."""
         if self._count % self._every == 0:
-            first = analysis.solitons[0] if analysis.solitons else None
-            place = (first.rotor, first.velocity) if first else (math.nan, math.nan)
-            self._kept.append((joints.stamp, self._reader.read(joints).angles, *place))
+            self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:
                 self._kept = self._kept[::2]
                 self._every *= 2
         self._count += 1
 
     def draw(self, chain: Chain, folder: Path) -> None:
-        """Draw kymograph.png and track.png."""
-        stamps, angles, rotors, velocities = zip(*self._kept, strict=True)
+        """Draw kymograph.png and track.png, with their captions beside them."""
+        stamps, angles, walls = zip(*self._kept, strict=True)
         times = (np.array(stamps) - stamps[0]) * 1e-9
-        track = Track(times, np.array(rotors), np.array(velocities) / chain.spacing)
+        track = measured_track(chain, times, walls)
         recording = Recording(times, np.array(angles), np.empty((0, chain.number_of_rotors)))
-        save_figure(kymograph_figure(chain, recording, track), folder / 'kymograph.png')
-        crossings = find_crossings(chain, track)
-        save_figure(track_figure(chain, track, crossings), folder / 'track.png')
+        save_run(chain, recording, track, find_crossings(chain, track), folder)
 
 
 def analyse(bag: Path, folder: Path, given: NamedChain | None, noise: float | None) -> int:

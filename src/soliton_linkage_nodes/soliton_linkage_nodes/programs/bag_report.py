@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage.solitons.track import Crossing, Track, find_crossings, track_point
-from soliton_linkage.studies.pictures import kymograph_figure, track_figure
-from soliton_linkage.studies.plates import save_figure
+from soliton_linkage.solitons.track import Crossing, Track, find_crossings, measured_track
+from soliton_linkage.studies.pictures import save_run
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -95,10 +94,8 @@ def largest_difference(
 
 
 def draw(run: RecordedRun, folder: Path) -> None:
-    """Draw kymograph.png and track.png."""
-    chain = run.named.chain
-    save_figure(kymograph_figure(chain, run.recording, run.track), folder / 'kymograph.png')
-    save_figure(track_figure(chain, run.track, run.crossings), folder / 'track.png')
+    """Draw kymograph.png and track.png, with their captions beside them."""
+    save_run(run.named.chain, run.recording, run.track, run.crossings, folder)
 
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
@@ -122,12 +119,11 @@ def _rate(received: list[int]) -> float:
 
 
 def _track(named: NamedChain, states: list[SolitonState], first: int, nudged: float) -> Track:
-    points = [track_point(named.chain, solitons_from_msg(state)) for state in states]
     stamps = [time_from_msg(state.header.stamp) - first for state in states]
-    columns = np.array(points, dtype=np.float64).reshape(-1, 2)
     times = np.array(stamps, dtype=np.float64) * 1e-9 - nudged
-    kept = times >= -_BEFORE_NUDGE
-    return Track(times[kept], columns[kept, 0], columns[kept, 1])
+    kept = np.flatnonzero(times >= -_BEFORE_NUDGE)
+    walls = [solitons_from_msg(states[number]) for number in kept]
+    return measured_track(named.chain, times[kept], walls)
 
 
 def _since(recording: Recording, nudged: float) -> Recording:

@@ -42,7 +42,7 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
     section.allow('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)
-    shown = np.array(fractions[::2] if quick else fractions)
+    shown = np.array(fractions[::4] if quick else fractions)
     count = min(seeds, _QUICK_SEEDS) if quick else seeds
     figure = Figure(figsize=(10, 4.6), layout='constrained')
     plate = Plate(figure, _CAPTION.format(count=count))
