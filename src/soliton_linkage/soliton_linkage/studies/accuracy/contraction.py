@@ -21,10 +21,24 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage.studies.captions import class_and_shape
 from soliton_linkage.studies.experiments import MIDDLE, crossing_duration, kicked
-from soliton_linkage.studies.palette import BLUE, RED
+from soliton_linkage.studies.formulas import Formula
+from soliton_linkage.studies.palette import BLACK, MEASURED, PAPER
 from soliton_linkage.studies.plates import Comparison, Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CAPTION = """
+Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from {source} with
+encoder noise of {noise:g} rad; a panel for each chain, named by its class and (r/a, θ̄). Blue dots
+are width, over that at rest, and speed, over that of sound, while the wall is in the middle of its
+chain: the mean of the widths that the analyser gives and the slope of a line through its places.
+Bars are two standard deviations on both sides, of a single width and of the way between two
+places; where they are not seen they are smaller than the dot. The red line is the √(1 − v²/c²) of
+the paper. Diamonds are walls of the same chains by an independent integrator, without noise, whose
+widths are those of a fitted tanh.
+"""
+SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
+"""Names of pictures and tables of walls that were simulated here, and that nodes have recorded."""
+_SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
 """Of how many kicks a quick study takes one."""
 _QUICK_FRAMES = 400
@@ -91,9 +105,11 @@ class ContractionStudy:
             *(partial(rest_width, walls.chain) for walls in self.walls),
         ]
 
-    def write(self, results: Sequence[Any], folder: Path) -> None:
-        """Write table and picture of the results of the tasks."""
-        plate = Plate(Figure(figsize=(6 * len(self.walls), 5), layout='constrained'))
+    def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
+        """Write table and picture of the results of the tasks, under the name of their source."""
+        figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
+        caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
+        plate = Plate(figure, caption)
         panels = plate.figure.subplots(1, len(self.walls), squeeze=False)[0]
         passages, at_rest = list(results[: -len(self.walls)]), results[-len(self.walls) :]
         lines: dict[str, list[Comparison]] = {}
@@ -101,8 +117,8 @@ class ContractionStudy:
             own = [passages.pop(0) for _ in walls.kicks]
             _draw(plate, axes, walls, own, rest)
             lines[walls.name] = _comparisons(walls, own, rest)
-        plate.save(folder, 'contraction')
-        write_table(lines, folder / 'contraction.md', list(lines))
+        plate.save(folder, name)
+        write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
         """Time in which a wall crosses its chain [time units sqrt(M / k_e)], and some more."""
@@ -127,32 +143,44 @@ def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWal
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
     analyses = [analyser.analyse(*frame) for frame in zip(stamps, angles, strict=True)]
-    return passage_of(chain, [each.solitons for each in analyses if each is not None])
+    return passage_of(
+        chain, times, [each.solitons if each is not None else () for each in analyses]
+    )
 
 
-def passage_of(chain: Chain, frames: Sequence[tuple[AnalysedSoliton, ...]]) -> ContractedWall:
-    """Speed and width of the only wall of frames, on its first way through the middle.
+def passage_of(
+    chain: Chain, times: Array, frames: Sequence[tuple[AnalysedSoliton, ...]]
+) -> ContractedWall:
+    """Speed and width of the only wall of frames at times [s], (T,), first through the middle.
 
-    Means over the frames, which rest on largely the same frames before, with the standard
-    deviation of the surest. Raises ValueError where it is not there in ten frames.
+    The speed is the slope of a line through its places, as well known as the way between two of
+    them: what moves all places alike does not change it. The width is the mean over the frames,
+    which rest on largely the same frames before, with the standard deviation of the surest.
+    Raises ValueError where the wall is not there in ten frames.
     """
     middle = (chain.number_of_rotors - 1) / 2
-    alone = [walls[0] for walls in frames if len(walls) == 1]
-    there = np.array([abs(wall.rotor - middle) < MIDDLE * middle for wall in alone], dtype=bool)
+    alone = [
+        (time, walls[0]) for time, walls in zip(times, frames, strict=True) if len(walls) == 1
+    ]
+    there = np.array([abs(wall.rotor - middle) < MIDDLE * middle for _, wall in alone], dtype=bool)
     entered = int(np.argmax(np.append(there, True)))
     left = entered + int(np.argmin(np.append(there[entered:], False)))
-    inside = [wall for wall in alone[entered:left] if math.isfinite(wall.width_deviation)]
+    inside = [each for each in alone[entered:left] if math.isfinite(each[1].width_deviation)]
     if len(inside) < _FEWEST_FRAMES:
         raise ValueError(
             f'the wall was in the middle of the chain in {len(inside)} frames, of which '
             f'{_FEWEST_FRAMES} are wanted; record more frames, or kick it less'
         )
     sound, at_rest = speed_of_sound(chain), chain.wall_width
+    seen = np.array([time for time, _ in inside])
+    walls = [wall for _, wall in inside]
+    slope = np.polyfit(seen, [wall.position for wall in walls], 1)[0]
+    of_place = float(np.median([wall.position_deviation for wall in walls]))
     return ContractedWall(
-        speed=abs(float(np.mean([wall.velocity for wall in inside]))) / sound,
-        speed_deviation=min(wall.velocity_deviation for wall in inside) / sound,
-        width=float(np.mean([wall.width for wall in inside])) / at_rest,
-        width_deviation=min(wall.width_deviation for wall in inside) / at_rest,
+        speed=abs(float(slope)) / sound,
+        speed_deviation=math.sqrt(2) * of_place / float(seen[-1] - seen[0]) / sound,
+        width=float(np.mean([wall.width for wall in walls])) / at_rest,
+        width_deviation=min(wall.width_deviation for wall in walls) / at_rest,
     )
 
 
@@ -214,13 +242,13 @@ def _draw(
     widths = np.array([passage.width for passage in passages])
     fine = np.linspace(0, 1, 400)
     law = np.sqrt(1 - fine**2)
-    axes.plot(fine, law, color=RED, label='√(1 − v²/c²) (paper)')
+    axes.plot(fine, law, color=PAPER, label='√(1 − v²/c²) (paper)')
     sound = speed_of_sound(walls.chain) / walls.chain.spacing * walls.chain.time_unit
     axes.plot(
         np.array(walls.reference.speeds) / sound,
         np.array(walls.reference.widths) / rest,
         'D',
-        color='black',
+        color=BLACK,
         markerfacecolor='none',
         markersize=11,
         label='independent integrator, no noise, a tanh',
@@ -231,12 +259,12 @@ def _draw(
         xerr=[2 * passage.speed_deviation for passage in passages],
         yerr=[2 * passage.width_deviation for passage in passages],
         fmt='o',
-        color=BLUE,
+        color=MEASURED,
         markersize=4,
         capsize=3,
         label='measured from noisy angles, ± 2 std',
     )
-    axes.set(xlabel='v / c', ylabel='w / w at rest', xlim=(0, 1), ylim=(0, 1.05))
+    axes.set(xlabel='v / c [1]', ylabel='w / w at rest [1]', xlim=(0, 1), ylim=(0, 1.05))
     axes.set(title=f'{class_and_shape(walls.chain)}, {walls.chain.number_of_rotors} rotors')
     axes.legend(loc='lower left')
     plate.note(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
@@ -256,14 +284,14 @@ def _comparisons(
         known = kick in reference.kicks
         number = reference.kicks.index(kick) if known else 0
         speed, width = reference.speeds[number], reference.widths[number] / rest
-        law = math.sqrt(max(1 - passage.speed**2, 0.0))
+        law = Formula('√(1 − (v/c)²)', {'v/c': min(passage.speed, 1.0)})
         where = f'{class_and_shape(chain)}, v₀ = {kick:g}'
         for quantity, deviation, paper, measured, expected in (
             ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),
             (
                 f'w / w at rest at {passage.speed:.3f} c',
                 passage.width_deviation,
-                f'√(1 − v²/c²) = {law:.4f}',
+                law,
                 passage.width,
                 width,
             ),

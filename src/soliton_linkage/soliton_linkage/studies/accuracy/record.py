@@ -23,10 +23,18 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage.studies.captions import class_and_shape
-from soliton_linkage.studies.palette import BLACK, BLUE, RED
+from soliton_linkage.studies.palette import MEASURED, RED, THEORY
 from soliton_linkage.studies.plates import Plate, write_table
 from soliton_linkage.studies.settings import Section, chain_from
 
+_CAPTION = """
+How well all frames so far tell place and velocity of a wall that moves steadily with {speed:g}
+rotor spacings/s, from angles with noise of {noise:g} rad at {rate:g} frames/s, against the time
+since the first frame; a column for each chain, named by its class and (r/a, θ̄). (a) Error of the
+place. (b) Error of the velocity over the velocity. Blue lines are root mean squares over {runs}
+runs, dashed red lines the deviations that the recursive estimator states, dotted black lines the
+least possible, the bound of Cramér and Rao.
+"""
 _CLEAR = 8.0
 """Rotors from an edge at which a run begins and ends where its way leaves the room."""
 _QUICK_RUNS = 4
@@ -69,7 +77,11 @@ class RecordStudy:
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write table and picture of the results of the tasks."""
-        plate = Plate(Figure(figsize=(1 + 4.5 * len(self.chains), 8), layout='constrained'))
+        figure = Figure(figsize=(1 + 4.5 * len(self.chains), 8), layout='constrained')
+        caption = _CAPTION.format(
+            speed=self.speed, noise=self.noise, rate=self.frame_rate, runs=self.runs
+        )
+        plate = Plate(figure, caption)
         panels = plate.figure.subplots(
             2, len(self.chains), sharex=True, sharey='row', squeeze=False
         )
@@ -134,9 +146,9 @@ class RecordStudy:
         times = self.shown / self.frame_rate
         for number, (axes, least) in enumerate(zip(column, self.bounds(chain), strict=True)):
             curves = (
-                ('error, rms of the runs', _root_mean_square(runs[:, number]), BLUE, '-', 2.0),
+                ('error, rms of the runs', _root_mean_square(runs[:, number]), MEASURED, '-', 2.0),
                 ('stated deviation', _root_mean_square(runs[:, number + 2]), RED, '--', 2.0),
-                ('bound', least, BLACK, ':', 1.5),
+                ('bound of Cramér and Rao', least, THEORY, ':', 1.5),
             )
             for name, curve, colour, style, width in curves:
                 axes.plot(times, curve, style, color=colour, linewidth=width, label=name)
@@ -146,8 +158,8 @@ class RecordStudy:
         column[0].set(title=class_and_shape(chain))
         column[1].set(xlabel='time since the first frame [s]')
         if chain == self.chains[0]:
-            column[0].set(ylabel='error of the place [rotor spacings]')
-            column[1].set(ylabel='relative error of the velocity')
+            column[0].set(ylabel='a  error of the place [rotor spacings]')
+            column[1].set(ylabel='b  relative error of the velocity [1]')
 
     def _compare(self, plate: Plate, chain: Chain, runs: Array) -> None:
         for number, least in enumerate(self.bounds(chain)):
