@@ -31,15 +31,15 @@ def test_a_wall_is_recorded_and_as_wide_as_theory_says(
     settings = tmp_path / 'settings.yaml'
     settings.write_text(SETTINGS)
     main([str(settings), '--output', str(tmp_path)])
-    assert 'contraction.md and contraction.png are in' in capsys.readouterr().out
+    assert 'contraction_recorded.md and contraction_recorded.png are in' in capsys.readouterr().out
     passage = measure(tmp_path / 'wide_0_0')
     contracted = (1 - passage.speed**2) ** 0.5
     assert passage.width == pytest.approx(contracted, abs=0.005 + 4 * passage.width_deviation)
-    table = (tmp_path / 'contraction.md').read_text(encoding='utf-8')
+    table = (tmp_path / 'contraction_recorded.md').read_text(encoding='utf-8')
     errors = [float(each) for each in re.findall(r'([+-]\S+) %', table)]
     assert len(errors) == 2
     assert max(map(abs, errors)) < 1
-    assert imread(tmp_path / 'contraction.png').std() > 0.02
+    assert imread(tmp_path / 'contraction_recorded.png').std() > 0.02
 
 
 def test_settings_without_walls_are_refused(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 
 from soliton_linkage.studies.program import chosen, run_study, side_by_side, study_parser
 
+SETTINGS = Path(__file__).parents[3] / 'config/studies'
 STUDIES = ['accuracy', 'driving', 'figures', 'films', 'moves', 'sweep']
 WAITING = """
 import functools, sys, time
@@ -59,6 +60,19 @@ def test_each_study_is_a_command(name: str, capsys: pytest.CaptureFixture[str]) 
     assert shown.startswith(f'usage: {name} ')
     for option in ('--output', '--quick', '--workers'):
         assert option in shown
+
+
+@pytest.mark.parametrize('name', STUDIES)
+def test_a_study_knows_its_own_settings(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each of them is among those of the project, and is what is read where none is given."""
+    program = importlib.import_module(f'soliton_linkage.studies.{name}.program')
+    settings = 'phase_diagram' if name == 'sweep' else name
+    assert (SETTINGS / f'{settings}.yaml').is_file()
+    monkeypatch.chdir(tmp_path)
+    assert program.main(['--quick']) == 1
+    assert f'config/studies/{settings}.yaml' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('count', ['0', '-1', '1.5', '1001', 'two'])

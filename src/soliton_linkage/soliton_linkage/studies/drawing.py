@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -192,15 +193,15 @@ def make_room(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
     return width, height
 
 
-def add_legend(figure: Figure, *, rigid: bool = False, mode: bool = True) -> None:
+def add_legend(figure: Figure) -> None:
     """Name the parts of pictures of chains beneath them, all in one row."""
     right, left = (f'u leans {side}' for side in ('right', 'left'))
-    looks = [
+    looks: list[tuple[str, str, str, Literal['', '-', '--']]] = [
         ('pivot', BLACK, 'x', ''),
         ('rotor', BLACK, '', '-'),
         ('mass', BLUE, 'o', ''),
-        ('rigid bar' if rigid else 'spring', RED, '', '-' if rigid else '--'),
-        *([('velocity in the zero mode', GREEN, r'$\rightarrow$', '')] if mode else []),
+        ('spring', RED, '', '--'),
+        ('velocity in the zero mode', GREEN, r'$\rightarrow$', ''),
         (right, LEANS_RIGHT, r'$\rightarrow$', ''),
         (left, LEANS_LEFT, r'$\leftarrow$', ''),
     ]

@@ -78,7 +78,7 @@ def chain_colours(chains: Sequence[Chain]) -> list[str]:
     The one of the largest lean ratio d has the colour of the class itself.
     """
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
-    found = {}
+    found: dict[int, str] = {}
     for number in order:
         shades = _SHADES[chains[number].motion]
         before = sum(chains[other].motion is chains[number].motion for other in found)
@@ -93,7 +93,8 @@ def scale_colours(count: int) -> list[str]:
 
 def tint(colour: str, share: float) -> str:
     """Return a colour that is a share of another one, the rest white."""
-    return to_hex(share * np.array(to_rgb(colour)) + 1 - share)
+    red, green, blue = (share * part + 1 - share for part in to_rgb(colour))
+    return to_hex((red, green, blue))
 
 
 def lean_shares(chain: Chain) -> tuple[Array, Array]:

@@ -31,16 +31,21 @@ def study_parser(
     quick: str,
     output: str = '',
     *,
+    config: str = '',
     selective: bool = False,
     scheduler: bool = False,
 ) -> argparse.ArgumentParser:
     """Command line of a study, whose help says what `--quick` is.
 
+    Settings are by default those of its name in config/studies, or those named by `config`.
     `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
     chooses its folder itself, where none is given, says in `output` which.
     """
     parser = argparse.ArgumentParser(prog=name, description=description)
-    parser.add_argument('config', type=Path, help='settings, as those in config/studies')
+    settings = Path('config/studies') / f'{config or name}.yaml'
+    parser.add_argument(
+        'config', type=Path, nargs='?', default=settings, help='settings [%(default)s]'
+    )
     folder = None if output else Path('out') / name
     parser.add_argument('--output', type=Path, default=folder, help=f'folder [{output or folder}]')
     parser.add_argument('--quick', action='store_true', help=f'{quick}, to try it out')

@@ -16,10 +16,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.accuracy.contraction import (
+    RECORDED,
     ContractedWall,
     ContractionStudy,
     passage_of,
@@ -97,10 +100,11 @@ def record(
 def measure(bag: Path) -> ContractedWall:
     """Speed and width of the wall of a bag; raises ValueError where it does not show one."""
     with open_bag(bag) as reader:
-        found = [analysis for _, analysis in analysed(reader) if analysis is not None]
+        found = [each for each in analysed(reader) if each[1] is not None]
         chain = read_chain(reader).chain
+    times = 1e-9 * np.array([joints.stamp - found[0][0].stamp for joints, _ in found])
     try:
-        return passage_of(chain, [analysis.solitons for analysis in found])
+        return passage_of(chain, times, [analysis.solitons for _, analysis in found if analysis])
     except ValueError as error:
         raise ValueError(f'bag {str(bag)!r}: {error}') from error
 
@@ -146,13 +150,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with private_domain():
             passages = measured(study, options.output, stopping)
         at_rest = [rest_width(walls.chain) for walls in study.walls]
-        study.write([*passages, *at_rest], options.output)
+        study.write([*passages, *at_rest], options.output, RECORDED)
     except (RuntimeError, ValueError) as error:
         sys.exit(f'\ncontraction: {error}')
     except KeyboardInterrupt:
         print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
         sys.exit(INTERRUPTED)
-    print(f'bags, contraction.md and contraction.png are in {options.output}')
+    print(f'bags, {RECORDED}.md and {RECORDED}.png are in {options.output}')
 
 
 def _given(**parameters: object) -> list[str]:

@@ -51,12 +51,12 @@ SETTINGS = {
 FILES = {
     'table.md',
     'table.csv',
-    'contraction.md',
+    'contraction_simulated.md',
     'record.md',
     *(
         f'{picture}.{suffix}'
-        for picture in ('single_frame', 'bias_by_place', 'contraction', 'record')
-        for suffix in ('png', 'pdf', 'csv')
+        for picture in ('single_frame', 'bias_by_place', 'contraction_simulated', 'record')
+        for suffix in ('png', 'pdf', 'csv', 'txt')
     ),
 }
 

@@ -26,9 +26,9 @@ same found cold, without one. Chains are named by class and (r/a, θ̄).
 """
 _FRAMES = f"""
 How well single frames of noisy angles tell the place of a wall, a column for each noise.
-(a) Standard deviation of the error over its least, the bound of Cramér and Rao, which is the dashed
-line at 1; an estimator that is biased may be below it. (b) Absolute bias, hollow where it is within
-{{significant:g}} standard errors of 0, so that chance can make it; the dashed line is
+(a) Standard deviation of the error over its least, the bound of Cramér and Rao, which is the
+dashed line at 1; an estimator that is biased may be below it. (b) Absolute bias, hollow where it
+is within {{significant:g}} standard errors of 0, so that chance can make it; the dashed line is
 {{unbiased:g}} rotor spacings, below which an estimator is taken for unbiased. (c) Share of the
 frames in which the stated interval of 95 % holds the place; the dashed line is at 95 %. Those that
 state no interval have no point. Thin pale grey lines part the chains.

@@ -52,7 +52,9 @@ def page(study: DrivingStudy, results: Results) -> tuple[Plate, list[Finding]]:
     order = convergence_order(stiffnesses, results.apart)
     draw_stiffness(plate, panels['c'], stiffnesses, results.apart, order)
     draw_tilt(plate, panels['t'], panels['d'], results.tilts)
-    draw_moves(plate, panels['e'], {key: runs[0] for key, runs in results.moves.items()})
+    chains = {name: tasks[0].chain for (name, _), tasks in study.moves.items()}
+    moves = {key: runs[0] for key, runs in results.moves.items()}
+    draw_moves(plate, panels['e'], chains, moves)
     draw_work(plate, panels['f'], results.works)
     entitle(panels)
     highest = float(study.step.values.max())

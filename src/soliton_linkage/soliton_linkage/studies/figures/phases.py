@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.unit_cell import (
@@ -184,7 +185,7 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
         hidden = _hidden(points)
         for shown, style in (
             (hidden, {'linestyle': ':', 'linewidth': 1.5, 'alpha': 0.6, 'zorder': 2}),
-            (~hidden, {'linestyle': '-', 'linewidth': 2.5, 'zorder': 3}),
+            (np.logical_not(hidden), {'linestyle': '-', 'linewidth': 2.5, 'zorder': 3}),
         ):
             axes.plot(*np.where(shown, points, np.nan), color=colour, **style)
     title = f'{letter}  {len(curves)} component{"s" if len(curves) > 1 else ""} on the torus'
@@ -202,7 +203,7 @@ def _on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 
 
-def _hidden(points: Array) -> Array:
+def _hidden(points: Array) -> NDArray[np.bool_]:
     """Whether the torus is between its points, shape (3, K), and the eye, shape (K,)."""
     eye = np.array(
         [
@@ -213,7 +214,8 @@ def _hidden(points: Array) -> Array:
     )
     steps = np.linspace(0.02, 2 * (_RADIUS + 1), 400)
     x, y, z = points[:, :, None] + eye[:, None, None] * steps
-    return np.asarray(((np.hypot(x, y) - _RADIUS) ** 2 + z**2 < 1).any(axis=-1))
+    inside = (np.hypot(x, y) - _RADIUS) ** 2 + z**2 < 1
+    return np.asarray(inside.any(axis=-1), dtype=np.bool_)
 
 
 def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:

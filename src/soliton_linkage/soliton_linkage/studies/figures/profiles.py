@@ -282,8 +282,8 @@ def _draw_offset(plate: Plate, axes: Axes, chain: Chain, wall: WallAtSpeed) -> N
     theta = staggered(angles)
     even, odd = theta[::2], np.pi - theta[1::2]
     axes.plot(places[::2], even, 'o', color=MEASURED, markersize=4, label='φ, even rotors')
-    looks = {'color': MEASURED, 'markerfacecolor': WHITE, 'markersize': 4}
-    axes.plot(places[1::2], odd, 'o', label='φ, odd rotors', **looks)
+    (hollow,) = axes.plot(places[1::2], odd, 'o', color=MEASURED, markersize=4)
+    hollow.set(markerfacecolor=WHITE, label='φ, odd rotors')
     axes.set(xlabel='n − X [rotor spacings]', ylabel='actual angle φ [rad]')
     axes.set_title('b  angles of the rotors in one snapshot', loc='left', fontsize=10)
     axes.legend()

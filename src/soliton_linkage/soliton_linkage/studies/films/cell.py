@@ -20,7 +20,7 @@ from soliton_linkage.studies.films.scenes import (
     Format,
     Scene,
 )
-from soliton_linkage.studies.palette import BLACK, GREY
+from soliton_linkage.studies.palette import BLACK, DARK, GREY, PALE
 from soliton_linkage.studies.settings import Section, chain_from
 
 _SMOOTH = 800
@@ -88,8 +88,8 @@ class CellScene(Scene):
 def _cell_picture(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:
     """Draw two rotors, a rigid bar and the circles that the masses keep to."""
     for number, (x, _) in enumerate(pivot_points(chain), start=1):
-        circle = Circle((x, 0), chain.rotor_length, fill=False, edgecolor='0.85', linewidth=1.5)
+        circle = Circle((x, 0), chain.rotor_length, fill=False, edgecolor=PALE, linewidth=1.5)
         axes.add_patch(circle)
         below = -chain.rotor_length - 0.06 * chain.spacing
-        axes.text(x, below, f'rotor {number}', ha='center', va='top', color='0.35')
+        axes.text(x, below, f'rotor {number}', ha='center', va='top', color=DARK)
     return ChainPicture(axes, chain, angles, rigid=True)

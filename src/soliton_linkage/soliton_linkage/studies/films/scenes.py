@@ -19,7 +19,7 @@ from matplotlib.patches import Rectangle
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage.studies.drawing import displacement, lean_norm, limits, pivot_points
-from soliton_linkage.studies.palette import BLACK, BLUE, GREY, LEAN_COLOURS
+from soliton_linkage.studies.palette import BLACK, BLUE, DARK, GREY, LEAN_COLOURS, PALE, WHITE
 
 INCHES_HIGH = 7.2
 """Height of every figure, in which letters have their size."""
@@ -71,13 +71,13 @@ class Scene(ABC):
         self._time_unit = time_unit
         self.times = np.linspace(0.0, duration, shape.frames)
         size = (shape.width / shape.resolution, INCHES_HIGH)
-        self.figure = Figure(figsize=size, dpi=shape.resolution, facecolor='white')
+        self.figure = Figure(figsize=size, dpi=shape.resolution, facecolor=WHITE)
         self._canvas: Any = FigureCanvasAgg(self.figure)
         self.figure.text(0.02, 0.95, title, fontsize=18, fontweight='bold')
         pace = duration * shape.frame_rate / (shape.frames - 1)
         speed = f'{pace:.3g} × faster' if pace > 1 else f'{1 / pace:.3g} × slower'
-        self.figure.text(0.02, 0.912, f'{subtitle}, shown {speed}', color='0.35')
-        self._clock = self.figure.text(0.98, 0.912, '', color='0.35', ha='right')
+        self.figure.text(0.02, 0.912, f'{subtitle}, shown {speed}', color=DARK)
+        self._clock = self.figure.text(0.98, 0.912, '', color=DARK, ha='right')
         self._moving: list[Artist] = [self._clock]
         self._still: Any = None
 
@@ -130,7 +130,7 @@ class SpaceTime:
             norm=lean_norm(chain),
             extent=(-half, last + half, 0, duration),
         )
-        self.cover = Rectangle((-half, 0), last + 2 * half, duration, color='white', zorder=2)
+        self.cover = Rectangle((-half, 0), last + 2 * half, duration, color=WHITE, zorder=2)
         axes.add_patch(self.cover)
         self._duration, self._frames = duration, len(angles)
         axes.set(
@@ -170,7 +170,7 @@ class ProfilePanel:
             for fill, name in zip((BLUE, 'white' if spinner else BLUE), face, strict=True)
         ]
         most = 110 * chain.rotor_length
-        axes.axhline(0, color='0.85', zorder=0)
+        axes.axhline(0, color=PALE, zorder=0)
         title = 'u = r sin φ of each rotor, and in theory for a wall at rest'
         axes.set(ylim=(-most, most), ylabel='u [cm]', title=title)
         axes.tick_params(labelbottom=False)

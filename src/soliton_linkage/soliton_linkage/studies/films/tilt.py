@@ -32,7 +32,7 @@ from soliton_linkage.studies.films.scenes import (
     Scene,
     SpaceTime,
 )
-from soliton_linkage.studies.palette import BLACK
+from soliton_linkage.studies.palette import BLACK, GREY
 from soliton_linkage.studies.settings import Section, chain_from
 
 
@@ -84,7 +84,7 @@ class TiltScene(Scene):
         strip = self.figure.add_axes((LEFT, BOTTOM + free + 0.04, 0.6, 0.03))
         self._projections = _projected(strip, chain, rest, space.get_xlim())
         tilt = self.figure.add_axes((LEFT + 0.67, BOTTOM, WIDTH - 0.67, free))
-        tilt.plot(np.degrees(self._tilts), self.times, color='0.75', linewidth=2)
+        tilt.plot(np.degrees(self._tilts), self.times, color=GREY, linewidth=2)
         tilt.set(xlabel='tilt [°]', ylabel='t [s]', title='left end low | right end low')
         tilt.set(ylim=(0, motion.times[-1]))
         (self._now,) = tilt.plot([], [], 'o', color=BLACK, markersize=9)

@@ -13,6 +13,13 @@ from soliton_linkage.studies.moves.runs import MoveKey, MoveRun, MoveTask
 from soliton_linkage.studies.palette import COLOURS, GREY
 from soliton_linkage.studies.plates import Plate
 
+_CAPTION = """
+Walls on their way to goals in simulated chains, a column for each chain and a colour for each
+condition; each move is a line. (a) Place of the wall. (b) Absolute distance from the goal, down to
+{least:g}; the dashed grey line is {wanted:g} rotor spacings, at which it is to be held. (c) Energy
+of phonons, which is what is not in the motion of the wall, over the largest energy that the wall
+has on its way. Lines of conditions that do not differ lie on each other, the last on top.
+"""
 _WANTED = 0.1
 """Distance from its goal at which a wall is to be held [rotor spacings]."""
 _LEAST_ERROR = 1e-6
@@ -27,7 +34,8 @@ def draw_moves(
     """Places, distances from the goal and phonons against time, a column for each chain."""
     chains = list(dict.fromkeys(name for name, _ in tasks))
     conditions = list(dict.fromkeys(title for _, title in tasks))
-    plate = Plate(Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained'))
+    figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
+    plate = Plate(figure, _CAPTION.format(least=_LEAST_ERROR, wanted=_WANTED))
     panels = plate.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
     for column, name in zip(panels.T, chains, strict=True):
         for number, title in enumerate(conditions):
@@ -37,12 +45,13 @@ def draw_moves(
         column[0].set(title=name)
         column[1].axhline(_WANTED, color=GREY, linestyle='--', linewidth=0.8)
         column[2].set(xlabel='time since the goal was given [s]')
-    panels[0, 0].set(ylabel='place [rotor spacings]')
-    panels[1, 0].set(ylabel='|place - goal| [rotor spacings]', yscale='log')
-    panels[2, 0].set(ylabel='phonons over the peak energy of the wall [1]', yscale='log')
+    panels[0, 0].set(ylabel='a  place [rotor spacings]')
+    panels[1, 0].set(ylabel='b  |place − goal| [rotor spacings]', yscale='log')
+    panels[2, 0].set(ylabel='c  phonons / peak energy of the wall [1]', yscale='log')
+    panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'to be held: {_WANTED:g}')
     for number, title in enumerate(conditions):
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
-    plate.figure.legend(loc='outside upper center', ncols=len(conditions))
+    plate.figure.legend(loc='outside upper center', ncols=len(conditions) + 1)
     return plate
 
 

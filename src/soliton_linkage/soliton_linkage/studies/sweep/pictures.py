@@ -18,21 +18,45 @@ from matplotlib.ticker import LogLocator
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.unit_cell import flipper_limit, spinner_limit
-from soliton_linkage.studies.measures import Value
-from soliton_linkage.studies.palette import COLOURS, MARKERS
+from soliton_linkage.studies.measures import BLOCKED, Value
+from soliton_linkage.studies.palette import (
+    BLACK,
+    COLOURS,
+    DARK,
+    MARKERS,
+    MECHANICS_COLOURS,
+    MOTION_COLOURS,
+    OUTCOME_COLOURS,
+    WHITE,
+    scale_colours,
+    tint,
+)
 from soliton_linkage.studies.shares import score_interval
 from soliton_linkage.studies.sweep.config import Axis, SweepStudy
 
 _MOST_CURVES = 5
 """Values of an axis that make curves beside each other; more make a map."""
-_CLASS_COLOURS = ('#56b4e9', '#0072b2', '#e69f00', '#3a3a3a', '#009e73')
-"""Of classes, after Okabe and Ito, told apart by the colour-blind and by their lightness."""
+CLASS_COLOURS = {
+    **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
+    BLOCKED: DARK,
+    **OUTCOME_COLOURS,
+}
+"""By the value that a measure has."""
+_SAID = {
+    BLOCKED: 'blocked: a bond may stop the wall',
+    'returns': 'crosses and returns',
+    'crosses': 'crosses, does not return',
+    'lost': 'does not cross',
+}
+"""Classes whose names do not say what they are."""
+_ASIDE = 0.16
+"""From curve to curve [of the least distance of two points], so that bars do not hide bars."""
 _NAMES = {
-    'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$'),
+    'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
     'spacing': ('$a$ [m]', 'spacing $a$ [m]'),
     'rest_angle': (r'$\bar\theta$ [rad]', r'rest angle $\bar\theta$ [rad]'),
-    'number_of_rotors': ('$N$', 'number of rotors $N$'),
+    'number_of_rotors': ('$N$', 'number of rotors $N$ [1]'),
     'mass': ('$M$ [kg]', 'mass $M$ [kg]'),
     'stiffness': ('$k_e$ [N/m]', 'stiffness $k_e$ [N/m]'),
     'damping': ('damping [N m s/rad]', 'damping [N m s/rad]'),
@@ -40,7 +64,7 @@ _NAMES = {
         r'kick [$a\sqrt{k_e/M}$]',
         r'speed of the kick, $r|\dot\phi|$ [$a\sqrt{k_e/M}$]',
     ),
-    'deviations.scale': ('scale', 'scale of the deviations'),
+    'deviations.scale': ('scale', 'scale of the deviations [1]'),
 }
 """Short and long name of a parameter, with its unit."""
 
@@ -59,12 +83,11 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
     Two axes of many values make a map, one makes curves, as does one more of few values.
     """
-    of_many = [axis for axis in study.axes if len(axis.values) > _MOST_CURVES]
-    if len(of_many) == 2:
+    if is_map(study.axes):
         _draw_map(axes, study, rows)
     else:
         _draw_curves(axes, study, rows)
-    axes.set_title(_title(study), fontsize=10)
+    axes.set_title(title(study), fontsize=10)
     return axes
 
 
@@ -84,6 +107,27 @@ def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
     return np.array(shown).reshape(_shape(study))
 
 
+def is_map(axes: Sequence[Axis]) -> bool:
+    """Whether two of the axes of a sweep are long enough for a map."""
+    return sum(len(axis.values) > _MOST_CURVES for axis in axes) == 2
+
+
+def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
+    """Return the longest axis, along which curves are drawn, and those that make many of them."""
+    along = max(axes, key=lambda axis: len(axis.values))
+    return along, [axis for axis in axes if axis is not along]
+
+
+def shows_limits(axes: Sequence[Axis]) -> bool:
+    """Whether the limits of the classes can be drawn over a map."""
+    return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
+
+
+def said_of(name: str) -> str:
+    """Return what a class or another value is called where people read it."""
+    return _SAID.get(name, name)
+
+
 def _shape(study: SweepStudy) -> tuple[int, ...]:
     return (*(len(axis.values) for axis in study.axes), len(study.seeds))
 
@@ -93,8 +137,10 @@ def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> 
     across, up = study.axes
     edges = _edges(across), _edges(up)
     if study.measure.classes:
-        axes.pcolormesh(*edges, _blended(shares(study, rows)).swapaxes(0, 1), rasterized=True)
-        _label_classes(axes, study.measure.classes)
+        classes = study.measure.classes
+        colours = _blended(shares(study, rows), classes).swapaxes(0, 1)
+        axes.pcolormesh(*edges, colours, rasterized=True)
+        _label_classes(axes, classes, len(study.seeds))
     else:
         values = numbers(study, rows)
         counted = np.isfinite(values).sum(axis=-1)
@@ -107,7 +153,7 @@ def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> 
 
 def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
     """Draw d = 1 and d = d_c = 2 / sin(theta_bar) where the map is over r / a and theta_bar."""
-    if {across.name, up.name} != {'rotor_length_ratio', 'rest_angle'}:
+    if not shows_limits((across, up)):
         return
     limits = axes.get_xlim(), axes.get_ylim()
     angles = np.linspace(*(limits[1] if up.name == 'rest_angle' else limits[0]), 400)
@@ -117,16 +163,15 @@ def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
         (spinner_limit(angles), '--', r'$d = d_c = 2/\sin\bar\theta$'),
     ):
         line = (ratios, angles) if up.name == 'rest_angle' else (angles, ratios)
-        effects = [withStroke(linewidth=4, foreground='white')]
-        axes.plot(*line, style, color='black', label=words, path_effects=effects)
+        effects = [withStroke(linewidth=4, foreground=WHITE)]
+        axes.plot(*line, style, color=BLACK, label=words, path_effects=effects)
     axes.set(xlim=limits[0], ylim=limits[1])
-    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.24), ncols=2, frameon=False)
+    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.28), ncols=2, frameon=False)
 
 
 def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
     """Draw shares of classes, or medians of numbers with all seeds, over the longest axis."""
-    along = max(study.axes, key=lambda axis: len(axis.values))
-    families = [axis for axis in study.axes if axis is not along]
+    along, families = curve_axes(study.axes)
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
     values = np.moveaxis(values, study.axes.index(along), 0)
@@ -140,31 +185,42 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         curves = [values[:, number, None] for number in range(len(names))]
     else:
         names, curves = [''], [values]
-    colours = _CLASS_COLOURS if of_classes and not families else COLOURS
+    colours = _curve_colours(families[0] if families else None, names)
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        looks = {'color': colours[number % 5], 'marker': MARKERS[number % 5], 'label': name}
+        looks = {
+            'color': colours[number],
+            'marker': MARKERS[number % len(MARKERS)],
+            'label': said_of(name),
+        }
         if of_classes:
-            _draw_shares(axes, along, curve[:, 0], len(study.seeds), looks)
+            aside = _ASIDE * (number - (len(curves) - 1) / 2)
+            _draw_shares(axes, along, curve[:, 0], len(study.seeds), aside, looks)
         else:
             _draw_curve(axes, along, curve, looks)
     if of_classes:
-        axes.set_ylim(0, 1)
+        axes.set_ylim(-0.02, 1.02)
     axes.set_ylabel(_curve_label(study, bool(families)))
     _scale_axes(axes, along, None)
     if along.name == 'deviations.scale' and _scale_is_fraction(study):
-        axes.set_xlabel('standard deviation, as a fraction of the parameter')
+        axes.set_xlabel('standard deviation, as a fraction of the parameter [1]')
     if names != ['']:
         axes.legend(frameon=False)
 
 
+def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
+    """Colours of curves: those of their classes or mechanics, or of numbers in their order."""
+    if family is not None and _numeric(family):
+        return scale_colours(len(names))
+    known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
+    return [known.get(name, COLOURS[number % len(COLOURS)]) for number, name in enumerate(names)]
+
+
 def _draw_shares(
-    axes: Axes, along: Axis, share: Array, seeds: int, looks: Mapping[str, Any]
+    axes: Axes, along: Axis, share: Array, seeds: int, aside: float, looks: Mapping[str, Any]
 ) -> None:
-    """Draw a share of the seeds as a line, and its statistical error as bars."""
-    places = _places(along)
-    axes.vlines(
-        places, *score_interval(share, seeds), color=looks['color'], alpha=0.6, linewidth=2
-    )
+    """Draw a share of the seeds as a line, and its statistical error as bars, a bit aside."""
+    places = _beside(along, aside)
+    axes.vlines(places, *score_interval(share, seeds), color=looks['color'], linewidth=1.5)
     axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **looks)
 
 
@@ -192,24 +248,31 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
     measure = study.measure
     if not measure.classes:
         return measure.label
-    share = f'share of walls: {measure.classes[0]}' if families else f'share, {measure.label}'
-    return f'{share} (bars: standard error)'
+    best = said_of(measure.classes[0])
+    share = f'share of walls: {best}' if families else f'share, {measure.label}'
+    return f'{share} [1] (bars: standard error)'
 
 
-def _blended(each: Array) -> Array:
+def _blended(each: Array, classes: Sequence[str]) -> Array:
     """Colours of the commonest class, the paler the fewer seeds are in it, shape (..., 3)."""
-    colours = np.array([to_rgb(colour) for colour in _CLASS_COLOURS[: each.shape[-1]]])
+    colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     commonest = colours[each.argmax(axis=-1)]
     return np.asarray(share * commonest + (1 - share))
 
 
-def _label_classes(axes: Axes, classes: Sequence[str]) -> None:
-    handles = [
-        Patch(color=_CLASS_COLOURS[number], label=name) for number, name in enumerate(classes)
-    ]
+def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
+    handles = [Patch(color=CLASS_COLOURS[name], label=said_of(name)) for name in classes]
+    if seeds > 1:
+        half = tint(CLASS_COLOURS[classes[0]], 0.5)
+        handles.append(Patch(color=half, label='paler: of fewer seeds'))
     legend = axes.legend(
-        handles=handles, loc='upper center', bbox_to_anchor=(0.5, -0.14), ncols=4, frameon=False
+        handles=handles,
+        loc='upper center',
+        bbox_to_anchor=(0.5, -0.12),
+        ncols=3,
+        frameon=False,
+        fontsize=9,
     )
     axes.add_artist(legend)
 
@@ -255,6 +318,14 @@ def _places(axis: Axis) -> Array:
     return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
 
 
+def _beside(axis: Axis, aside: float) -> Array:
+    """Where values of an axis are drawn that stand aside, by a share of the least distance."""
+    scaled = np.log(_places(axis)) if axis.logarithmic else _places(axis)
+    least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
+    moved = scaled + aside * least
+    return np.asarray(np.exp(moved) if axis.logarithmic else moved)
+
+
 def _numeric(axis: Axis) -> bool:
     return not isinstance(axis.values[0], str)
 
@@ -262,7 +333,8 @@ def _numeric(axis: Axis) -> bool:
 def _label(name: str) -> str:
     if name in _NAMES:
         return _NAMES[name][1]
-    return name.replace('deviations.', 'deviation of ').replace('_', ' ')
+    unit = ' [1]' if name.startswith('deviations.') else ''
+    return name.replace('deviations.', 'deviation of ').replace('_', ' ') + unit
 
 
 def _said(name: str, value: Value) -> str:
@@ -273,7 +345,7 @@ def _said(name: str, value: Value) -> str:
     return f'{symbol} = {value:g} {unit.rstrip("]")}'.rstrip()
 
 
-def _title(study: SweepStudy) -> str:
+def title(study: SweepStudy) -> str:
     """Say what is the same at all points, in as many lines as it takes."""
     unsaid = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
     deviating: dict[Value, list[str]] = {}
@@ -286,5 +358,5 @@ def _title(study: SweepStudy) -> str:
             said.append(_said(key, value))
     for value, names in deviating.items():
         share = '' if value == 1 and 'deviations.scale' in unsaid else f' by {value:g}'
-        said.append(f'deviations{share} of {", ".join(names)}')
+        said.append(f'deviations{share} of {", ".join(sorted(names))}')
     return '\n'.join(textwrap.wrap('; '.join([*said, f'{len(study.seeds)} seeds']), 95))

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.plates import save_figure
+from soliton_linkage.studies.plates import save_caption, save_figure
 from soliton_linkage.studies.program import run_study, study_parser
+from soliton_linkage.studies.sweep.captions import sweep_caption
 from soliton_linkage.studies.sweep.config import SweepStudy, read_sweep_study
 from soliton_linkage.studies.sweep.pictures import sweep_figure
 from soliton_linkage.studies.sweep.table import Table, read_rows
@@ -27,7 +28,12 @@ _GOES_ON = 'the same command goes on where it was'
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sweep; return 0, 1 where something is wrong, or 130 after Ctrl-C or SIGTERM."""
     parser = study_parser(
-        'sweep', __doc__, 'a thinner grid', 'out/sweeps/NAME OF CONFIG', scheduler=True
+        'sweep',
+        __doc__,
+        'a thinner grid',
+        'out/sweeps/NAME OF CONFIG',
+        config='phase_diagram',
+        scheduler=True,
     )
     return run_study(parser, arguments, _swept, _GOES_ON)
 
@@ -59,6 +65,7 @@ def _measured(options: argparse.Namespace) -> str:
         paths += [folder / f'{study.name}.{kind}' for kind in ('png', 'pdf')]
         for path in paths[1:]:
             save_figure(figure, path)
+        save_caption(sweep_caption(study), folder / f'{study.name}.txt')
     failed = sum(bool(row['failure']) for row in rows)
     remark = f'; {failed} rows hold a failure' if failed else ''
     return f'{study.rows} rows in {", ".join(map(str, paths))}{remark}'
