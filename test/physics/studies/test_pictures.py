@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, chain_of
+from chains import EXAMPLES, FLIPPER, SPINNER, chain_of
 from linkage_motion import site
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, follow
+from soliton_linkage.studies.drawing import lean_norm
 from soliton_linkage.studies.pictures import (
     kymograph,
     kymograph_figure,
+    save_run,
     track_figure,
     track_places,
     track_velocities,
@@ -46,7 +48,7 @@ def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(recording: Recording) 
     assert image.origin == 'lower'
     # Each pixel lies around its rotor and its frame.
     assert image.get_extent() == pytest.approx([1.75, 6.25, -0.5, 19.5])
-    assert image.norm.vmax == -image.norm.vmin == pytest.approx(lean[0, 0], rel=1e-3)
+    assert image.norm.vmax == -image.norm.vmin == CHAIN.rotor_length
 
 
 def test_the_track_lies_over_the_wall_of_the_kymograph(recording: Recording) -> None:
@@ -77,11 +79,38 @@ def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing() -> None:
     means = [
         (list(line.get_xdata()), list(line.get_ydata()))
         for line in velocity.lines
-        if line.get_linewidth() == 2
+        if line.get_linestyle() == '--'
     ]
     assert means == [([1.0, 4.0], [2.0, 2.0]), ([6.0, 9.0], [-3.0, -3.0])]
     low, high = velocity.get_ylim()
     assert low < -3 < 3 < high
+
+
+def test_swings_about_rest_have_colours_of_their_own_in_every_chain() -> None:
+    for example in EXAMPLES:
+        chain = chain_of(example, 20)
+        rest = chain.rotor_length * np.sin(chain.rest_angle)
+        norm = lean_norm(chain)
+        seen = norm([-1.03 * rest, -rest, -0.97 * rest, 0, 0.97 * rest, rest, 1.03 * rest])
+        assert (np.diff(seen) > 0.03).all()
+        assert seen + seen[::-1] == pytest.approx(np.ones(7), abs=1e-9)
+        assert seen[5] == pytest.approx(
+            float(lean_norm(CHAIN)(CHAIN.rotor_length * np.sin(CHAIN.rest_angle)))
+        )
+        assert norm.inverse(seen)[4:] == pytest.approx(rest * np.array([0.97, 1, 1.03]))
+
+
+def test_a_track_has_a_band_of_twice_its_deviations() -> None:
+    times = np.linspace(0, 4, 5)
+    track = Track(times, 3 * times, np.full(5, 3.0), np.full(5, 0.25), np.full(5, 0.5))
+    place, velocity = track_places(new_axes(), CHAIN, track), new_axes()
+    track_velocities(velocity, track, ())
+    for axes, middle, off in ((place, track.rotors, 0.5), (velocity, track.place_rates, 1.0)):
+        (band,) = axes.collections
+        low, high = band.get_datalim(axes.transData).intervaly
+        assert (low, high) == pytest.approx((middle.min() - off, middle.max() + off))
+        line = axes.lines[0]
+        assert line.get_zorder() > band.get_zorder()
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
@@ -97,3 +126,16 @@ def test_figures_of_one_frame_show_something_and_name_the_chain(
         title = figure.axes[0].get_title()
         assert chain.motion.value in title
         assert '8 rotors' in title
+
+
+def test_a_run_is_saved_as_two_pictures_with_a_caption_each(
+    recording: Recording, tmp_path: Path
+) -> None:
+    save_run(CHAIN, recording, follow(CHAIN, recording), (), tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        f'{name}.{kind}' for name in ('kymograph', 'track') for kind in ('png', 'txt')
+    }
+    words = (tmp_path / 'kymograph.txt').read_text(encoding='utf-8')
+    for explained in ('purple', 'orange', 'black', 'edge rotor', CHAIN.motion.value):
+        assert explained in words

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from soliton_linkage.studies.plates import Comparison, Plate, write_table
+from soliton_linkage.studies.formulas import Formula, read_formula
+from soliton_linkage.studies.plates import Comparison, Plate, save_caption, write_table
 
 
 def plate_with(points: list[tuple[float, float]]) -> Plate:
-    plate = Plate(Figure(figsize=(2, 2)))
+    plate = Plate(Figure(figsize=(2, 2)), 'A line over time.')
     axes = plate.figure.subplots()
     across, up = np.transpose(points)
     axes.plot(across, up)
@@ -37,16 +38,37 @@ def test_data_are_kept_to_the_last_digit(tmp_path: Path) -> None:
 def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
     for name in ('once', 'again'):
         plate_with([(0, 1), (1, 3)]).save(tmp_path, name)
-    for suffix in ('png', 'pdf', 'csv'):
+    for suffix in ('png', 'pdf', 'csv', 'txt'):
         once, again = (tmp_path / f'{name}.{suffix}' for name in ('once', 'again'))
         assert once.read_bytes() == again.read_bytes()
     assert (tmp_path / 'once.png').read_bytes().startswith(b'\x89PNG')
     assert (tmp_path / 'once.pdf').read_bytes().startswith(b'%PDF')
 
 
+def test_a_caption_stands_beside_the_picture_in_short_lines(tmp_path: Path) -> None:
+    plate = plate_with([(0, 1)])
+    plate.caption = f"""
+    {'A blue line. ' * 20}
+
+    And more.
+    """
+    plate.save(tmp_path, 'line')
+    text = (tmp_path / 'line.txt').read_text(encoding='utf-8')
+    assert max(map(len, text.splitlines())) < 99
+    first, second = text.split('\n\n')
+    assert first.split() == ['A', 'blue', 'line.'] * 20
+    assert second == 'And more.\n'
+
+
+@pytest.mark.parametrize('caption', ['', ' \n\n \n'])
+def test_a_picture_without_a_caption_is_refused(caption: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='line has no caption; say what it shows'):
+        save_caption(caption, tmp_path / 'line.txt')
+
+
 def test_points_that_do_not_pair_are_refused() -> None:
     with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
-        Plate(Figure()).note('a', 'line', ('x', 'y'), [1, 2], [3])
+        Plate(Figure(), 'Nothing.').note('a', 'line', ('x', 'y'), [1, 2], [3])
 
 
 @pytest.mark.parametrize(
@@ -77,6 +99,18 @@ def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path)
     assert {line.count('|') for line in lines} == {7}
     assert 'q = 1 | 2 | +1e+02 %' in lines[2]
     assert 'none | 0.25 |  |' in lines[3]
+
+
+def test_a_row_prints_the_formula_that_its_number_is_computed_from(tmp_path: Path) -> None:
+    plate = plate_with([(0, 0)])
+    plate.compare('speed', 'v', Formula('|v| / Λ', {'v': -3.0, 'Λ': 4.0}, 'slow'), 1.5)
+    write_table({'figure': plate.comparisons}, tmp_path / 'table.md', ['figure'])
+    row = (tmp_path / 'table.md').read_text(encoding='utf-8').splitlines()[2]
+    assert row == (
+        '| figure | speed | v | ∣v∣ / Λ = 0.75 for v = -3, Λ = 4 (slow) | 1.5 | +1e+02 % |'
+    )
+    formula, printed = read_formula(row.split(' | ')[3])
+    assert formula.value == printed
 
 
 def test_rows_of_figures_that_were_not_drawn_again_stay_in_the_order_of_the_figures(

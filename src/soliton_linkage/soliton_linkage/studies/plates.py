@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -111,7 +112,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 def save_caption(caption: str, path: Path) -> None:
     """Write a caption in lines that fit a page, its paragraphs apart, as Markdown reads it."""
-    paragraphs = [' '.join(each.split()) for each in caption.strip().split('\n\n')]
+    paragraphs = [' '.join(each.split()) for each in re.split(r'\n\s*\n', caption.strip())]
     if not any(paragraphs):
         raise ValueError(f'{path.stem} has no caption; say what it shows and what its colours are')
     text = '\n\n'.join(textwrap.fill(each, _LINE) for each in paragraphs)

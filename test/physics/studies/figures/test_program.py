@@ -40,7 +40,7 @@ LIMITS = {
 def test_a_figure_is_written_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
     lines = figures.draw(FIGURES[name], SETTINGS.section(name), tmp_path, quick=True)
     assert {path.name for path in tmp_path.iterdir()} == {
-        f'{name}.{suffix}' for suffix in ('png', 'pdf', 'csv')
+        f'{name}.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')
     }
     data = (tmp_path / f'{name}.csv').read_text(encoding='utf-8').splitlines()
     assert len(data) > 3
@@ -84,18 +84,19 @@ OWN_FIGURE = """
 from matplotlib.figure import Figure
 
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.formulas import Formula
 from soliton_linkage.studies.plates import Plate
 
 
 @FIGURES.add('own_parabola')
 def parabola(section, quick):
     section.allow('points')
-    plate = Plate(Figure())
+    plate = Plate(Figure(), 'A parabola.')
     points = range(section.whole_number('points', 2, 100))
     heights = [each**2 for each in points]
     plate.figure.subplots().plot(points, heights)
     plate.note('', 'parabola', ('x', 'y'), points, heights)
-    plate.compare('height', '', 'x²', heights[-1], 16.0)
+    plate.compare('height', '', Formula('x²', {'x': points[-1]}), heights[-1])
     return plate
 """
 
@@ -113,7 +114,7 @@ def test_a_figure_from_outside_is_drawn_with_the_others(
     assert (tmp_path / 'own_parabola.png').exists()
     data = (tmp_path / 'own_parabola.csv').read_text(encoding='utf-8').splitlines()
     assert data[-1] == ',parabola,4.0,16.0,x,y'
-    row = '| own_parabola | height |  | x² = 16 | 16 | 0 % |'
+    row = '| own_parabola | height |  | x² = 16 for x = 4 | 16 | 0 % |'
     assert row in (tmp_path / 'table.md').read_text(encoding='utf-8')
 
 

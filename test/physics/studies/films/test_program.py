@@ -126,11 +126,16 @@ def test_a_quick_run_makes_nine_playable_films(
     config.write_text(yaml.safe_dump(content), encoding='utf-8')
     assert main([str(config), '--output', str(output), '--quick']) == 0
     kind = file_kind()
-    assert sorted(path.name for path in output.iterdir()) == [name + kind.suffix for name in NAMES]
+    captions = [output / f'{name}.txt' for name in NAMES]
+    films = sorted(set(output.iterdir()) - set(captions))
+    assert [path.name for path in films] == [name + kind.suffix for name in NAMES]
+    for caption in captions:
+        words = caption.read_text(encoding='utf-8')
+        assert len(words.split()) > 20, caption
     assert kind.reason in capsys.readouterr().err
     if not kind.ffmpeg:
         pytest.skip('no ffmpeg to read the films with')
-    for path in output.iterdir():
+    for path in films:
         assert frames_of(path, kind.ffmpeg, 320, 180) == 4
 
 
@@ -423,4 +428,7 @@ def test_a_film_of_a_kind_from_outside_is_made_with_the_others(
     config = changed(tmp_path, films={'D1_dot': film})
     output = tmp_path / 'out'
     assert main([str(config), '--output', str(output), '--quick', '--only', 'D1']) == 0
-    assert [path.stem for path in output.iterdir()] == ['D1_dot']
+    assert {path.name for path in output.iterdir()} == {
+        f'D1_dot{file_kind().suffix}',
+        'D1_dot.txt',
+    }

@@ -11,9 +11,15 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from soliton_linkage.linkage.chain import Chain, Motion
-from soliton_linkage.studies.palette import BLUE, RED
+from soliton_linkage.studies.palette import BLUE, MOTION_COLOURS, RED
 from soliton_linkage.studies.sweep.config import Axis, SweepStudy
-from soliton_linkage.studies.sweep.pictures import draw_sweep, numbers, shares, sweep_figure
+from soliton_linkage.studies.sweep.pictures import (
+    draw_sweep,
+    numbers,
+    said_of,
+    shares,
+    sweep_figure,
+)
 
 RATIOS = Axis('rotor_length_ratio', tuple(np.geomspace(0.3, 6, 9).tolist()), logarithmic=True)
 ANGLES = Axis('rest_angle', tuple(np.linspace(0.2, 1.3, 7).tolist()))
@@ -49,7 +55,7 @@ def test_a_map_of_classes_has_the_motion_of_each_chain_between_its_limits() -> N
         name: handle.get_facecolor()[:3]
         for name, handle in zip(names, legend.legend_handles, strict=True)
     }
-    assert names == [*(motion.value for motion in Motion), 'blocked']
+    assert names == [*(motion.value for motion in Motion), 'blocked: a bond may stop the wall']
     corners = mesh.get_coordinates()
     for across, ratio in enumerate(RATIOS.values):
         for up, angle in enumerate(ANGLES.values):
@@ -71,7 +77,7 @@ def test_colours_fade_with_the_share_of_seeds_in_the_commonest_class() -> None:
         row['motion'] = 'spinner' if row['seed'] != '2' else 'flipper'
     assert shares(study, rows)[0, 0] == pytest.approx([0.25, 0, 0.75, 0])
     (mesh,) = drawn(study, rows).collections
-    expected = 0.75 * np.array(to_rgb('#e69f00')) + 0.25
+    expected = 0.75 * np.array(to_rgb(MOTION_COLOURS[Motion.SPINNER])) + 0.25
     assert np.asarray(mesh.get_array())[0, 0] == pytest.approx(expected)
 
 
@@ -126,7 +132,9 @@ def test_a_second_axis_of_few_values_makes_a_curve_of_each() -> None:
 def test_one_axis_of_classes_makes_a_curve_of_the_share_of_each() -> None:
     study = SweepStudy('curves', 'motion', {'rest_angle': 0.97}, (RATIOS,), (0,))
     lines = drawn(study, rows_of(study)).lines
-    assert [line.get_label() for line in lines] == list(study.measure.classes)
+    assert [line.get_label() for line in lines] == [
+        said_of(name) for name in study.measure.classes
+    ]
     heights = np.array([line.get_ydata() for line in lines])
     assert np.array_equal(heights.sum(axis=0), np.ones(9))
 
@@ -146,7 +154,8 @@ def test_shares_are_shown_from_0_to_1_with_their_errors_in_colours_that_differ()
         good = values['mechanics'] == 'elastic' or seed < 2
         rows.append({'outcome': 'returns' if good else 'lost'})
     axes = drawn(study, rows)
-    assert axes.get_ylim() == (0, 1)
+    assert axes.get_ylim() == (-0.02, 1.02)
+    beside: list[tuple[float, ...]] = []
     assert [line.get_color() for line in axes.lines] == [BLUE, RED]
     for bars, line, share in zip(axes.collections, axes.lines, (1.0, 0.25), strict=True):
         assert tuple(bars.get_colors()[0][:3]) == pytest.approx(to_rgb(line.get_color()))
@@ -154,8 +163,10 @@ def test_shares_are_shown_from_0_to_1_with_their_errors_in_colours_that_differ()
         for place, ((left, low), (right, high)) in zip(
             KICKS.values, bars.get_segments(), strict=True
         ):
-            assert left == right == place
+            assert left == right == pytest.approx(place, abs=0.02)
             assert 0 <= low <= share <= high <= 1
+        beside.append(tuple(segment[0][0] for segment in bars.get_segments()))
+    assert np.abs(np.subtract(*beside)).min() > 0.01  # No bar hides another.
     assert 'standard error' in axes.get_ylabel()
 
 

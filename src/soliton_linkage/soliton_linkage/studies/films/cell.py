@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.solitons.unit_cell import configuration_curves
-from soliton_linkage.studies.captions import description
+from soliton_linkage.studies.captions import LINKAGE, description
 from soliton_linkage.studies.drawing import ChainPicture, broken_at_turns, draw_torus, pivot_points
 from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
@@ -50,6 +50,15 @@ class Cell:
 @film_kind('unit_cell', Cell.read)
 class CellScene(Scene):
     """One cycle of a unit cell of a rigid bar, beside its place on the torus of both angles."""
+
+    caption = f"""
+    {LINKAGE} The red line is a rigid bar; pale circles are the ways of the masses.
+
+    To the right all configurations that keep the length of the bar, over both staggered angles,
+    opposite sides of the square being one: a colour for each component, blue the one that the cell
+    is on, pink the other. Triangles are the uniform states, the black dot is the configuration
+    shown to the left, and the wide grey line the way that it has gone.
+    """
 
     def __init__(self, title: str, motion: Cell, shape: Format) -> None:
         """Trace the configuration space and draw the first frame."""

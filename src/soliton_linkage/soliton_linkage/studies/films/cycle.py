@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.studies.captions import description
+from soliton_linkage.studies.captions import LINKAGE, MODE, PROJECTIONS, description
 from soliton_linkage.studies.drawing import ChainPicture
 from soliton_linkage.studies.experiments import kick_rates
 from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
+    SPACE_TIME,
     TOLERANCE,
     Format,
     ProfilePanel,
@@ -50,6 +51,15 @@ class KickedWall:
 @film_kind('cycle', KickedWall.read)
 class CycleScene(Scene):
     """A kicked chain of springs, its zero mode, its profile and its space-time picture."""
+
+    caption = f"""
+    {LINKAGE} Dashed red lines are springs; {MODE}. {PROJECTIONS}
+
+    In the middle dots are u of each rotor over its place, and the line is the continuum's u of a
+    wall at rest at the same place, where there is one wall; a spinner's even rotors are filled and
+    have the solid line, its odd ones are hollow and have the dashed line. The pale line is u = 0.
+    {SPACE_TIME}
+    """
 
     def __init__(self, title: str, motion: KickedWall, shape: Format) -> None:
         """Simulate the motion and draw its first frame."""

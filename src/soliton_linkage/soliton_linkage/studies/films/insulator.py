@@ -12,7 +12,7 @@ from soliton_linkage.linear.bands import gap, penetration_depth
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.studies.captions import description
+from soliton_linkage.studies.captions import LINKAGE, MODE, description
 from soliton_linkage.studies.drawing import ChainPicture, limits, pivot_points
 from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
@@ -60,6 +60,14 @@ class Insulation:
 @film_kind('insulator', Insulation.read)
 class InsulatorScene(Scene):
     """Three copies of the right-leaning chain: the zero mode, a drive in the gap, one above."""
+
+    caption = f"""
+    {LINKAGE} Dashed red lines are springs; {MODE}.
+
+    Beneath, how far each rotor swings to both sides in each of the three motions, over its place,
+    on a logarithmic scale; the green line falls by e in each penetration depth ℓ from the last
+    rotor.
+    """
 
     def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
         """Solve the linear motion and draw its first frame."""

@@ -18,6 +18,7 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.films.files import FileKind, write_film
 from soliton_linkage.studies.films.film import Film, scene_of
 from soliton_linkage.studies.films.scenes import STYLE
+from soliton_linkage.studies.plates import save_caption
 from soliton_linkage.studies.workers import Processes, local_processes
 
 _POLLING = 0.1
@@ -79,8 +80,10 @@ def _count() -> None:
 
 
 def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
-    """Write one film and put it in its place."""
+    """Write one film and put it in its place, with its caption beside it."""
     name = film.name + kind.suffix
     with mpl.rc_context(STYLE):
-        write_film(scene_of(film), film.shape.frame_rate, scratch / name, kind, _count)
+        scene = scene_of(film)
+        write_film(scene, film.shape.frame_rate, scratch / name, kind, _count)
+    save_caption(f'{scene.headline}\n\n{scene.caption}', output / f'{film.name}.txt')
     (scratch / name).replace(output / name)

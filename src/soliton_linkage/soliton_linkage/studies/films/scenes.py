@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -36,6 +36,11 @@ LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 TOLERANCE = 1e-9
 """Error of the angles in a time unit [rad], so that a film of a cycle ends where it began."""
 
+SPACE_TIME = (
+    'The picture of space and time has a row for each frame up to now and a column for each '
+    'rotor, in the colours of u: darker than at rest where a rotor swings beyond it.'
+)
+"""What the picture of space and time shows."""
 _GAP = 0.06
 """Between axes one above the other, over the height of the figure."""
 
@@ -61,6 +66,9 @@ class Format:
 class Scene(ABC):
     """A figure with a title and a clock; `show` moves it to a frame, `paint` to pixels as well."""
 
+    caption: ClassVar[str] = ''
+    """Symbols, lines and colours that no words in the film name."""
+
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
     ) -> None:
@@ -69,6 +77,8 @@ class Scene(ABC):
         The clock shows seconds and, beside them, time units sqrt(M / k_e) [s].
         """
         self._time_unit = time_unit
+        self.headline = f'{title}: {subtitle}.'
+        """What the film is of, in one line."""
         self.times = np.linspace(0.0, duration, shape.frames)
         size = (shape.width / shape.resolution, INCHES_HIGH)
         self.figure = Figure(figsize=size, dpi=shape.resolution, facecolor=WHITE)

@@ -20,13 +20,14 @@ from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
     BOTTOM,
     LEFT,
+    SPACE_TIME,
     TOLERANCE,
     WIDTH,
     Format,
     Scene,
     SpaceTime,
 )
-from soliton_linkage.studies.palette import BLACK, BLUE, GREY, RED
+from soliton_linkage.studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage.studies.settings import Section
 
 _AZIMUTH = math.radians(-75)
@@ -71,6 +72,11 @@ class StaggeredScene(Scene):
     Beneath them is their space-time picture.
     """
 
+    caption = f"""
+    Each rotor and each bar is in a plane of its own; a white border shows which of two that cross
+    is nearer. The colours are named in the film. {SPACE_TIME}
+    """
+
     def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
         """Simulate the motion and draw its first frame."""
         motion = settings.motion
@@ -102,7 +108,7 @@ class StaggeredScene(Scene):
         self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
         thicknesses = np.column_stack([widths[order] + 3, widths[order]])
         self._bodies.set_linewidth(thicknesses.ravel().tolist())
-        shown = [shade for body in order for shade in ('white', colours[body])]
+        shown = [shade for body in order for shade in (WHITE, colours[body])]
         self._bodies.set_color(shown)
         self._axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(azimuth))
         self._space_time.show(frame)

@@ -14,7 +14,7 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage.studies.captions import description
+from soliton_linkage.studies.captions import LINKAGE, MODE, PROJECTIONS, description
 from soliton_linkage.studies.drawing import (
     ChainPicture,
     limits,
@@ -25,6 +25,7 @@ from soliton_linkage.studies.films.registry import film_kind
 from soliton_linkage.studies.films.scenes import (
     BOTTOM,
     LEFT,
+    SPACE_TIME,
     TOLERANCE,
     TOP,
     WIDTH,
@@ -65,6 +66,13 @@ class Tilting:
 @film_kind('tilt', Tilting.read)
 class TiltScene(Scene):
     """A left-leaning linkage that is tilted to and fro, and how its rotors fall."""
+
+    caption = f"""
+    {LINKAGE} Red lines are rigid bars; {MODE}. {PROJECTIONS}
+
+    {SPACE_TIME} Beside it, the grey line is the tilt of the linkage over time and the black dot
+    where it is now.
+    """
 
     def __init__(self, title: str, motion: Tilting, shape: Format) -> None:
         """Simulate the motion and draw its first frame."""
