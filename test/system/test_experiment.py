@@ -71,7 +71,8 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 0, said
     assert {path.name for path in tmp_path.iterdir()} == {
-        *('kymograph.png', 'log', 'summary.json', 'track.png', f'{scenario}_0')
+        *('kymograph.png', 'kymograph.txt', 'track.png', 'track.txt'),
+        *('log', 'summary.json', f'{scenario}_0'),
     }
     summary = json.loads((tmp_path / 'summary.json').read_text(encoding='utf-8'))
     run = read_run(tmp_path / f'{scenario}_0')

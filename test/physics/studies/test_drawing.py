@@ -269,6 +269,24 @@ def test_a_chain_is_drawn_on_the_axes_that_are_given_with_all_that_is_asked_for(
     assert len([each for each in axes.collections if isinstance(each, Quiver)]) == 2
 
 
+def test_odd_rotors_that_are_drawn_lower_are_moved_and_nothing_else_but_their_springs() -> None:
+    chain = chain_of(SPINNER, 7)
+    angles, down = chain.uniform_state(1), 0.3
+    mode = zero_mode(chain, angles)
+    plain = ChainPicture(new_axes(), chain, angles, mode, projections=True)
+    apart = ChainPicture(new_axes(), chain, angles, mode, projections=True, lowered=down)
+    for one, other in ((plain.masses, apart.masses), (plain.pivots, apart.pivots)):
+        moved = np.asarray(one.get_xydata()) - other.get_xydata()
+        assert moved[::2] == pytest.approx(0)
+        assert moved[1::2] == pytest.approx(np.tile([0, down], (3, 1)))
+    assert np.array_equal(arrow_vectors(plain.arrows), arrow_vectors(apart.arrows))
+    first, last = ends(apart.springs)
+    masses = np.asarray(apart.masses.get_xydata())
+    assert np.array_equal(first, masses[:-1])
+    assert np.array_equal(last, masses[1:])
+    assert apart.axes.get_ylim()[0] == pytest.approx(plain.axes.get_ylim()[0] - down)
+
+
 @pytest.mark.parametrize('rigid', [False, True])
 def test_springs_are_dashed_and_bars_are_not(rigid: bool) -> None:
     chain = chain_of(SPINNER, 6)

@@ -23,6 +23,7 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
 }
 _CHOICES: dict[str, Callable[[float, float], float]] = {'min': min, 'max': max}
 _POWERS = {'²': 2, '³': 3, '⁴': 4}
+"""Exponents as they are printed [1]."""
 _ALIKE = str.maketrans('∣-', '|−')
 """Bars as tables have them, and the minus of keyboards."""
 _VALUE = re.compile(r'(?P<text>.*?) = (?P<value>\S+)(?: for (?P<values>[^()]*))?(?: \(.*\))?')

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from picture_laws import unexplained
 
 from soliton_linkage.studies.figures import program as figures
 from soliton_linkage.studies.figures.registry import FIGURES
+from soliton_linkage.studies.formulas import Formula, read_formula
+from soliton_linkage.studies.plates import Comparison, write_table
 from soliton_linkage.studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[4] / 'config/studies/figures.yaml'
@@ -37,17 +40,33 @@ LIMITS = {
 
 
 @pytest.mark.parametrize('name', list(FIGURES))
-def test_a_figure_is_written_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
-    lines = figures.draw(FIGURES[name], SETTINGS.section(name), tmp_path, quick=True)
+def test_a_figure_needs_no_guessing_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
+    plate = FIGURES[name](SETTINGS.section(name), True)
+    plate.save(tmp_path, name)
     assert {path.name for path in tmp_path.iterdir()} == {
         f'{name}.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')
     }
     data = (tmp_path / f'{name}.csv').read_text(encoding='utf-8').splitlines()
     assert len(data) > 3
-    known = [line for line in lines if np.isfinite(line.expected)]
+    assert unexplained(plate.figure, plate.caption) == []
+    known = [line for line in plate.comparisons if np.isfinite(line.expected)]
     assert bool(known) == (name in LIMITS)
     for line in known:
         assert line.measured == pytest.approx(line.expected, rel=LIMITS[name], abs=1e-9), line
+    assert_rows_give_what_they_print(plate.comparisons, tmp_path / 'table.md')
+
+
+def assert_rows_give_what_they_print(comparisons: list[Comparison], path: Path) -> None:
+    """Evaluate each printed formula with the printed values of its symbols."""
+    write_table({'one': comparisons}, path, ['one'])
+    rows = path.read_text(encoding='utf-8').splitlines()[2:]
+    for row, line in zip(rows, comparisons, strict=True):
+        for cell, side in zip(row.split(' | ')[2:4], (line.paper, line.theory), strict=True):
+            if isinstance(side, Formula):
+                formula, printed = read_formula(cell)
+                assert formula.value == pytest.approx(printed, rel=1e-4), cell
+            elif side is line.theory and np.isfinite(line.stated):
+                assert not set(side) & set('√²³/'), f'{cell} is a formula; compute it as one'
 
 
 def test_the_file_of_settings_names_every_figure_and_no_other() -> None:

@@ -40,7 +40,7 @@ def test_it_writes_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixtu
     output = tmp_path / 'out'
     path = written(SETTINGS, tmp_path / 'moves.yaml')
     assert moves.main([str(path), '--output', str(output), '--workers', '1']) == 0
-    names = {'table.md', 'moves.png', 'moves.pdf', 'moves.csv'}
+    names = {'table.md', *(f'moves.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
     assert {path.name for path in output.iterdir()} == names
     lines = (output / 'table.md').read_text().splitlines()
     assert len(lines) == 3

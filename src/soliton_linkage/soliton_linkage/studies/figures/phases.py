@@ -178,14 +178,14 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
     axes.computed_zorder = False
     axes.plot_surface(
-        *_on_torus(around, across), color=GREY, alpha=0.12, linewidth=0, rasterized=True
+        *on_torus(around, across), color=GREY, alpha=0.12, linewidth=0, rasterized=True
     )
     for curve, colour in zip(curves, CURVE_COLOURS, strict=False):
-        points = np.array(_on_torus(curve[:, 0], curve[:, 1]))
-        hidden = _hidden(points)
+        points = np.array(on_torus(curve[:, 0], curve[:, 1]))
+        behind = hidden(points)
         for shown, style in (
-            (hidden, {'linestyle': ':', 'linewidth': 1.5, 'alpha': 0.6, 'zorder': 2}),
-            (np.logical_not(hidden), {'linestyle': '-', 'linewidth': 2.5, 'zorder': 3}),
+            (behind, {'linestyle': ':', 'linewidth': 1.5, 'alpha': 0.6, 'zorder': 2}),
+            (np.logical_not(behind), {'linestyle': '-', 'linewidth': 2.5, 'zorder': 3}),
         ):
             axes.plot(*np.where(shown, points, np.nan), color=colour, **style)
     title = f'{letter}  {len(curves)} component{"s" if len(curves) > 1 else ""} on the torus'
@@ -198,12 +198,13 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
     axes.set_axis_off()
 
 
-def _on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
+def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
+    """Points of a torus in space whose tube has the radius 1, by two angles [rad]."""
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 
 
-def _hidden(points: Array) -> NDArray[np.bool_]:
+def hidden(points: Array) -> NDArray[np.bool_]:
     """Whether the torus is between its points, shape (3, K), and the eye, shape (K,)."""
     eye = np.array(
         [

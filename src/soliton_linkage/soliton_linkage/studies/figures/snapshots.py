@@ -114,7 +114,7 @@ def _compare(plate: Plate, chain: Chain, recording: Recording, kick: float, spee
     plate.compare(
         f'round trips of the wall in a cycle, {chain.motion.value}',
         'one' if spinner else 'two',
-        'reflections of the closed orbit / 2',
+        'half the reflections of the closed orbit',
         trips,
         1.0 if spinner else 2.0,
     )

@@ -23,7 +23,7 @@ from soliton_linkage.studies.experiments import (
     static_snapshots,
 )
 from soliton_linkage.studies.figures.registry import FIGURES
-from soliton_linkage.studies.formulas import chain_formula
+from soliton_linkage.studies.formulas import Formula, chain_formula
 from soliton_linkage.studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
 from soliton_linkage.studies.plates import Plate
 from soliton_linkage.studies.settings import Section, chain_from
@@ -182,7 +182,7 @@ def _compare_tail(plate: Plate, chain: Chain) -> None:
     )
     plate.compare(
         f'wavelength of the oscillation / a, {name}',
-        '2π / √8 = 2.2 (linearised), 2 (seen)',
+        Formula('2 π / √8', {}, 'linearised; 2 is seen'),
         'two rotors, a change of sign at every one',
         2.0 if (ratios < 0).all() else math.inf,
         2.0,
