@@ -97,7 +97,9 @@ def test_swings_about_rest_have_colours_of_their_own_in_every_chain() -> None:
         assert seen[5] == pytest.approx(
             float(lean_norm(CHAIN)(CHAIN.rotor_length * np.sin(CHAIN.rest_angle)))
         )
-        assert np.asarray(norm.inverse(seen))[4:] == pytest.approx(rest * np.array([0.97, 1, 1.03]))
+        assert np.asarray(norm.inverse(seen))[4:] == pytest.approx(
+            rest * np.array([0.97, 1, 1.03])
+        )
 
 
 def test_a_track_has_a_band_of_twice_its_deviations() -> None:
@@ -109,8 +111,9 @@ def test_a_track_has_a_band_of_twice_its_deviations() -> None:
         (band,) = axes.collections
         low, high = band.get_datalim(axes.transData).intervaly
         assert (low, high) == pytest.approx((middle.min() - off, middle.max() + off))
-        line = axes.lines[0]
-        assert line.get_zorder() > band.get_zorder()
+        assert axes.lines[0].get_zorder() > band.get_zorder()
+    *_, shown = track_figure(CHAIN, track, ()).axes
+    assert [set(line.get_ydata()) for line in shown.lines] == [{0.25}, {0.5}]
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])

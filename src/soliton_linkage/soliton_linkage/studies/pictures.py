@@ -38,12 +38,13 @@ An edge rotor has two angles at which its only spring has its rest length: after
 waits at the other one, so that its row may have another colour than those of its neighbours.
 """
 _TRACK = """
-Above, the place of the soliton; beneath, its velocity, positive towards the last rotor. Thin blue
-lines are what was measured frame by frame, with a band (pale blue) of twice its standard deviation
-on both sides, which may be thinner than the line; dashed black lines are the mean velocities of
-crossings, slopes of straight lines through the places between the outer fifths of the chain. The
-thin grey line is a velocity of 0. There is no line where no soliton is seen, as at its
-reflections.
+At the top the place of the soliton, in the middle its velocity, positive towards the last rotor.
+Thin blue lines are what was measured frame by frame, with a band (pale blue) of twice its standard
+deviation on both sides, which may be thinner than the line; at the bottom are these standard
+deviations, of the place (blue) and of the velocity (dotted black), on a logarithmic scale. Dashed
+black lines are the mean velocities of crossings, slopes of straight lines through the places
+between the outer fifths of the chain. The thin grey line is a velocity of 0. There is no line
+where no soliton is seen, as at its reflections.
 """
 _NOTE = (
     'An edge rotor has two angles of rest, so that its row may be paler. '
@@ -112,6 +113,19 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
     return axes
 
 
+def track_deviations(axes: Axes, track: Track) -> Axes:
+    """Draw the standard deviations of place and velocity over time."""
+    axes.semilogy(
+        track.times, track.rotor_deviations, color=MEASURED, label='place [rotor spacings]'
+    )
+    axes.semilogy(
+        track.times, track.rate_deviations, ':', color=BLACK, label='velocity [rotor spacings/s]'
+    )
+    axes.set(xlabel='time [s]', ylabel='std [as named]')
+    axes.legend(loc='best', ncols=2, fontsize=8)
+    return axes
+
+
 def _draw_band(axes: Axes, times: Array, middle: Array, deviations: Array) -> None:
     if len(deviations):
         low, high = middle - 2 * deviations, middle + 2 * deviations
@@ -128,11 +142,16 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 
 
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
-    """Return a figure with the soliton's place and, beneath it, its velocity."""
-    figure = Figure(figsize=(8, 5.5), layout='constrained')
-    above, below = figure.subplots(2, sharex=True)
+    """Return a figure with the soliton's place, its velocity, and how well they are known."""
+    known = len(track.rotor_deviations) > 0
+    figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
+    ratios = [2, 2, 1][: 3 if known else 2]
+    above, below, *last = figure.subplots(len(ratios), sharex=True, height_ratios=ratios)
     track_places(above, chain, track).label_outer()
     track_velocities(below, track, crossings)
+    if known:
+        below.label_outer()
+        track_deviations(last[0], track)
     return figure
 
 
