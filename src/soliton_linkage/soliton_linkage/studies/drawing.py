@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Literal
 
+import matplotlib
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -39,6 +40,15 @@ from soliton_linkage.studies.palette import (
     lean_shares,
 )
 
+_OUTSIDE = matplotlib.__version_info__ >= (3, 7)
+ABOVE: Literal['outside upper center', 'upper center'] = (
+    'outside upper center' if _OUTSIDE else 'upper center'
+)
+"""Place of a legend of a figure: above its panels, where matplotlib can do so."""
+BENEATH: Literal['outside lower center', 'lower center'] = (
+    'outside lower center' if _OUTSIDE else 'lower center'
+)
+"""The same beneath them."""
 _MARGIN = 0.35
 """Room around what a chain can reach [rotor spacings]."""
 _ROW = 0.3
@@ -210,7 +220,11 @@ def add_legend(figure: Figure) -> None:
         for name, colour, marker, line in looks
     ]
     figure.legend(
-        handles=handles, loc='outside lower center', ncols=len(handles), fontsize=8, frameon=False
+        handles=handles,
+        loc=BENEATH,
+        ncols=len(handles),
+        fontsize=8,
+        frameon=False,
     )
 
 

@@ -16,6 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
 from soliton_linkage.studies.accuracy.table import Line
 from soliton_linkage.studies.captions import class_and_shape
+from soliton_linkage.studies.drawing import ABOVE
 from soliton_linkage.studies.palette import COLOURS, GREY, MARKERS, PALE, WHITE
 from soliton_linkage.studies.plates import Plate
 
@@ -81,7 +82,7 @@ def draw_accuracy(lines: Sequence[Line]) -> Plate:
     handles = [_handle(name, *_STYLES[name]) for name in _STYLES if name in drawn]
     handles.append(_handle(f'hollow: within {_SIGNIFICANT:g} standard errors of 0', GREY, 'o'))
     handles[-1].set_markerfacecolor(WHITE)
-    plate.figure.legend(handles=handles, loc='outside upper center', ncols=4)
+    plate.figure.legend(handles=handles, loc=ABOVE, ncols=4)
     for axes, words in zip(
         panels[:, 0],
         ('bound of Cramér and Rao', f'unbiased below {_UNBIASED:g}', 'stated 95 %'),
@@ -121,7 +122,7 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
         if name in names
     ]
     handles.append(_level(f'unbiased below {_UNBIASED:g} rotor spacings'))
-    plate.figure.legend(handles=handles, loc='outside upper center', ncols=len(handles))
+    plate.figure.legend(handles=handles, loc=ABOVE, ncols=len(handles))
     return plate
 
 

@@ -12,6 +12,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.studies.captions import parameters
+from soliton_linkage.studies.drawing import ABOVE
 from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.measures import OUTCOMES, SweepTrial, measure_survival
 from soliton_linkage.studies.palette import MARKERS, chain_colours
@@ -83,9 +84,7 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
     for axes in panels:
         axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
     panels[0].set_ylabel(f'share whose wall crosses and returns [1],\n{count} chains each')
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), loc='outside upper center', ncols=len(chains)
-    )
+    figure.legend(*panels[0].get_legend_handles_labels(), loc=ABOVE, ncols=len(chains))
     _compare_passage(plate, shown, *np.concatenate(rigid, axis=2))
     return plate
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from soliton_linkage.studies.drawing import ABOVE
 from soliton_linkage.studies.moves.runs import MoveKey, MoveRun, MoveTask
 from soliton_linkage.studies.palette import COLOURS, GREY
 from soliton_linkage.studies.plates import Plate
@@ -51,7 +52,7 @@ def draw_moves(
     panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'to be held: {_WANTED:g}')
     for number, title in enumerate(conditions):
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
-    plate.figure.legend(loc='outside upper center', ncols=len(conditions) + 1)
+    plate.figure.legend(loc=ABOVE, ncols=len(conditions) + 1)
     return plate
 
 
