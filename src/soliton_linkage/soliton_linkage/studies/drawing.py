@@ -41,6 +41,7 @@ from soliton_linkage.studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
+"""Whether a legend may be beyond the panels: before, it is drawn over them [1]."""
 ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
