@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How fast one kick sends a soliton through chains of different rest angles.
+
+A slow wall of the discrete chain goes at v = a |phi_dot| / Lambda, with Lambda the arc of the
+zero-energy orbit from one rotor to the next.
+"""
+
+import numpy as np
+
+import soliton_linkage as sl
+
+REST_ANGLES = (0.3, 0.5, 0.7, 0.97)
+"""Of the uniform right-leaning state [rad]."""
+KICK = 2.0
+"""Speed given to the zero mode [rad/s]."""
+
+
+def crossing_speed(chain: sl.Chain, kick: float) -> float:
+    """Speed at which the soliton first crosses a chain after a kick [m/s]; NaN if it does not."""
+    start = sl.leaning(chain, -1)
+    rates = kick * sl.edge_mode(chain, start.angles, sl.Edge.FIRST)
+    duration = 2 * chain.number_of_rotors * sl.site_arc(chain) / kick
+    recording = sl.simulate(chain, start.angles, rates, duration, period=duration / 200)
+    crossings = sl.find_crossings(chain, sl.follow(chain, recording))
+    return crossings[0].place_rate * chain.spacing if crossings else np.nan
+
+
+def main(rest_angles: tuple[float, ...] = REST_ANGLES) -> dict[float, tuple[float, float]]:
+    """Print a table; return the speed and that of a slow wall [m/s] by the rest angle."""
+    speeds = {}
+    print('rest angle [rad]   speed [m/s]   a |phi_dot| / Lambda [m/s]')
+    for rest_angle in rest_angles:
+        chain = sl.Chain(number_of_rotors=30, rest_angle=rest_angle)
+        slow = chain.spacing * KICK / sl.site_arc(chain)
+        speeds[rest_angle] = crossing_speed(chain, KICK), slow
+        print(f'{rest_angle:16g} {speeds[rest_angle][0]:13.4f} {slow:28.4f}')
+    return speeds
+
+
+if __name__ == '__main__':
+    main()
