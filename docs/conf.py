@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the site is built: pages in Markdown, the API from the docstrings, tables from the code."""
+
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / 'extensions'))
+
+project = 'soliton_linkage'
+author = 'soliton_linkage maintainers'
+package = ElementTree.parse(HERE.parent / 'src/soliton_linkage/package.xml').getroot()
+release = version = package.findtext('version', '')
+
+extensions = [
+    'myst_parser',
+    'sphinx.ext.autodoc',
+    'sphinx.ext.napoleon',
+    'suite_docstrings',
+    'suite_tables',
+]
+myst_enable_extensions = ['colon_fence', 'deflist']
+myst_heading_anchors = 3
+
+autodoc_member_order = 'bysource'
+autodoc_typehints = 'signature'
+autodoc_preserve_defaults = True
+autodoc_default_options = {'members': True}
+default_role = 'code'
+python_use_unqualified_type_names = True
+
+html_theme = 'furo'
+html_title = f'soliton_linkage {release}'
+html_show_copyright = False
+html_copy_source = False
+html_theme_options = {'navigation_with_keys': True}

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Directives that take from the code what the pages would otherwise say a second time.
+
+{parameters} MODULE:CLASS [PREFIX]    a table of the parameters that a dataclass describes
+{notebook} PATH                       the cells of a notebook, one after the other
+{captioned} PICTURE                   a picture with the caption in the .txt beside it
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import fields
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from soliton_linkage.linkage.quantities import Quantity, described_fields
+
+
+def parameter_rows(described: str, prefix: str = '') -> Iterator[tuple[str, str, str, str]]:
+    """Name, default, range and meaning of each parameter of MODULE:CLASS, as Markdown."""
+    module, _, name = described.partition(':')
+    parameters = getattr(import_module(module), name)
+    quantities = described_fields(parameters)
+    for field in fields(parameters):
+        if field.name in quantities:
+            one = quantities[field.name]
+            unit = f' [{one.unit}]' if one.unit else ''
+            running = '; can be set while it runs' if one.adjustable else ''
+            meaning = f'{one.description}{unit}{running}'
+            yield f'`{prefix}{field.name}`', shown(field.default), allowed(one), meaning
+
+
+def shown(default: object) -> str:
+    """Return a default as a parameter file has it."""
+    if default in ('', ()):
+        return 'empty'
+    return str(default).lower() if isinstance(default, bool) else str(default)
+
+
+def allowed(one: Quantity) -> str:
+    """Return the range of a parameter in words."""
+    if one.choices:
+        return ', '.join(f'`{choice}`' for choice in one.choices)
+    low, high = one.minimum, one.maximum
+    if low is None and high is None:
+        return ''
+    if high is None:
+        return f'{low:g} or more'
+    return f'up to {high:g}' if low is None else f'{low:g} to {high:g}'
+
+
+def notebook_text(content: dict[str, Any]) -> str:
+    """Return the cells of a notebook as Markdown."""
+    return '\n\n'.join(
+        text if cell['cell_type'] == 'markdown' else f'```python\n{text}\n```'
+        for cell in content['cells']
+        for text in [''.join(cell['source'])]
+    )
+
+
+class ParametersDirective(SphinxDirective):
+    """`{parameters} MODULE:CLASS [PREFIX]`."""
+
+    required_arguments = 1
+    optional_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the table."""
+        rows = [
+            ('parameter', 'default', 'range', 'meaning'),
+            4 * ('---',),
+            *parameter_rows(*self.arguments),
+        ]
+        return self.parse_text_to_nodes('\n'.join(f'| {" | ".join(row)} |' for row in rows))
+
+
+class NotebookDirective(SphinxDirective):
+    """`{notebook} PATH`, from the folder of the page."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the cells."""
+        path = beside(self, self.arguments[0])
+        content = json.loads(path.read_text(encoding='utf-8'))
+        return self.parse_text_to_nodes(notebook_text(content), allow_section_headings=True)
+
+
+class CaptionedDirective(SphinxDirective):
+    """`{captioned} PICTURE`, from the folder of the page."""
+
+    required_arguments = 1
+    option_spec: ClassVar = {'alt': str}
+
+    def run(self) -> list[nodes.Node]:
+        """Return the figure."""
+        caption = beside(self, self.arguments[0]).with_suffix('.txt').read_text(encoding='utf-8')
+        options = f':alt: {self.options.get("alt", "")}'
+        text = f'```{{figure}} {self.arguments[0]}\n{options}\n\n{" ".join(caption.split())}\n```'
+        return self.parse_text_to_nodes(text)
+
+
+def beside(directive: SphinxDirective, path: str) -> Path:
+    """Return a file that is named from the folder of the page, on which the page depends."""
+    _, absolute = directive.env.relfn2path(path)
+    directive.env.note_dependency(absolute)
+    return Path(absolute)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Add the directives."""
+    app.add_directive('parameters', ParametersDirective)
+    app.add_directive('notebook', NotebookDirective)
+    app.add_directive('captioned', CaptionedDirective)
+    return {'parallel_read_safe': True}
