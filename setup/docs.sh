@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Builds the site into out/docs; installs what that takes beside all else, unless it is there.
+set -eo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+if ! python3 -c 'import furo, myst_parser, sphinx' 2>/dev/null; then
+    echo 'Installing Sphinx, with which the documentation is built: 30 MB.'
+    where=()
+    [ -d .venv ] || where=(--target .python)
+    python3 -m pip install --quiet "${where[@]}" --constraint setup/constraints.txt \
+        --requirement setup/requirements-docs.txt
+fi
+python3 -m sphinx --fail-on-warning --keep-going --quiet --builder html "$@" docs out/docs
+echo 'The documentation is in out/docs/index.html.'

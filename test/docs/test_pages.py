@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the pages say of files, topics and parameters is so."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from pages import DOCS, PAGES, ROOT, directives, table
+
+from soliton_linkage_nodes.runtime import interfaces
+
+LINK = re.compile(r'(?<!`)\[[^\]]*\]\(([^)#\s]*)(#[^)\s]*)?\)')
+NAMED_FILE = re.compile(r'`((?:config|bags|examples|setup|src|test|benchmark)/[\w./-]+\.\w+)`')
+MOST_PICTURES = 300_000
+"""Bytes that all pictures may take in the repository."""
+
+
+def named(pages: list[Path]) -> list[str]:
+    return [str(page.relative_to(ROOT)) for page in pages]
+
+
+@pytest.mark.parametrize('page', PAGES, ids=named(PAGES))
+def test_every_file_that_a_page_names_is_there(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    linked = [page.parent / target for target, _ in LINK.findall(text) if target]
+    local = [path for path in linked if '://' not in str(path) and ':/' not in str(path)]
+    missing = [path for path in local if not path.exists()]
+    missing += [ROOT / name for name in NAMED_FILE.findall(text) if not (ROOT / name).exists()]
+    assert not missing
+
+
+@pytest.mark.parametrize('page', PAGES, ids=named(PAGES))
+def test_the_python_on_a_page_is_python(page: Path) -> None:
+    for block in re.findall(r'```python\n(.*?)```', page.read_text(encoding='utf-8'), re.S):
+        ast.parse(block)
+
+
+def test_the_readme_fits_on_two_pages() -> None:
+    assert len((ROOT / 'README.md').read_text(encoding='utf-8').splitlines()) < 150
+
+
+def test_the_readme_s_script_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (script,) = re.findall(r'```python\n(.*?)```', (ROOT / 'README.md').read_text(), re.S)
+    exec(script, {})
+    assert 'direction=1' in capsys.readouterr().out
+
+
+def test_the_table_of_topics_is_that_of_the_nodes() -> None:
+    told = {}
+    for name, kind, _, meaning in table(DOCS / 'nodes.md', '## Topics'):
+        type_name = re.findall(r'`(.*?)`', kind)[0]
+        told[name.strip('`')] = (type_name, 'latched' in kind)
+        assert meaning
+    topics = [*interfaces.SUITE, interfaces.CLOCK]
+    assert told == {
+        topic.name: (
+            f'{topic.type.__module__.partition(".")[0]}/{topic.type.__name__}',
+            topic.latched,
+        )
+        for topic in topics
+    }
+
+
+def test_every_parameter_is_in_a_table() -> None:
+    tables = pytest.importorskip('suite_tables', reason='Sphinx is not installed, see make docs')
+    shown = {
+        row[0].strip('`')
+        for arguments in directives('parameters')
+        for row in tables.parameter_rows(*arguments)
+    }
+    text = (ROOT / 'config/linkage.yaml').read_text(encoding='utf-8')
+    sections = yaml.safe_load(text)
+    known = {
+        name
+        for node, section in sections.items()
+        if not node.endswith('experiment')
+        for name in section['ros__parameters']
+    }
+    commented = set(re.findall(r'^    # ([\w.]+): ', text, re.M))
+    assert known <= shown
+    of_joints = {name for name in commented if name.startswith('torque_limits.')}
+    assert shown - known <= commented | {name for name in shown if '.deviations.' in name}
+    assert of_joints <= {'torque_limits.rotor_20'}
+
+
+def test_each_picture_has_a_caption_and_all_are_small() -> None:
+    pictures = [*DOCS.glob('pictures/*.png'), *DOCS.glob('pictures/*.svg')]
+    assert sum(path.stat().st_size for path in pictures) < MOST_PICTURES
+    for path in DOCS.glob('pictures/*.png'):
+        assert path.with_suffix('.txt').read_text(encoding='utf-8').strip(), path
