@@ -32,6 +32,8 @@ python_use_unqualified_type_names = True
 
 html_theme = 'furo'
 html_title = f'soliton_linkage {release}'
+html_static_path = ['static']
+html_css_files = ['wide.css']
 html_show_copyright = False
 html_copy_source = False
 html_theme_options = {'navigation_with_keys': True}

@@ -100,10 +100,14 @@ class CaptionedDirective(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the figure."""
-        caption = beside(self, self.arguments[0]).with_suffix('.txt').read_text(encoding='utf-8')
-        options = f':alt: {self.options.get("alt", "")}'
-        text = f'```{{figure}} {self.arguments[0]}\n{options}\n\n{" ".join(caption.split())}\n```'
-        return self.parse_text_to_nodes(text)
+        picture = self.arguments[0]
+        text = beside(self, picture).with_suffix('.txt').read_text(encoding='utf-8')
+        caption, *more = [' '.join(each.split()) for each in text.strip().split('\n\n')]
+        figure = nodes.figure('', nodes.image(uri=picture, alt=self.options.get('alt', '')))
+        figure += nodes.caption('', caption)
+        if more:
+            figure += nodes.legend('', *(nodes.paragraph('', each) for each in more))
+        return [figure]
 
 
 def beside(directive: SphinxDirective, path: str) -> Path:

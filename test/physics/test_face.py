@@ -6,6 +6,8 @@ from __future__ import annotations
 import doctest
 import subprocess
 import sys
+from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -17,6 +19,14 @@ from soliton_linkage import steering as steering_package
 PACKAGES = [
     *(soliton_linkage, linkage, linear, solitons, orbit, dynamics, actuation, estimation),
     steering_package,
+]
+HOME = Path(soliton_linkage.__file__).parent
+WITH_EXAMPLES = [
+    '.'.join(('soliton_linkage', *path.relative_to(HOME).with_suffix('').parts)).removesuffix(
+        '.__init__'
+    )
+    for path in sorted(HOME.glob('**/*.py'))
+    if '>>> ' in path.read_text(encoding='utf-8')
 ]
 
 
@@ -30,8 +40,9 @@ def test_every_public_name_is_there_and_documented(package: ModuleType) -> None:
         _ = package.no_such_name
 
 
-def test_the_first_script_runs() -> None:
-    results = doctest.testmod(soliton_linkage)
+@pytest.mark.parametrize('module', WITH_EXAMPLES)
+def test_examples_in_docstrings_are_true(module: str) -> None:
+    results = doctest.testmod(import_module(module))
     assert results.attempted > 0
     assert results.failed == 0
 

@@ -67,6 +67,13 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
     It starts from dp/dt = (u - p) / tau integrated over all readings in between which the
     pressure rises, tau_fill = sum (u - p) dt / sum dp, and likewise for those where it falls.
     Raises ValueError where the command never stays above or never stays below the pressure.
+
+    >>> times = np.linspace(0, 1, 201)
+    >>> commands = np.where(times < 0.5, 1e5, 0.0)
+    >>> pressures = PneumaticActuator(filling_time=0.04).responses(0.0, times, commands)
+    >>> fit = fit_step_response(StepResponse(times, commands, pressures))
+    >>> round(fit.filling_time, 6), round(fit.venting_time, 6)
+    (0.04, 0.05)
     """
     guess = np.array([_time_constant(response, sign) for sign in (1, -1)])
     deviation = np.abs(response.pressures - response.commands).max()

@@ -115,6 +115,10 @@ def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -
     """Profile that rises from 0 to a value, keeps it for a duration and falls to 0 [s].
 
     A duration of infinity keeps it for ever.
+
+    >>> pulse = trapezoid(2.0, ramp_up=0.1, duration=0.3, ramp_down=0.1)
+    >>> round(float(pulse.integral(0.0, 1.0)), 9)
+    0.8
     """
     rise = [(0.0, 0.0), (ramp_up, value)]
     end = ramp_up + duration

@@ -129,6 +129,10 @@ def penetration_depth(chain: Chain) -> float:
 
     ln|q+ / q-| = ln|(d + 1) / (d - 1)| = 2 artanh(min(d, 1/d)). For small d the depth is
     a / (2 d); the paper (section 1) has it proportional to 1 / sin(theta_bar).
+
+    >>> wide = Chain(rest_angle=0.1)
+    >>> round(penetration_depth(wide) / wide.spacing, 2), round(1 / (2 * wide.lean_ratio), 2)
+    (4.99, 5.01)
     """
     smaller = min(chain.lean_ratio, 1 / chain.lean_ratio)
     return chain.spacing / (2 * math.atanh(smaller)) if smaller < 1 else 0.0
@@ -173,6 +177,9 @@ def winding_number(chain: Chain, lean: int) -> int:
     1 in the left-leaning state (-1), whose zero mode sits at the first edge; 0 in the
     right-leaning one (+1), whose zero mode sits at the last (paper, section 1). The determinant
     runs once along a circle about q+^2 of radius q-^2. Raises ValueError for any other lean.
+
+    >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
+    [0, 1]
     """
     plus, minus = couplings(chain, lean)
     return int(abs(minus) > abs(plus))

@@ -82,6 +82,15 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     sign is that of the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}: along a
     motion of the linkage t turns continuously and never flips. Raises ValueError for periodic
     ends, between which it takes more than relaxed springs to have a zero mode.
+
+    >>> chain = Chain(number_of_rotors=10)
+    >>> leaning_left = chain.uniform_state(-1)
+    >>> mode = zero_mode(chain, leaning_left)
+    >>> d = chain.lean_ratio
+    >>> bool(np.isclose(abs(mode[0] / mode[1]), (1 + d) / (1 - d)))
+    True
+    >>> float(np.abs(rigidity_matrix(chain, leaning_left) @ mode).max()) < 1e-15
+    True
     """
     return _zero_mode_of(*_levers_of_free_chain(chain, angles))
 

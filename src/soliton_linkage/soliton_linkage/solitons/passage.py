@@ -56,7 +56,13 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
 
 
 def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
-    """Return the blocked bonds with their lengths and the reason, in their order."""
+    """Return the blocked bonds with their lengths and the reason, in their order.
+
+    >>> import soliton_linkage as sl
+    >>> shorter = sl.Deviations(rotor_length=(0.0, 0.0, -0.9, 0.0, 0.0))
+    >>> [obstacle.bond for obstacle in sl.find_obstacles(sl.Chain(5, deviations=shorter))]
+    [1, 2]
+    """
     lengths, shortest = chain.rotor_lengths, _shortest(chain)
     relation = 'shorter' if _spinning(chain) else 'longer'
     left, right = _joined(chain)

@@ -48,6 +48,14 @@ def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) 
     to the wall is as without, and all others follow by their own bars. Raises ValueError for a
     chain of two rotors or with periodic ends, a place within half a spacing of an end, a leg that
     there is not, where bars are too short or too long to reach, and as `site_arc` does.
+
+    >>> import soliton_linkage as sl
+    >>> chain = sl.Chain(number_of_rotors=20)
+    >>> angles = sl.static_wall(chain, 12.5)
+    >>> float(chain.elastic_energy(angles)) < 1e-25
+    True
+    >>> np.sign(sl.displacement(chain, angles))[10:15].astype(int).tolist()
+    [1, 1, 1, -1, -1]
     """
     rotors = chain.number_of_rotors
     legs = 2 if chain.motion is Motion.SPINNER else 4
@@ -75,6 +83,10 @@ def site_arc(chain: Chain) -> float:
     wall moves at v = a |phi_dot| / Lambda and has the mass M_eff = M r^2 Lambda^2 / a^2. Raises
     ValueError for d within 1e-9 d_c of d_c, where the ways of flippers and spinners meet, and for
     d below 2e-4, where a wall is too wide to follow.
+
+    >>> chain = Chain(rest_angle=0.97)
+    >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
+    0.494867
     """
     return _passage(_undeviating(chain), 0, False).arc
 
