@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 from pages import DOCS, PAGES, ROOT, directives, table
+from parameter_rows import parameter_rows
 
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -66,11 +67,10 @@ def test_the_table_of_topics_is_that_of_the_nodes() -> None:
 
 
 def test_every_parameter_is_in_a_table() -> None:
-    tables = pytest.importorskip('suite_tables', reason='Sphinx is not installed, see make docs')
     shown = {
         row[0].strip('`')
         for arguments in directives('parameters')
-        for row in tables.parameter_rows(*arguments)
+        for row in parameter_rows(*arguments)
     }
     text = (ROOT / 'config/linkage.yaml').read_text(encoding='utf-8')
     sections = yaml.safe_load(text)
