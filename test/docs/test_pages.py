@@ -16,6 +16,11 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LINK = re.compile(r'(?<!`)\[[^\]]*\]\(([^)#\s]*)(#[^)\s]*)?\)')
 NAMED_FILE = re.compile(r'`((?:config|bags|examples|setup|src|test|benchmark)/[\w./-]+\.\w+)`')
+OF_THE_CODE = [
+    *(DOCS / f'{name}.md' for name in ('physics', 'glossary', 'architecture', 'analyser', 'bags')),
+    *DOCS.glob('extending/*.md'),
+]
+"""Pages that call what they speak of by its name in the code."""
 MOST_PICTURES = 300_000
 """Bytes that all pictures may take in the repository."""
 
@@ -32,6 +37,32 @@ def test_every_file_that_a_page_names_is_there(page: Path) -> None:
     missing = [path for path in local if not path.exists()]
     missing += [ROOT / name for name in NAMED_FILE.findall(text) if not (ROOT / name).exists()]
     assert not missing
+
+
+@pytest.fixture(scope='module')
+def sources() -> str:
+    """Names and contents of all sources and tests."""
+    paths = [
+        path for folder in ('src', 'test', 'benchmark') for path in (ROOT / folder).rglob('*.*')
+    ]
+    texts = [
+        path.read_text(encoding='utf-8')
+        for path in paths
+        if path.suffix in ('.py', '.pyi', '.msg', '.action')
+    ]
+    return '\n'.join([*map(str, paths), *texts])
+
+
+@pytest.mark.parametrize('page', OF_THE_CODE, ids=named(OF_THE_CODE))
+def test_what_a_page_calls_by_its_name_is_in_the_code(page: Path, sources: str) -> None:
+    names = set(re.findall(r'(?<!`)`([A-Za-z_][\w./]*)`(?!`)', page.read_text(encoding='utf-8')))
+    unknown = {
+        name
+        for name in names
+        if not name.startswith(('my_run', 'out/'))
+        and not all(part in sources for part in re.split(r'[./]+', name.strip('./')))
+    }
+    assert not unknown
 
 
 @pytest.mark.parametrize('page', PAGES, ids=named(PAGES))
