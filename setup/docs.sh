@@ -5,7 +5,7 @@ set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 if ! python3 -c 'import furo, myst_parser, sphinx' 2>/dev/null; then
-    echo 'Installing Sphinx, with which the documentation is built: 30 MB.'
+    echo 'Installing Sphinx, with which the documentation is built: 90 MB.'
     where=()
     [ "$ROS_DISTRO" != jazzy ] || where=(--target .python)
     python3 -m pip install --quiet "${where[@]}" --constraint setup/constraints.txt \
