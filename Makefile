@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark docs format build clean scenario
+.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark format build clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -23,6 +23,10 @@ check: build  ## formatting, lint and strict typing
 
 shell: build  ## a shell where the nodes start by their name
 	@setup/shell.sh
+
+.PHONY: docs
+docs: build  ## build the documentation into out/docs
+	@$(enter) setup/docs.sh
 
 figures: build  ## draw the figures of the paper and its table into out/figures; ARGS='--quick'
 	@$(enter) figures config/studies/figures.yaml --output out/figures $(ARGS)
@@ -47,9 +51,6 @@ driving: build  ## show on one page what drives a chain: actuator, energy balanc
 
 benchmark: build  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
 	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
-
-docs: build  ## build the documentation into out/docs
-	@$(enter) setup/docs.sh
 
 format: build  ## put the code in its form
 	@. setup/environment.sh && ruff format . && ruff check --fix .
