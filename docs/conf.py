@@ -27,7 +27,9 @@ autodoc_member_order = 'bysource'
 autodoc_typehints = 'signature'
 autodoc_preserve_defaults = True
 autodoc_default_options = {'members': True}
+autodoc_type_aliases = {name: name for name in ('Array', 'ArrayLike')}
 default_role = 'code'
+highlight_language = 'none'
 python_use_unqualified_type_names = True
 
 html_theme = 'furo'
