@@ -5,20 +5,23 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test check shell figures films sweep accuracy contraction moves driving benchmark format build clean scenario
+.PHONY: help demo test test-interfaces check shell figures films sweep accuracy contraction moves driving benchmark format build develop clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
-	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' Makefile | expand -t 30
+	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile | expand -t 30
 
 demo: scenario build
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo
 
 # More at a time than there are cores: tests of nodes mostly wait.
-test: build  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead
+test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead
 	@$(enter) python3 -m pytest $(or $(ARGS),--numprocesses $$(($$(nproc) + 2)) --dist worksteal)
 
-check: build  ## formatting, lint and strict typing
+test-interfaces: build develop  ## the tests of services, beside stand-ins of the packages of standards
+	@setup/interfaces.sh
+
+check: build develop  ## formatting, lint and strict typing
 	@. setup/environment.sh && ruff format --check . && ruff check . && mypy
 
 shell: build  ## a shell where the nodes start by their name
@@ -29,34 +32,37 @@ docs: build  ## build the documentation into out/docs
 	@$(enter) setup/docs.sh
 
 figures: build  ## draw the figures of the paper and its table into out/figures; ARGS='--quick'
-	@$(enter) figures config/studies/figures.yaml --output out/figures $(ARGS)
+	@$(enter) soliton-linkage figures --output out/figures $(ARGS)
 
 films: build  ## film the motions of the paper into out/films; ARGS='--quick'
-	@$(enter) films config/studies/films.yaml --output out/films $(ARGS)
+	@$(enter) soliton-linkage films --output out/films $(ARGS)
 
-sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/studies/...'
-	@$(enter) sweep $(or $(ARGS),config/studies/phase_diagram.yaml)
+sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/studies/... --quick'
+	@$(enter) soliton-linkage sweep $(ARGS)
 
 accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
-	@$(enter) accuracy config/studies/accuracy.yaml --output out/accuracy $(ARGS)
+	@$(enter) soliton-linkage accuracy --output out/accuracy $(ARGS)
 
 contraction: build  ## record walls at a dozen speeds and measure how they contract; ARGS='--quick'
 	@$(enter) contraction config/studies/accuracy.yaml --output out/contraction $(ARGS)
 
 moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
-	@$(enter) moves config/studies/moves.yaml --output out/moves $(ARGS)
+	@$(enter) soliton-linkage moves --output out/moves $(ARGS)
 
 driving: build  ## show on one page what drives a chain: actuator, energy balance, bars, tilt, moves
-	@$(enter) driving config/studies/driving.yaml --output out/driving $(ARGS)
+	@$(enter) soliton-linkage driving --output out/driving $(ARGS)
 
-benchmark: build  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
+benchmark: build develop  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
 	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
 
-format: build  ## put the code in its form
+format: build develop  ## put the code in its form
 	@. setup/environment.sh && ruff format . && ruff check --fix .
 
 build:  ## install and build, as every target above does first
 	@setup/install.sh && setup/build.sh
+
+develop:  # what tests and checks need
+	@setup/install.sh development
 
 clean:  ## remove what was installed and built; recordings in out/ stay
 	rm -rf .python .venv build install log

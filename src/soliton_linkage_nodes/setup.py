@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build of soliton_linkage_nodes as an ament_python package."""
+"""Build of soliton_linkage_nodes: by colcon as an ament_python package, or by pip."""
 
+import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
+HOME = Path(__file__).resolve().parent
+PACKAGE = 'soliton_linkage_nodes'
+SHARE = f'share/{PACKAGE}'
 NODES = [
     'simulator',
     'edge_actuator',
@@ -13,7 +18,7 @@ NODES = [
     'bag_recorder',
     'bag_player',
 ]
-TOOLS = [
+PROGRAMS = [
     'analyse_bag',
     'check_bag',
     'contraction',
@@ -23,26 +28,50 @@ TOOLS = [
     'recover_bag',
     'watch_soliton',
 ]
-LAUNCH_FILES = [str(path) for path in sorted(Path('launch').glob('*.launch.py'))]
+COMMANDS = ['node', 'param', 'run', 'service', 'topic']
+# colcon puts programs where `ros2 run` looks; a wheel would put them on the path of everyone, where
+# such names are anybody's: there `soliton-linkage run` starts them.
+EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *PROGRAMS]
+
+
+def files(*patterns):
+    """Return the files of patterns, by the folder under share/ to which each goes."""
+    found = {}
+    for pattern in patterns:
+        for path in sorted(HOME.glob(pattern)):
+            name = path.relative_to(HOME)
+            found.setdefault(f'{SHARE}/{name.parent}', []).append(str(name))
+    return list(found.items())
+
 
 setup(
-    name='soliton_linkage_nodes',
-    version='0.1.0',
+    name=PACKAGE,
+    version=ElementTree.parse(HOME / 'package.xml').findtext('version'),
     description='ROS 2 nodes of the topological rotor linkage',
     maintainer='soliton_linkage maintainers',
     maintainer_email='maintainers@soliton-linkage.example',
     license='Apache-2.0',
-    packages=find_packages(include=['soliton_linkage_nodes', 'soliton_linkage_nodes.*']),
-    package_data={'soliton_linkage_nodes': ['py.typed']},
+    license_files=['LICENSE'],
+    python_requires='>=3.10',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/soliton_linkage_nodes']),
-        ('share/soliton_linkage_nodes', ['package.xml']),
-        ('share/soliton_linkage_nodes/launch', LAUNCH_FILES),
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (SHARE, ['package.xml']),
+        *files('launch/*.launch.py', 'config/*.yaml', 'bags/*.md', 'bags/*/*'),
     ],
-    install_requires=['rosbags', 'soliton_linkage'],
+    install_requires=[
+        'backports.zstd',
+        'lz4',
+        'numpy>=1.26',
+        'pyyaml',
+        'rosbags>=0.11',
+        'soliton_linkage[studies]',
+    ],
     entry_points={
-        'console_scripts': [
-            f'{name} = soliton_linkage_nodes.start:{name}' for name in NODES + TOOLS
+        'console_scripts': [f'{name} = {PACKAGE}.start:{name}' for name in EXECUTABLES],
+        'soliton_linkage.commands': [
+            f'{name} = {PACKAGE}.commands.{name}:main' for name in COMMANDS
         ],
     },
     zip_safe=False,

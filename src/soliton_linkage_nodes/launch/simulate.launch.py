@@ -1,33 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated chain with actuator, analyser and steering, and a recorder if asked for."""
 
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
+from launch.substitution import Substitution
 from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
 
 PACKAGE = 'soliton_linkage_nodes'
+CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
+NAMES = sorted(path.stem for path in CONFIGURATIONS.glob('*.yaml'))
+
+
+class ConfigurationFile(Substitution):
+    """Path of the file that `config:=` names, or is."""
+
+    def perform(self, context):
+        """Return the path; raises ValueError where there is none."""
+        config = context.perform_substitution(LaunchConfiguration('config'))
+        path = CONFIGURATIONS / f'{config}.yaml' if config in NAMES else Path(config)
+        if not path.is_file():
+            raise ValueError(
+                f'config:={config} is no file and none of {", ".join(NAMES)}; '
+                f'files are looked for from {Path.cwd()}'
+            )
+        return str(path)
 
 
 def generate_launch_description():
     """Return the nodes, all in one namespace and with one parameter file."""
-    config = LaunchConfiguration('config')
     record = LaunchConfiguration('record')
     common = {
         'package': PACKAGE,
         'namespace': LaunchConfiguration('namespace'),
         'output': 'screen',
-        'ros_arguments': [
-            PythonExpression(["'--params-file' if '", config, "' else '--log-level'"]),
-            PythonExpression(["'", config, "' or 'info'"]),
-        ],
+        'ros_arguments': ['--params-file', ConfigurationFile()],
     }
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'config', default_value='', description='parameter file, as config/flipper.yaml'
+                'config',
+                default_value='flipper',
+                description=f'parameters: {", ".join(NAMES)}, or the path of a file like them',
             ),
             DeclareLaunchArgument('namespace', default_value='', description='of all nodes'),
             DeclareLaunchArgument(

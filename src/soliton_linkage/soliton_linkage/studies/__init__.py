@@ -5,3 +5,11 @@ A study is a folder: its `program` is the command line, and the rest of it measu
 What two studies need is a module of this folder; `program` and `registry` are how they are run
 and found, `plates` how pictures, data and tables are written, `drawing` how a chain is drawn.
 """
+
+from importlib.util import find_spec
+
+for _module, _package in (('matplotlib', 'matplotlib'), ('yaml', 'pyyaml')):
+    if find_spec(_module) is None:
+        raise ModuleNotFoundError(
+            f"the studies need {_package}: pip install 'soliton_linkage[studies]'", name=_module
+        )

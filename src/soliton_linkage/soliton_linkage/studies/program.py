@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from soliton_linkage.completion import complete
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.workers import local_processes, process_count
 
@@ -34,17 +35,28 @@ def study_parser(
     config: str = '',
     selective: bool = False,
     scheduler: bool = False,
+    settings: str = '',
 ) -> argparse.ArgumentParser:
     """Command line of a study, whose help says what `--quick` is.
 
     Settings are by default those of its name in config/studies, or those named by `config`.
     `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
-    chooses its folder itself, where none is given, says in `output` which.
+    chooses its folder itself, where none is given, says in `output` which. Where no settings are
+    given, it takes those that came with the suite under its name, or that of `settings`.
     """
-    parser = argparse.ArgumentParser(prog=name, description=description)
-    settings = Path('config/studies') / f'{config or name}.yaml'
+    parser = argparse.ArgumentParser(
+        prog=f'soliton-linkage {name}',
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    default = installed_settings(settings or name)
+    shown = default.name if default else 'none is installed'
     parser.add_argument(
-        'config', type=Path, nargs='?', default=settings, help='settings [%(default)s]'
+        'config',
+        type=Path,
+        nargs='?' if default else None,
+        default=default,
+        help=f'settings, as those in config/studies [{shown}]',
     )
     folder = None if output else Path('out') / name
     parser.add_argument('--output', type=Path, default=folder, help=f'folder [{output or folder}]')
@@ -72,19 +84,31 @@ def run_study(
 
     That is 1 where it fails, and 130 after Ctrl-C or SIGTERM, when it is said what is `left`.
     """
+    complete(parser)
     options = parser.parse_args(arguments)
+    name = parser.prog.rpartition(' ')[2]
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         print(study(options))
     except KeyboardInterrupt:
-        print(f'\n{parser.prog}: stopped; {left}', file=sys.stderr)
+        print(f'\n{name}: stopped; {left}', file=sys.stderr)
         return INTERRUPTED
     except _FAILURES as error:
-        print(f'{parser.prog}: {error}', file=sys.stderr)
+        print(f'{name}: {error}', file=sys.stderr)
         return 1
     finally:
         signal.signal(signal.SIGTERM, before)
     return 0
+
+
+def installed_settings(name: str) -> Path | None:
+    """File of settings that came with the suite: installed beside it, or in its source tree."""
+    for folder in Path(__file__).resolve().parents:
+        for place in ('share/soliton_linkage/studies', 'config/studies'):
+            path = folder / place / f'{name}.yaml'
+            if path.is_file():
+                return path
+    return None
 
 
 def chosen(known: Sequence[str], asked: Sequence[str]) -> list[str]:

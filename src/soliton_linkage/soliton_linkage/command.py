@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `soliton-linkage`: a sub-command for each study, and those of other packages.
+
+A package adds one by an entry point of the group `soliton_linkage.commands`: its name, and a
+function that takes the arguments after it and returns an exit code, as `ros2` has them: 0, 1 after
+an error, 2 after Ctrl-C or for a line that cannot be understood. The first line of the module's
+docstring is its help; modules are imported when their sub-command is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import signal
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points, version
+from importlib.util import find_spec
+from pathlib import Path
+
+from soliton_linkage.completion import complete, skip_word, words_before
+
+PROGRAM = 'soliton-linkage'
+_GROUP = 'soliton_linkage.commands'
+_FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the sub-command that the first argument names, or tell which there are."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    words = words_before() or given
+    commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}
+    if words and words[0] in commands:
+        skip_word()
+        return _run(commands[words[0]], given[1:])
+    parser = _parser(commands)
+    complete(parser)
+    parser.parse_args(given)
+    parser.print_help()
+    return 0
+
+
+def _run(command: EntryPoint, arguments: list[str]) -> int:
+    title = f'{PROGRAM} {command.name}'
+    try:
+        code: int = command.load()(arguments)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return int(signal.SIGINT)
+    except BrokenPipeError:
+        # Who reads has what it wanted; Python would complain once more as it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except ModuleNotFoundError as error:
+        remedy = 'install it, or source the setup.bash of the workspace that has it'
+        print(f'{title}: {error}; {remedy}', file=sys.stderr)
+        return 1
+    except _FAILURES as error:
+        print(f'{title}: {error}', file=sys.stderr)
+        return 1
+    return code
+
+
+def _parser(commands: Mapping[str, EntryPoint]) -> argparse.ArgumentParser:
+    width = max(map(len, commands), default=0)
+    lines = [f'  {name:{width}}  {_summary(found)}' for name, found in commands.items()]
+    parser = argparse.ArgumentParser(
+        prog=PROGRAM,
+        usage=f'{PROGRAM} COMMAND ...',
+        description='A topological linkage: its studies, and its nodes where ROS 2 is installed.',
+        epilog='\n'.join(['commands, each of which has a --help:', *lines]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('command', nargs='?', choices=list(commands), help=argparse.SUPPRESS)
+    said = f'{PROGRAM} {version("soliton_linkage")}'
+    parser.add_argument('--version', action='version', version=said)
+    return parser
+
+
+def _summary(command: EntryPoint) -> str:
+    """First line of the docstring of a command's module, which is not imported for that."""
+    found = find_spec(command.module)
+    if found is None or found.origin is None:
+        return ''
+    syntax = ast.parse(Path(found.origin).read_text(encoding='utf-8'))
+    return (ast.get_docstring(syntax) or '').partition('\n')[0]

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""List nodes: node list"""
+
+from __future__ import annotations
+
+import argparse
+
+from soliton_linkage_nodes.commands.visitor import visiting
+from soliton_linkage_nodes.commands.words import Verbs
+
+
+def main(arguments: list[str]) -> int:
+    """Run the verb; return its exit code."""
+    verbs = Verbs('node', __doc__)
+    verbs.add('list', _list, 'print the names of all nodes')
+    return verbs.run(arguments)
+
+
+def _list(_: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        visitor.settle()
+        for name, namespace in sorted(visitor.node.get_node_names_and_namespaces()):
+            if name != visitor.node.get_name():
+                print(f'{namespace.rstrip("/")}/{name}')
+    return 0

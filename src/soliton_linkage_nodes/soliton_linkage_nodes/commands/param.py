@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read, set and dump the parameters of nodes: param list|get|set|describe|dump"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import yaml
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+)
+from rclpy.parameter import get_parameter_value, parameter_value_to_python
+
+from soliton_linkage_nodes.commands.visitor import Visitor, visiting
+from soliton_linkage_nodes.commands.words import Verbs
+
+
+def main(arguments: list[str]) -> int:
+    """Run one of the verbs; return its exit code."""
+    verbs = Verbs('param', __doc__)
+    for name, verb, summary in (
+        ('list', _list, 'print the names of the parameters of a node'),
+        ('get', _get, 'print a parameter'),
+        ('set', _set, 'set a parameter'),
+        ('describe', _describe, 'print what a parameter means and may be'),
+        ('dump', _dump, 'print all parameters as a file of parameters'),
+    ):
+        parser = verbs.add(name, verb, summary)
+        parser.add_argument('node')
+        if name in ('get', 'set', 'describe'):
+            parser.add_argument('name')
+        if name == 'set':
+            parser.add_argument('value', help='in YAML')
+    return verbs.run(arguments)
+
+
+def _node_name(node: str) -> str:
+    return node if node.startswith('/') else f'/{node}'
+
+
+def _ask(visitor: Visitor, node: str, service_type: Any, **request: Any) -> Any:
+    name = service_type.__name__
+    verb = ''.join(f'_{letter.lower()}' if letter.isupper() else letter for letter in name)
+    service = f'{_node_name(node)}/{verb.removeprefix("_")}'
+    try:
+        return visitor.call(service_type, service, service_type.Request(**request))
+    except RuntimeError as error:
+        raise RuntimeError(
+            f'{node}: {error}; soliton-linkage node list has the nodes'
+        ) from error
+
+
+def _names(visitor: Visitor, node: str) -> list[str]:
+    return sorted(_ask(visitor, node, ListParameters).result.names)
+
+
+def _list(options: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        print('\n'.join(_names(visitor, options.node)))
+    return 0
+
+
+def _values(visitor: Visitor, node: str, names: list[str]) -> list[Any]:
+    return [
+        parameter_value_to_python(value)
+        for value in _ask(visitor, node, GetParameters, names=names).values
+    ]
+
+
+def _get(options: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        values = _values(visitor, options.node, [options.name])
+    if not values or values[0] is None:
+        raise RuntimeError(f'{options.node} has no parameter {options.name}, or it is not set')
+    print(yaml.safe_dump(_plain(values[0]), default_flow_style=True).removesuffix('...\n').strip())
+    return 0
+
+
+def _set(options: argparse.Namespace) -> int:
+    parameter = Parameter(name=options.name, value=get_parameter_value(options.value))
+    with visiting() as visitor:
+        answer = _ask(visitor, options.node, SetParameters, parameters=[parameter])
+    result = answer.results[0]
+    if not result.successful:
+        raise RuntimeError(f'{options.node} refused {options.name}: {result.reason}')
+    return 0
+
+
+def _describe(options: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        found = _ask(visitor, options.node, DescribeParameters, names=[options.name])
+    for descriptor in found.descriptors:
+        print(f'{descriptor.name}: {descriptor.description}')
+        for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):
+            print(f'  from {bounds.from_value} to {bounds.to_value}')
+        if descriptor.additional_constraints:
+            print(f'  {descriptor.additional_constraints}')
+        if descriptor.read_only:
+            print('  read only')
+    return 0
+
+
+def _dump(options: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        names = _names(visitor, options.node)
+        values = _values(visitor, options.node, names)
+    parameters = dict(zip(names, map(_plain, values), strict=bool(values)))
+    document = {_node_name(options.node): {'ros__parameters': parameters}}
+    print(yaml.safe_dump(document, default_flow_style=None, allow_unicode=True), end='')
+    return 0
+
+
+def _plain(value: Any) -> Any:
+    return value if value is None or isinstance(value, (bool, int, float, str)) else list(value)

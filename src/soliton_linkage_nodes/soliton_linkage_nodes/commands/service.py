@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""List services and call them: service list|call"""
+
+from __future__ import annotations
+
+import argparse
+
+from soliton_linkage_nodes.commands.fields import as_yaml, filled, interface_type
+from soliton_linkage_nodes.commands.visitor import visiting
+from soliton_linkage_nodes.commands.words import Verbs
+
+
+def main(arguments: list[str]) -> int:
+    """Run one of the verbs; return its exit code."""
+    verbs = Verbs('service', __doc__)
+    listing = verbs.add('list', _list, 'print the names of all services')
+    listing.add_argument('-t', '--show-types', action='store_true', help='with their types')
+    call = verbs.add('call', _call, 'call a service and print its response as YAML')
+    call.add_argument('service')
+    call.add_argument('type', help='as std_srvs/srv/SetBool')
+    call.add_argument('values', nargs='?', default='{}', help="YAML, as '{data: true}'")
+    return verbs.run(arguments)
+
+
+def _list(options: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        visitor.settle()
+        for name, types in sorted(visitor.node.get_service_names_and_types()):
+            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+    return 0
+
+
+def _call(options: argparse.Namespace) -> int:
+    service_type = interface_type(options.type, 'srv')
+    request = filled(service_type.Request(), options.values)
+    with visiting() as visitor:
+        print(as_yaml(visitor.call(service_type, options.service, request)), end='')
+    return 0

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""List topics, show their messages and rate, and publish: topic list|echo|hz|pub"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from itertools import count
+from typing import Any
+
+from soliton_linkage_nodes.commands.fields import as_yaml, filled, interface_type
+from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Visitor, visiting
+from soliton_linkage_nodes.commands.words import Verbs
+
+_MATCH_LIMIT = 10.0
+"""For as many subscribers as are waited for [s]."""
+_FAREWELL = 0.1
+"""After the last message [s], so that it is on its way before the publisher is gone."""
+
+
+def main(arguments: list[str]) -> int:
+    """Run one of the verbs; return its exit code."""
+    verbs = Verbs('topic', __doc__)
+    listing = verbs.add('list', _list, 'print the names of all topics')
+    listing.add_argument('-t', '--show-types', action='store_true', help='with their types')
+    echo = verbs.add('echo', _echo, 'print the messages of a topic as YAML')
+    echo.add_argument('topic')
+    echo.add_argument('type', nargs='?', help='of its messages [that of who publishes]')
+    echo.add_argument('--once', action='store_true', help='one message, and end')
+    echo.add_argument('--field', default='', help='one field alone, as energies.kinetic')
+    rate = verbs.add('hz', _rate, 'print how often messages come, once a second')
+    rate.add_argument('topic')
+    publish = verbs.add('pub', _publish, 'publish a message, once a second unless told otherwise')
+    publish.add_argument('topic')
+    publish.add_argument('type', help='as std_msgs/msg/Float64')
+    publish.add_argument('values', nargs='?', default='{}', help="YAML, as '{data: 0.25}'")
+    publish.add_argument('-r', '--rate', type=_positive, default=1.0, help='in Hz [1]')
+    times = publish.add_mutually_exclusive_group()
+    times.add_argument('-1', '--once', action='store_true', help='once, to a subscriber')
+    times.add_argument('-t', '--times', type=int, default=0, help='so often [for ever]')
+    publish.add_argument(
+        '-w',
+        '--wait-matching-subscriptions',
+        dest='subscribers',
+        type=int,
+        help='wait for so many subscribers first [1 with --once or --times, else 0]',
+    )
+    return verbs.run(arguments)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f'{text} must be above 0')
+    return value
+
+
+def _list(options: argparse.Namespace) -> int:
+    with visiting() as visitor:
+        visitor.settle()
+        for name, types in sorted(visitor.node.get_topic_names_and_types()):
+            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+    return 0
+
+
+def _type(visitor: Visitor, options: argparse.Namespace) -> Any:
+    name = getattr(options, 'type', None) or visitor.type_name(
+        'topic', options.topic, visitor.node.get_topic_names_and_types
+    )
+    return interface_type(name, 'msg')
+
+
+def _echo(options: argparse.Namespace) -> int:
+    heard: list[Any] = []
+    with visiting() as visitor:
+        message_type = _type(visitor, options)
+        _field(message_type(), options.field)
+        topic = visitor.node.resolve_topic_name(options.topic)
+        visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
+        visitor.node.create_subscription(
+            message_type, topic, heard.append, visitor.heard_qos(topic)
+        )
+        while True:
+            visitor.spin()
+            for message in heard:
+                print(f'{as_yaml(_field(message, options.field))}---', flush=True)
+                if options.once:
+                    return 0
+            heard.clear()
+
+
+def _field(message: Any, path: str) -> Any:
+    for name in path.split('.') if path else ():
+        if not hasattr(message, 'get_fields_and_field_types'):
+            raise ValueError(f'--field {path}: there is no {name} in a number or list')
+        if name not in message.get_fields_and_field_types():
+            known = ', '.join(message.get_fields_and_field_types())
+            raise ValueError(f'--field {path}: there is no {name}; there are {known}')
+        message = getattr(message, name)
+    return message
+
+
+def _rate(options: argparse.Namespace) -> int:
+    arrivals: list[float] = []
+    with visiting() as visitor:
+        message_type = _type(visitor, options)
+        topic = visitor.node.resolve_topic_name(options.topic)
+        visitor.node.create_subscription(
+            message_type,
+            topic,
+            lambda _: arrivals.append(time.monotonic()),
+            visitor.heard_qos(topic),
+            raw=True,
+        )
+        while True:
+            visitor.until(lambda: False, 1.0)
+            gaps = [later - sooner for sooner, later in zip(arrivals, arrivals[1:], strict=False)]
+            if gaps:
+                print(
+                    f'{len(gaps) / sum(gaps):.3f} Hz, {1e3 * min(gaps):.2f} to '
+                    f'{1e3 * max(gaps):.2f} ms apart, of {len(arrivals)} messages',
+                    flush=True,
+                )
+            else:
+                print(f'{len(arrivals)} messages in a second', flush=True)
+            del arrivals[:-1]
+
+
+def _publish(options: argparse.Namespace) -> int:
+    times = 1 if options.once else options.times
+    subscribers = options.subscribers
+    if subscribers is None:
+        subscribers = 1 if times else 0
+    with visiting() as visitor:
+        message = filled(interface_type(options.type, 'msg')(), options.values)
+        publisher = visitor.node.create_publisher(type(message), options.topic, 10)
+        if not visitor.until(
+            lambda: publisher.get_subscription_count() >= subscribers, _MATCH_LIMIT
+        ):
+            raise RuntimeError(
+                f'{publisher.topic_name} has {publisher.get_subscription_count()} subscribers '
+                f'after {_MATCH_LIMIT:g} s, not {subscribers}; nothing was published'
+            )
+        begin = time.monotonic()
+        for number in count(1):
+            publisher.publish(message)
+            print(f'published on {publisher.topic_name}: {message}', flush=True)
+            if number == times:
+                break
+            due = begin + number / options.rate
+            visitor.until(lambda due=due: time.monotonic() >= due, 1 / options.rate)
+        visitor.until(lambda: False, _FAREWELL)
+    return 0

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node that visits the graph for one command."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+FOUND_WITHIN = 5.0
+"""What is looked for by its name has to show itself within this [s]; on one machine it is there in
+a fraction, now and then in 3."""
+SETTLED = 1.0
+"""Before a list is taken to be complete [s]."""
+ANSWER_LIMIT = 10.0
+"""For the answer of a service that is there [s]."""
+_SPIN = 0.05
+"""How soon a condition is looked at again where nothing comes [s]."""
+
+NamesAndTypes = Sequence[tuple[str, list[str]]]
+
+
+class Visitor:
+    """A node of its own in the graph of the domain, and what it is told there."""
+
+    def __init__(self) -> None:
+        """Join the graph."""
+        self.node = rclpy.create_node(
+            f'soliton_linkage_command_{os.getpid()}',
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def spin(self, seconds: float = _SPIN) -> None:
+        """Take what comes next."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def until(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Spin until a condition holds; False where it does not in time."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.spin()
+        return True
+
+    def settle(self) -> None:
+        """Wait until the graph is known."""
+        self.until(lambda: False, SETTLED)
+
+    def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
+        """Type of the topic or service of a name; RuntimeError where there is none."""
+        full = self.node.resolve_topic_name(name)
+        found: dict[str, list[str]] = {}
+
+        def look() -> bool:
+            found.update(there())
+            return full in found
+
+        if not self.until(look, FOUND_WITHIN):
+            raise RuntimeError(f'there is no {kind} {full}; soliton-linkage {kind} list has all')
+        return found[full][0]
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Response of a service; RuntimeError where it is not there or does not answer."""
+        client = self.node.create_client(service_type, name)
+        if not self.until(client.service_is_ready, FOUND_WITHIN):
+            raise RuntimeError(f'there is no service {client.srv_name} of this type')
+        future = client.call_async(request)
+        if not self.until(future.done, ANSWER_LIMIT):
+            raise RuntimeError(f'{client.srv_name} gave no answer in {ANSWER_LIMIT:g} s')
+        return future.result()
+
+    def heard_qos(self, topic: str) -> QoSProfile:
+        """What a subscription may ask so that it hears all who publish, and the latched too."""
+        offered = [info.qos_profile for info in self.node.get_publishers_info_by_topic(topic)]
+        profile = QoSProfile(depth=1000)
+        if any(one.reliability == ReliabilityPolicy.BEST_EFFORT for one in offered):
+            profile.reliability = ReliabilityPolicy.BEST_EFFORT
+        if offered and all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered):
+            profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        return profile
+
+
+@contextmanager
+def visiting() -> Iterator[Visitor]:
+    """Be in the graph, until the end of the block or Ctrl-C."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        visitor = Visitor()
+        try:
+            yield visitor
+        finally:
+            visitor.node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
