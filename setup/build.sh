@@ -27,16 +27,9 @@ rm -rf install build/soliton_linkage build/soliton_linkage_nodes
 mkdir -p install
 cp "$soliton_home/installed" install/building
 
-cmake_arguments=()
-headers=("$soliton_home"/headers/usr/include/python3*)
-if [ -d "${headers[0]}" ]; then
-    cmake_arguments=(--cmake-args "-DPython3_INCLUDE_DIR=${headers[0]}")
-    export CPATH=$soliton_home/headers/usr/include
-fi
+. setup/compiler.sh
 
 echo 'Building the workspace: a minute the first time, half of it after a change.'
-unset MAKEFLAGS MAKELEVEL MFLAGS
-
 build() {
     colcon --log-level error build --base-paths src --merge-install \
         --event-handlers console_stderr- summary- "$@"

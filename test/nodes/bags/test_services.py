@@ -33,6 +33,11 @@ def act(complaint: str | None, _request: Any) -> Reply:
     return Reply('it is done')
 
 
+@pytest.fixture(autouse=True)
+def without_rosbag2(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'rosbag2_interfaces', None)
+
+
 @pytest.mark.parametrize('name', ['Pause', 'Resume', 'IsPaused', 'SplitBagfile', 'Snapshot'])
 def test_without_rosbag2_triggers_stand_in(name: str) -> None:
     assert service_type(name) is Trigger

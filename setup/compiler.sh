@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# To be sourced in bash after home.sh: how colcon has messages compiled.
+
+cmake_arguments=()
+headers=("$soliton_home"/headers/usr/include/python3*)
+if [ -d "${headers[0]}" ]; then
+    # shellcheck disable=SC2034
+    cmake_arguments=(--cmake-args "-DPython3_INCLUDE_DIR=${headers[0]}")
+    export CPATH=$soliton_home/headers/usr/include
+fi
+
+unset MAKELEVEL MFLAGS
+# Without it colcon has make start one job at a time while the machine does anything else.
+MAKEFLAGS=-j$(nproc)
+export MAKEFLAGS

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the packages import is what their package.xml and setup.py say that they need."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import requires
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from setuptools.dist import Distribution
+
+ROOT = Path(__file__).parents[1]
+SOURCES = ROOT / 'src'
+PACKAGES = ['soliton_linkage', 'soliton_linkage_nodes']
+OWN = {'soliton_linkage', 'soliton_linkage_msgs', 'soliton_linkage_nodes'}
+KEYS = {
+    'argcomplete': 'python3-argcomplete',
+    'backports': 'python3-rosbags-pip',
+    'lz4': 'python3-rosbags-pip',
+    'matplotlib': 'python3-matplotlib',
+    'mpl_toolkits': 'python3-matplotlib',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'rosbags': 'python3-rosbags-pip',
+    'scipy': 'python3-scipy',
+    'yaml': 'python3-yaml',
+}
+"""Key of rosdep by what is imported; ROS packages have their own name."""
+PROJECTS = {'backports': 'backports.zstd', 'mpl_toolkits': 'matplotlib', 'yaml': 'pyyaml'}
+"""Name on PyPI where it is another than what is imported."""
+
+
+def imported(package: str) -> set[str]:
+    """Return the top names that a package and its launch files import, those of Python not."""
+    folder = SOURCES / package
+    paths = [*folder.glob(f'{package}/**/*.py'), *folder.glob('launch/*.py')]
+    names = {name.partition('.')[0] for path in paths for name in imports(path)}
+    return names - sys.stdlib_module_names - {package}
+
+
+def imports(path: Path) -> Iterator[str]:
+    for statement in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(statement, ast.Import):
+            yield from (alias.name for alias in statement.names)
+        elif isinstance(statement, ast.ImportFrom):
+            yield str(statement.module)
+
+
+def manifest(package: str) -> ElementTree.Element:
+    return ElementTree.parse(SOURCES / package / 'package.xml').getroot()
+
+
+def declared(package: str) -> set[str]:
+    return {str(key.text) for kind in ('depend', 'exec_depend') for key in manifest(package).iter(kind)}
+
+
+def setup_data(package: str, monkeypatch: pytest.MonkeyPatch, *command: str) -> dict[str, Any]:
+    """Return what a package's setup.py gives to setuptools for a command."""
+    given: dict[str, Any] = {}
+    monkeypatch.chdir(SOURCES / package)
+    monkeypatch.setattr('setuptools.setup', lambda **data: given.update(data))
+    monkeypatch.setattr(sys, 'argv', ['setup.py', *command])
+    path = SOURCES / package / 'setup.py'
+    exec(compile(path.read_text(encoding='utf-8'), path, 'exec'), {'__file__': str(path)})
+    return given
+
+
+def project(requirement: str) -> str:
+    name = requirement.partition(';')[0]
+    for mark in '<>=[ ':
+        name = name.partition(mark)[0]
+    return name.lower().replace('_', '-')
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_rosdep_installs_what_is_imported(package: str) -> None:
+    needed = {KEYS.get(name, name) for name in imported(package)}
+    assert declared(package) == needed
+
+
+def test_what_has_no_key_comes_with_what_has_one() -> None:
+    brought = {project(requirement) for requirement in requires('rosbags') or []}
+    assert {'backports.zstd', 'lz4'} <= brought
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_pip_installs_what_is_imported(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = setup_data(package, monkeypatch, 'bdist_wheel')
+    extras = data.get('extras_require', {})
+    required = {project(name) for name in data['install_requires']}
+    required |= {project(name) for part in ('completion', 'studies') for name in extras.get(part, [])}
+    from_pypi = {name for name in imported(package) if name in KEYS} | (
+        {'soliton_linkage'} & imported(package)
+    )
+    assert required == {project(PROJECTS.get(name, name)) for name in from_pypi}
+
+
+def test_one_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    manifests = {manifest(package).findtext('version') for package in OWN}
+    (version,) = manifests
+    for package in PACKAGES:
+        assert setup_data(package, monkeypatch)['version'] == version
+
+
+def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = {
+        command: [
+            script.partition(' = ')[0]
+            for package in PACKAGES
+            for script in setup_data(package, monkeypatch, command)['entry_points']['console_scripts']
+        ]
+        for command in ('bdist_wheel', 'install', 'develop')
+    }
+    assert names['bdist_wheel'] == ['soliton-linkage']
+    assert 'simulator' in names['install']
+    assert names['install'] == names['develop']
+
+
+@pytest.mark.parametrize(
+    ('package', 'share', 'sources'),
+    [
+        ('soliton_linkage_nodes', 'config', 'config/*.yaml'),
+        ('soliton_linkage_nodes', 'bags', 'bags/*/*'),
+        ('soliton_linkage_nodes', 'launch', 'src/soliton_linkage_nodes/launch/*'),
+        ('soliton_linkage', 'studies', 'config/studies/*'),
+    ],
+)
+def test_settings_and_bags_are_installed(
+    monkeypatch: pytest.MonkeyPatch, package: str, share: str, sources: str
+) -> None:
+    data = setup_data(package, monkeypatch)
+    installed = {
+        Path(name).name
+        for folder, names in data['data_files']
+        if folder.startswith(f'share/{package}/{share}')
+        for name in names
+    }
+    assert {path.name for path in ROOT.glob(sources)} <= installed
+    assert all(
+        Path(name).is_file() and '..' not in Path(name).parts
+        for _, names in data['data_files']
+        for name in names
+    )
+
+
+def test_metadata_of_the_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = setup_data('soliton_linkage', monkeypatch)
+    found = Distribution(data).metadata
+    assert 'import soliton_linkage as sl' in found.get_long_description()
+    assert found.get_url()
+    assert (SOURCES / 'soliton_linkage' / 'LICENSE').read_text() == (ROOT / 'LICENSE').read_text()
+    assert data['python_requires'] == '>=3.10'
+
+
+def test_studies_without_matplotlib_say_what_to_install() -> None:
+    hidden = """
+import sys
+from importlib.machinery import PathFinder
+
+class Hidden(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        return None if name == 'matplotlib' else PathFinder.find_spec(name, path, target)
+
+sys.meta_path[:] = [Hidden if finder is PathFinder else finder for finder in sys.meta_path]
+import soliton_linkage as sl
+chain = sl.Chain(number_of_rotors=4)
+sl.leaning(chain, -1)
+import soliton_linkage.studies
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', hidden], capture_output=True, text=True, env={**os.environ}, check=False
+    )
+    assert done.stderr.splitlines()[-1] == (
+        "ModuleNotFoundError: the studies need matplotlib: pip install 'soliton_linkage[studies]'"
+    )
