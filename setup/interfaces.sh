@@ -21,5 +21,6 @@ if ! python3 -c 'import rosbag2_interfaces.srv, simulation_interfaces.srv' 2>/de
 fi
 . setup/environment.sh
 [ ! -f "$place/install/local_setup.bash" ] || . "$place/install/local_setup.bash"
-exec python3 -m pytest --numprocesses $(($(nproc) + 2)) test/nodes/bags test/nodes/simulator \
-    -k 'pause or paused or play or sought or seek or rate or burst or split or snapshot or service or standard'
+exec python3 -m pytest --quiet test/nodes/simulator/test_standard_package.py \
+    test/nodes/bags/test_{services,player,recorder}.py \
+    -k 'pause or seek or sought or rate_is or split_when or snapshot or service or standard'

@@ -14,8 +14,8 @@ TESTS = Path(__file__).parent
 MOST_MODULES = 15
 
 _FLOORS = (
-    'exports compiling progress linkage linear solitons orbit dynamics actuation estimation '
-    'steering studies'
+    'exports compiling completion progress linkage linear solitons orbit dynamics actuation '
+    'estimation steering studies command'
 )
 PHYSICS = {room: floor for floor, room in enumerate(_FLOORS.split())}
 ROS_NODES = {'simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'}
@@ -25,6 +25,7 @@ NODES = {
     'messages': 2,
     **dict.fromkeys({*ROS_NODES, 'bags'}, 3),
     'programs': 4,
+    'commands': 4,
 }
 IMPORTED_BY_PHYSICS = {'soliton_linkage', 'numpy', 'scipy', 'matplotlib'}
 IMPORTED_BY_STUDIES = {'distributed', 'imageio_ffmpeg', 'mpl_toolkits', 'yaml'}
@@ -79,6 +80,7 @@ def test_physics_imports_nothing_but_itself_and_numerics() -> None:
             allowed = IMPORTED_BY_PHYSICS | sys.stdlib_module_names
             allowed |= IMPORTED_BY_STUDIES if inner == 'studies' else set()
             allowed |= {'numba'} if inner == 'compiling' else set()
+            allowed |= {'argcomplete'} if inner == 'completion' else set()
             foreign = {name for name in imports(module) if name.split('.')[0] not in allowed}
             offenders += [f'{module} imports {name}' for name in sorted(foreign)]
     assert not offenders, f'physics knows numerics and no ROS:{listed(offenders)}'

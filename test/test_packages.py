@@ -58,7 +58,9 @@ def manifest(package: str) -> ElementTree.Element:
 
 
 def declared(package: str) -> set[str]:
-    return {str(key.text) for kind in ('depend', 'exec_depend') for key in manifest(package).iter(kind)}
+    return {
+        str(key.text) for kind in ('depend', 'exec_depend') for key in manifest(package).iter(kind)
+    }
 
 
 def setup_data(package: str, monkeypatch: pytest.MonkeyPatch, *command: str) -> dict[str, Any]:
@@ -95,7 +97,9 @@ def test_pip_installs_what_is_imported(package: str, monkeypatch: pytest.MonkeyP
     data = setup_data(package, monkeypatch, 'bdist_wheel')
     extras = data.get('extras_require', {})
     required = {project(name) for name in data['install_requires']}
-    required |= {project(name) for part in ('completion', 'studies') for name in extras.get(part, [])}
+    required |= {
+        project(name) for part in ('completion', 'studies') for name in extras.get(part, [])
+    }
     from_pypi = {name for name in imported(package) if name in KEYS} | (
         {'soliton_linkage'} & imported(package)
     )
@@ -114,7 +118,9 @@ def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> N
         command: [
             script.partition(' = ')[0]
             for package in PACKAGES
-            for script in setup_data(package, monkeypatch, command)['entry_points']['console_scripts']
+            for script in setup_data(package, monkeypatch, command)['entry_points'][
+                'console_scripts'
+            ]
         ]
         for command in ('bdist_wheel', 'install', 'develop')
     }
@@ -176,7 +182,11 @@ sl.leaning(chain, -1)
 import soliton_linkage.studies
 """
     done = subprocess.run(
-        [sys.executable, '-c', hidden], capture_output=True, text=True, env={**os.environ}, check=False
+        [sys.executable, '-c', hidden],
+        capture_output=True,
+        text=True,
+        env={**os.environ},
+        check=False,
     )
     assert done.stderr.splitlines()[-1] == (
         "ModuleNotFoundError: the studies need matplotlib: pip install 'soliton_linkage[studies]'"

@@ -29,8 +29,8 @@ PROGRAMS = [
     'watch_soliton',
 ]
 COMMANDS = ['node', 'param', 'run', 'service', 'topic']
-# colcon puts programs where `ros2 run` looks; a wheel would put them on the path of everyone, where
-# such names are anybody's: there `soliton-linkage run` starts them.
+# colcon puts programs where `ros2 run` looks. A wheel would put them on the path, where such names
+# are anybody's: there `soliton-linkage run` starts them.
 EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *PROGRAMS]
 
 

@@ -16,7 +16,6 @@ import signal
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
-from importlib.util import find_spec
 from pathlib import Path
 
 from soliton_linkage.completion import complete, skip_word, words_before
@@ -53,8 +52,9 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:
-        remedy = 'install it, or source the setup.bash of the workspace that has it'
-        print(f'{title}: {error}; {remedy}', file=sys.stderr)
+        remedy = '; install it, or source the setup.bash of the workspace that has it'
+        said = str(error)
+        print(f'{title}: {said}{remedy if said.startswith("No ") else ""}', file=sys.stderr)
         return 1
     except _FAILURES as error:
         print(f'{title}: {error}', file=sys.stderr)
@@ -80,8 +80,8 @@ def _parser(commands: Mapping[str, EntryPoint]) -> argparse.ArgumentParser:
 
 def _summary(command: EntryPoint) -> str:
     """First line of the docstring of a command's module, which is not imported for that."""
-    found = find_spec(command.module)
-    if found is None or found.origin is None:
+    if command.dist is None:
         return ''
-    syntax = ast.parse(Path(found.origin).read_text(encoding='utf-8'))
+    path = Path(str(command.dist.locate_file(command.module.replace('.', '/') + '.py')))
+    syntax = ast.parse(path.read_text(encoding='utf-8') if path.is_file() else '')
     return (ast.get_docstring(syntax) or '').partition('\n')[0]

@@ -25,11 +25,11 @@ from recordings import frame_message, lost_in, messages_of, publish_frames
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.record.inlets import Inlet
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg

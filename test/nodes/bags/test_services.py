@@ -35,7 +35,8 @@ def act(complaint: str | None, _request: Any) -> Reply:
 
 @pytest.fixture(autouse=True)
 def without_rosbag2(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'rosbag2_interfaces', None)
+    for name in ('rosbag2_interfaces', 'rosbag2_interfaces.srv'):
+        monkeypatch.setitem(sys.modules, name, None)
 
 
 @pytest.mark.parametrize('name', ['Pause', 'Resume', 'IsPaused', 'SplitBagfile', 'Snapshot'])

@@ -15,7 +15,14 @@ from pathlib import Path
 
 import pytest
 
-from soliton_linkage.studies.program import chosen, run_study, side_by_side, study_parser
+from soliton_linkage.studies.program import (
+    chosen,
+    installed_settings,
+    run_study,
+    side_by_side,
+    study_parser,
+)
+from soliton_linkage.studies.settings import load_settings
 
 SETTINGS = Path(__file__).parents[3] / 'config/studies'
 STUDIES = ['accuracy', 'driving', 'figures', 'films', 'moves', 'sweep']
@@ -57,22 +64,25 @@ def test_each_study_is_a_command(name: str, capsys: pytest.CaptureFixture[str]) 
     with pytest.raises(SystemExit, match='0'):
         program.main(['--help'])
     shown = capsys.readouterr().out
-    assert shown.startswith(f'usage: {name} ')
+    assert shown.startswith(f'usage: soliton-linkage {name} ')
     for option in ('--output', '--quick', '--workers'):
         assert option in shown
 
 
-@pytest.mark.parametrize('name', STUDIES)
-def test_a_study_knows_its_own_settings(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize('name', [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram'])
+def test_each_study_has_settings_that_came_with_it(name: str) -> None:
+    path = installed_settings(name)
+    assert path is not None
+    assert load_settings(path).values
+
+
+def test_settings_that_did_not_come_with_it_have_to_be_named(
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Each of them is among those of the project, and is what is read where none is given."""
-    program = importlib.import_module(f'soliton_linkage.studies.{name}.program')
-    settings = 'phase_diagram' if name == 'sweep' else name
-    assert (SETTINGS / f'{settings}.yaml').is_file()
-    monkeypatch.chdir(tmp_path)
-    assert program.main(['--quick']) == 1
-    assert f'config/studies/{settings}.yaml' in capsys.readouterr().err
+    assert installed_settings('none') is None
+    with pytest.raises(SystemExit, match='2'):
+        study_parser('none', '', 'less').parse_args([])
+    assert 'the following arguments are required: config' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('count', ['0', '-1', '1.5', '1001', 'two'])

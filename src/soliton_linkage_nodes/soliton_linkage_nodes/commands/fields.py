@@ -49,60 +49,73 @@ def plain(value: Any) -> Any:
 
 def as_yaml(value: Any) -> str:
     """YAML of a message or of a field, with lists of numbers in as few lines as may be."""
-    text = yaml.safe_dump(
-        plain(value), sort_keys=False, default_flow_style=None, width=_WIDTH, allow_unicode=True
+    text: str = yaml.dump(
+        plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
     return text.removesuffix('...\n')
 
 
-def filled(message: Any, text: str) -> Any:
-    """The message, with the fields that YAML as '{data: 0.25}' gives; ValueError where it cannot."""
+def _list_in_lines(dumper: Any, values: list[Any]) -> Any:
+    flat = not any(isinstance(value, (list, dict)) for value in values)
+    return dumper.represent_sequence('tag:yaml.org,2002:seq', values, flow_style=flat)
+
+
+_Dumper: Any = type('_Dumper', (yaml.SafeDumper,), {})
+_Dumper.add_representer(list, _list_in_lines)
+
+
+def read(message_type: Any, text: str) -> Any:
+    """Message with the fields that YAML as '{data: 0.25}' gives; ValueError where it cannot be."""
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
         raise ValueError(f'{text!r} is not YAML: {" ".join(str(error).split())}') from error
-    _fill(message, values)
-    return message
+    return _built(message_type, values)
 
 
-def _fill(message: Any, values: Any) -> None:
-    types = message.get_fields_and_field_types()
-    name = _name(message)
+def _built(message_type: Any, values: Any) -> Any:
+    types = message_type.get_fields_and_field_types()
+    name = _name(message_type)
     if not isinstance(values, Mapping):
-        raise ValueError(f'{values!r} must be fields of {name}, as {{{next(iter(types), "")}: ...}}')
+        shape = ', '.join(f'{field}: ...' for field in types)
+        raise ValueError(f'{values!r} must be fields of {name}, as {{{shape}}}')
+    # What is wrong and not checked would end the process as it is published.
+    message = message_type(check_fields=True)
     for field, value in values.items():
         if field not in types:
             raise ValueError(f'{name} has no field {field!r}; it has {", ".join(types)}')
         present = getattr(message, field)
         if hasattr(present, 'get_fields_and_field_types'):
-            _fill(present, value)
+            setattr(message, field, _built(type(present), value))
+            continue
+        if '/' in types[field] and isinstance(value, list):
+            match = _SEQUENCE.match(types[field])
+            assert match
+            item = interface_type(match['item'] or match['element'], 'msg')
+            setattr(message, field, [_built(item, values) for values in value])
             continue
         try:
-            setattr(message, field, _converted(present, value, types[field]))
-        except (AssertionError, OverflowError, TypeError) as error:
+            setattr(message, field, _converted(present, value))
+        except (AssertionError, OverflowError, TypeError, ValueError) as error:
             raise ValueError(
                 f'{name}: {field} = {value!r} must be of type {types[field]}'
             ) from error
+    return message
 
 
-def _converted(present: Any, value: Any, type_name: str) -> Any:
-    """A value in the type of the field whose present value is given."""
-    sequence = _SEQUENCE.match(type_name)
+def _converted(present: Any, value: Any) -> Any:
+    """A value in the type of the present value of the field."""
     if isinstance(present, float):
         return float(value)
+    if isinstance(present, bytes):
+        return bytes(value)
     if isinstance(present, array.array):
         return array.array(present.typecode, value)
     if isinstance(present, np.ndarray):
         return np.array(value, dtype=present.dtype)
-    if sequence and '/' in type_name:
-        item = interface_type(sequence['item'] or sequence['element'], 'msg')
-        messages = [item() for _ in value]
-        for message, values in zip(messages, value, strict=True):
-            _fill(message, values)
-        return messages
     return value
 
 
-def _name(message: Any) -> str:
-    package, kind = type(message).__module__.split('.')[:2]
-    return f'{package}/{kind}/{type(message).__name__}'
+def _name(message_type: Any) -> str:
+    package, kind = message_type.__module__.split('.')[:2]
+    return f'{package}/{kind}/{message_type.__name__.removesuffix("_Request")}'

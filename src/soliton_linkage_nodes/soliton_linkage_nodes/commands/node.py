@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""List nodes: node list"""
+"""List nodes."""
 
 from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.visitor import visiting
+from soliton_linkage_nodes.commands.visitor import SETTLED, visiting
 from soliton_linkage_nodes.commands.words import Verbs
 
 
@@ -18,7 +18,7 @@ def main(arguments: list[str]) -> int:
 
 def _list(_: argparse.Namespace) -> int:
     with visiting() as visitor:
-        visitor.settle()
+        visitor.rest(SETTLED)
         for name, namespace in sorted(visitor.node.get_node_names_and_namespaces()):
             if name != visitor.node.get_name():
                 print(f'{namespace.rstrip("/")}/{name}')

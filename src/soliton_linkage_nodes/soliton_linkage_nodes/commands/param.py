@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read, set and dump the parameters of nodes: param list|get|set|describe|dump"""
+"""List, get, set, describe and dump the parameters of nodes."""
 
 from __future__ import annotations
 
@@ -50,9 +50,7 @@ def _ask(visitor: Visitor, node: str, service_type: Any, **request: Any) -> Any:
     try:
         return visitor.call(service_type, service, service_type.Request(**request))
     except RuntimeError as error:
-        raise RuntimeError(
-            f'{node}: {error}; soliton-linkage node list has the nodes'
-        ) from error
+        raise RuntimeError(f'{node}: {error}; soliton-linkage node list has the nodes') from error
 
 
 def _names(visitor: Visitor, node: str) -> list[str]:
@@ -107,9 +105,13 @@ def _describe(options: argparse.Namespace) -> int:
 
 def _dump(options: argparse.Namespace) -> int:
     with visiting() as visitor:
-        names = _names(visitor, options.node)
-        values = _values(visitor, options.node, names)
-    parameters = dict(zip(names, map(_plain, values), strict=bool(values)))
+        # Asked for several of which one is not set, rclpy tells none.
+        found = {
+            name: value
+            for name in _names(visitor, options.node)
+            for value in _values(visitor, options.node, [name])
+        }
+    parameters = {name: _plain(value) for name, value in found.items() if value is not None}
     document = {_node_name(options.node): {'ros__parameters': parameters}}
     print(yaml.safe_dump(document, default_flow_style=None, allow_unicode=True), end='')
     return 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run a node or a program of the suite: run simulator --ros-args -p chain.number_of_rotors:=20"""
+"""Run a node or a program of the suite, as `ros2 run soliton_linkage_nodes` does."""
 
 from __future__ import annotations
 

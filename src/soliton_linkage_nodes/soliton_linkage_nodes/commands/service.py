@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""List services and call them: service list|call"""
+"""List services, and call them."""
 
 from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.fields import as_yaml, filled, interface_type
-from soliton_linkage_nodes.commands.visitor import visiting
+from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
+from soliton_linkage_nodes.commands.visitor import SETTLED, visiting
 from soliton_linkage_nodes.commands.words import Verbs
 
 
@@ -24,15 +24,16 @@ def main(arguments: list[str]) -> int:
 
 def _list(options: argparse.Namespace) -> int:
     with visiting() as visitor:
-        visitor.settle()
+        visitor.rest(SETTLED)
         for name, types in sorted(visitor.node.get_service_names_and_types()):
-            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+            if not name.startswith(f'/{visitor.node.get_name()}/'):
+                print(f'{name} [{", ".join(types)}]' if options.show_types else name)
     return 0
 
 
 def _call(options: argparse.Namespace) -> int:
     service_type = interface_type(options.type, 'srv')
-    request = filled(service_type.Request(), options.values)
+    request = read(service_type.Request, options.values)
     with visiting() as visitor:
         print(as_yaml(visitor.call(service_type, options.service, request)), end='')
     return 0

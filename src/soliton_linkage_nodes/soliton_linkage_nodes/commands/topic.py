@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""List topics, show their messages and rate, and publish: topic list|echo|hz|pub"""
+"""List topics, echo their messages, measure their rate (hz), and publish (pub)."""
 
 from __future__ import annotations
 
 import argparse
 import time
-from itertools import count
+from itertools import count, pairwise
 from typing import Any
 
-from soliton_linkage_nodes.commands.fields import as_yaml, filled, interface_type
-from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Visitor, visiting
+from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
+from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, SETTLED, Visitor, visiting
 from soliton_linkage_nodes.commands.words import Verbs
 
 _MATCH_LIMIT = 10.0
@@ -57,7 +57,7 @@ def _positive(text: str) -> float:
 
 def _list(options: argparse.Namespace) -> int:
     with visiting() as visitor:
-        visitor.settle()
+        visitor.rest(SETTLED)
         for name, types in sorted(visitor.node.get_topic_names_and_types()):
             print(f'{name} [{", ".join(types)}]' if options.show_types else name)
     return 0
@@ -113,8 +113,8 @@ def _rate(options: argparse.Namespace) -> int:
             raw=True,
         )
         while True:
-            visitor.until(lambda: False, 1.0)
-            gaps = [later - sooner for sooner, later in zip(arrivals, arrivals[1:], strict=False)]
+            visitor.rest(1.0)
+            gaps = [later - sooner for sooner, later in pairwise(arrivals)]
             if gaps:
                 print(
                     f'{len(gaps) / sum(gaps):.3f} Hz, {1e3 * min(gaps):.2f} to '
@@ -132,7 +132,7 @@ def _publish(options: argparse.Namespace) -> int:
     if subscribers is None:
         subscribers = 1 if times else 0
     with visiting() as visitor:
-        message = filled(interface_type(options.type, 'msg')(), options.values)
+        message = read(interface_type(options.type, 'msg'), options.values)
         publisher = visitor.node.create_publisher(type(message), options.topic, 10)
         if not visitor.until(
             lambda: publisher.get_subscription_count() >= subscribers, _MATCH_LIMIT
@@ -147,7 +147,6 @@ def _publish(options: argparse.Namespace) -> int:
             print(f'published on {publisher.topic_name}: {message}', flush=True)
             if number == times:
                 break
-            due = begin + number / options.rate
-            visitor.until(lambda due=due: time.monotonic() >= due, 1 / options.rate)
-        visitor.until(lambda: False, _FAREWELL)
+            visitor.rest(begin + number / options.rate - time.monotonic())
+        visitor.rest(_FAREWELL)
     return 0

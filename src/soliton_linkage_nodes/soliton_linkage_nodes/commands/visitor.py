@@ -14,9 +14,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-FOUND_WITHIN = 5.0
+FOUND_WITHIN = 10.0
 """What is looked for by its name has to show itself within this [s]; on one machine it is there in
-a fraction, now and then in 3."""
+a fraction, now and then in 3, on a busy one later."""
 SETTLED = 1.0
 """Before a list is taken to be complete [s]."""
 ANSWER_LIMIT = 10.0
@@ -53,9 +53,11 @@ class Visitor:
             self.spin()
         return True
 
-    def settle(self) -> None:
-        """Wait until the graph is known."""
-        self.until(lambda: False, SETTLED)
+    def rest(self, seconds: float) -> None:
+        """Take what comes for so long."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self.spin(min(left, _SPIN))
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
         """Type of the topic or service of a name; RuntimeError where there is none."""
@@ -74,7 +76,8 @@ class Visitor:
         """Response of a service; RuntimeError where it is not there or does not answer."""
         client = self.node.create_client(service_type, name)
         if not self.until(client.service_is_ready, FOUND_WITHIN):
-            raise RuntimeError(f'there is no service {client.srv_name} of this type')
+            name = service_type.__name__
+            raise RuntimeError(f'there is no service {client.srv_name} of the type {name}')
         future = client.call_async(request)
         if not self.until(future.done, ANSWER_LIMIT):
             raise RuntimeError(f'{client.srv_name} gave no answer in {ANSWER_LIMIT:g} s')

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics, parameters and services are shown and used without `ros2`."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import yaml
+from graphs import Graph
+from rclpy.node import Node
+from std_msgs.msg import Float64
+
+from soliton_linkage_nodes.commands import node, param, run, service, topic, visitor
+from soliton_linkage_nodes.runtime import interfaces
+
+Said = Callable[..., str]
+
+
+class Pendulum(Node):
+    """A node with a parameter, a topic that is latched and the services that all have."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('pendulum', **kwargs)
+        self.declare_parameter('length', 0.5)
+        self.declare_parameter('masses', [1, 2])
+        topic = interfaces.Topic('angle', Float64, interfaces.latched_qos())
+        topic.publisher(self).publish(Float64(data=0.25))
+
+
+@pytest.fixture
+def said(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Said:
+    """Run a command on the domain of the test, which goes on meanwhile; return what it prints."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    monkeypatch.setattr(visitor, 'FOUND_WITHIN', 60.0)
+    graph.start(Pendulum)
+
+    def run_beside(command: Any, *arguments: str) -> str:
+        codes: list[Any] = []
+
+        def work() -> None:
+            try:
+                codes.append(command.main(list(arguments)))
+            except Exception as error:
+                codes.append(error)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        graph.until(lambda: not thread.is_alive(), ' '.join(arguments))
+        if codes != [0]:
+            raise codes[0]
+        return capsys.readouterr().out
+
+    return run_beside
+
+
+def test_a_latched_message_is_echoed(said: Said) -> None:
+    assert said(topic, 'echo', '--once', 'angle') == 'data: 0.25\n---\n'
+    assert said(topic, 'echo', '--once', '--field', 'data', '/angle') == '0.25\n---\n'
+    with pytest.raises(ValueError, match='--field size: there is no size; there are data'):
+        said(topic, 'echo', '--field', 'size', 'angle')
+
+
+def test_a_message_is_published_to_who_waits_for_it(said: Said, graph: Graph) -> None:
+    heard = graph.hear(interfaces.TILT)
+    shown = said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}')
+    graph.until(lambda: heard, 'the message')
+    assert heard == [Float64(data=3.0)]
+    assert shown == 'published on /tilt: std_msgs.msg.Float64(data=3.0)\n'
+
+
+def test_nothing_is_published_to_nobody(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(topic, '_MATCH_LIMIT', 0.1)
+    with pytest.raises(RuntimeError, match=r'/tilt has 0 subscribers after 0.1 s, not 1; nothing'):
+        said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}')
+
+
+def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
+    assert {'length', 'masses'} <= set(said(param, 'list', 'pendulum').split())
+    assert said(param, 'get', '/pendulum', 'length') == '0.5\n'
+    said(param, 'set', 'pendulum', 'length', '0.75')
+    dumped = yaml.safe_load(said(param, 'dump', 'pendulum'))['/pendulum']['ros__parameters']
+    assert (dumped['length'], dumped['masses']) == (0.75, [1, 2])
+    with pytest.raises(RuntimeError, match='pendulum refused length: '):
+        said(param, 'set', 'pendulum', 'length', 'long')
+    with pytest.raises(RuntimeError, match='pendulum has no parameter mass, or it is not set'):
+        said(param, 'get', 'pendulum', 'mass')
+
+
+def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> None:
+    graph.until(lambda: '/pendulum' in said(node, 'list').split(), 'the node')
+    listed = '/pendulum/list_parameters'
+    graph.until(lambda: listed in said(service, 'list').split(), 'its services')
+    kind = 'rcl_interfaces/srv/GetParameters'
+    shown = said(service, 'call', '/pendulum/get_parameters', kind, '{names: [length]}')
+    assert yaml.safe_load(shown)['values'][0]['double_value'] == 0.5
+
+
+def test_what_is_not_there_is_named(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(visitor, 'FOUND_WITHIN', 0.1)
+    with pytest.raises(RuntimeError, match='there is no topic /none; soliton-linkage topic list'):
+        said(topic, 'echo', 'none')
+    with pytest.raises(RuntimeError, match='nobody: there is no service /nobody/get_parameters'):
+        said(param, 'get', 'nobody', 'length')
+
+
+def test_programs_are_run_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[list[str]] = []
+    monkeypatch.setattr('sys.argv', ['soliton-linkage'])
+    monkeypatch.setattr(run.start, 'simulator', lambda: begun.append(list(sys.argv)))
+    assert run.main(['simulator', '--ros-args', '-p', 'publish_rate:=5.0']) == 0
+    assert begun == [['simulator', '--ros-args', '-p', 'publish_rate:=5.0']]
+    with pytest.raises(SystemExit, match='2'):
+        run.main(['simulatr'])
