@@ -22,7 +22,8 @@ test-interfaces: build develop  ## the tests of services, beside stand-ins of th
 	@setup/interfaces.sh
 
 check: build develop  ## formatting, lint and strict typing
-	@. setup/environment.sh && ruff format --check . && ruff check . && mypy
+	@. setup/environment.sh && ruff format --check . && ruff check . && \
+	    mypy --python-executable $$(ls .python/typing/bin/python3 2>/dev/null || command -v python3)
 
 shell: build  ## a shell where the nodes start by their name
 	@setup/shell.sh

@@ -157,11 +157,17 @@ install_beside_ros() {
     add hypothesis hypothesis sortedcontainers
     add mcap mcap zstandard
     add mcap_ros2 mcap-ros2-support
+    add argcomplete argcomplete
+    add numba llvmlite numba
     add mpmath mpmath
     add xdist execnet pytest-xdist
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
     echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
     pip_install --no-deps --target .python "${packages[@]}"
+    # The types of numpy and matplotlib are checked by one release of theirs, whichever ROS runs on.
+    run python3 -m venv --without-pip .python/typing
+    pip_install --no-deps --target "$(echo .python/typing/lib/python3*)/site-packages" \
+        matplotlib numpy
 }
 
 [[ $PWD != *[[:space:]]* ]] || fail "the path '$PWD' has a space, with which colcon cannot cope." \
