@@ -6,7 +6,8 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
 . setup/run.sh
 
-exec 9<setup
+# One at a time: whoever comes second finds it done.
+exec 9<src
 flock 9
 
 if ! cmp -s "$soliton_home/installed" install/built; then

@@ -190,4 +190,10 @@ if ! installed; then
     fi
     stamp python3 >"$soliton_home/installed"
 fi
-[ "$1" != development ] || install_development
+flock --unlock 9
+if [ "$1" = development ]; then
+    # A lock of its own: meanwhile another command builds.
+    exec 8<setup/requirements-development.txt
+    flock 8
+    install_development
+fi

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded chain, played into a fresh analyser until the bag is at its end."""
 
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
+from launch.substitution import Substitution
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -11,6 +15,23 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch import LaunchDescription
 
 PACKAGE = 'soliton_linkage_nodes'
+BAGS = Path(get_package_share_directory(PACKAGE), 'bags')
+NAMES = sorted(path.name for path in BAGS.iterdir() if path.is_dir())
+
+
+class BagFolder(Substitution):
+    """Directory of the bag that `bag:=` names, or is."""
+
+    def perform(self, context):
+        """Return the path; raises ValueError where there is none."""
+        bag = context.perform_substitution(LaunchConfiguration('bag'))
+        path = BAGS / bag if bag in NAMES else Path(bag)
+        if not path.exists():
+            raise ValueError(
+                f'bag:={bag} is no bag and none of {", ".join(NAMES)}; '
+                f'bags are looked for from {Path.cwd()}'
+            )
+        return str(path)
 
 
 def generate_launch_description():
@@ -21,7 +42,7 @@ def generate_launch_description():
         output='screen',
         parameters=[
             {
-                'bag': LaunchConfiguration('bag'),
+                'bag': ParameterValue(BagFolder(), value_type=str),
                 'rate': ParameterValue(LaunchConfiguration('rate'), value_type=float),
                 'topics': ['chain', 'joint_states'],
             }
@@ -29,7 +50,11 @@ def generate_launch_description():
     )
     return LaunchDescription(
         [
-            DeclareLaunchArgument('bag', description='directory of the bag to play'),
+            DeclareLaunchArgument(
+                'bag',
+                default_value='flipper_0',
+                description=f'bag to play: {", ".join(NAMES)}, or the path of one',
+            ),
             DeclareLaunchArgument(
                 'rate', default_value='1.0', description='how much faster than recorded'
             ),
