@@ -35,21 +35,20 @@ def study_parser(
     config: str = '',
     selective: bool = False,
     scheduler: bool = False,
-    settings: str = '',
 ) -> argparse.ArgumentParser:
     """Command line of a study, whose help says what `--quick` is.
 
     Settings are by default those of its name in config/studies, or those named by `config`.
     `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
     chooses its folder itself, where none is given, says in `output` which. Where no settings are
-    given, it takes those that came with the suite under its name, or that of `settings`.
+    given, it takes those that came with the suite under its name, or that of `config`.
     """
     parser = argparse.ArgumentParser(
         prog=f'soliton-linkage {name}',
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    default = installed_settings(settings or name)
+    default = installed_settings(config or name)
     shown = default.name if default else 'none is installed'
     parser.add_argument(
         'config',

@@ -32,8 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         __doc__,
         'a thinner grid',
         'out/sweeps/NAME OF CONFIG',
+        config='phase_diagram',
         scheduler=True,
-        settings='phase_diagram',
     )
     return run_study(parser, arguments, _swept, _GOES_ON)
 
