@@ -38,7 +38,6 @@ def study_parser(
 ) -> argparse.ArgumentParser:
     """Command line of a study, whose help says what `--quick` is.
 
-    Settings are by default those of its name in config/studies, or those named by `config`.
     `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
     chooses its folder itself, where none is given, says in `output` which. Where no settings are
     given, it takes those that came with the suite under its name, or that of `config`.
