@@ -1,40 +1,103 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command nudge delivers one nudge, or says why not."""
+"""The command nudge kicks the chain and says what became of that, or why nothing did."""
 
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from graphs import Graph
 from programs import Program
 
+from soliton_linkage_msgs.msg import LastKick
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.programs.nudge import Nudger, described
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+
+QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 100.0}
+
+pytestmark = pytest.mark.usefixtures('often')
 
 
-def test_it_publishes_one_nudge_and_ends(graph: Graph, start: Callable[..., Program]) -> None:
+def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
+    """What the command says of a nudge, or fails with."""
+    nudger = Nudger(threading.Event(), context=graph.context)
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            answer = pool.submit(nudger.nudge, speed, 1, timeout)
+            graph.until(answer.done, 'the answer')
+        kick = answer.result()
+        assert kick is not None
+        return described(kick)
+    except ValueError as error:
+        return str(error)
+    finally:
+        nudger.destroy_node()
+
+
+def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
+    graph.start(EdgeActuator, {'state_timeout': 5.0})
+    graph.start(Simulator, QUICK)
+    kicks, nudges = graph.hear(interfaces.LAST_KICK), graph.hear(interfaces.NUDGE)
+    said = nudged(graph, -2.5)
+    assert said.startswith('a kick of -2.5 rad/s at the first edge; an impulse of ')
+    assert said.endswith(f'a work of {kicks[0].work:.3g} J, as the simulator measured')
+    # Neither what was kicked before nor a recorder that listens counts as an answer.
+    refused = 'speed = 500 rad/s must lie in the range -100 to 100 rad/s'
+    assert f'/edge_actuator refused it: {refused}' in nudged(graph, 500.0)
+    assert [message.data for message in nudges] == [-2.5, 500.0]
+
+
+def test_an_actuator_without_a_simulator_says_what_it_lacks(graph: Graph) -> None:
+    graph.start(EdgeActuator)
+    said = nudged(graph, 10.0, timeout=1.0)
+    assert said.startswith('/edge_actuator refused it: nothing subscribes to rotor_impulses')
+
+
+def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
     heard = graph.hear(interfaces.NUDGE)
-    program = start('nudge', '-2.5')
+    graph.hear(interfaces.LAST_KICK)
+    said = nudged(graph, 10.0, timeout=1.0)
+    assert said == ('no actuator, only /user, hears /nudge after 1 s; start edge_actuator first')
+    assert heard == []
+
+
+def test_what_the_simulator_did_not_do_is_a_failure() -> None:
+    with pytest.raises(ValueError, match='the simulator did not carry it out'):
+        described(LastKick(cut_short=True, measured=True))
+
+
+def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., Program]) -> None:
+    graph.start(EdgeActuator, {'state_timeout': 5.0}, namespace='left')
+    graph.start(Simulator, QUICK, namespace='left')
+    program = start('nudge', '10', '--ros-args', '-r', '__ns:=/left')
     graph.until(lambda: program.process.poll() is not None, 'the end of nudge')
     assert program.process.returncode == 0
-    graph.until(lambda: heard, 'a nudge')
-    assert [message.data for message in heard] == [-2.5]
-    assert program.said == []
+    (line,) = program.said
+    assert line.startswith('nudge: a kick of 10 rad/s at the first edge; an impulse of ')
 
 
-def test_it_says_that_nobody_listens(start: Callable[..., Program]) -> None:
-    program = start('nudge', '10', '--timeout', '0.5')
-    assert program.wait() == 1
-    assert program.said == [
-        'nudge: /nudge has 0 of 1 subscribers after 0.5 s; start edge_actuator first'
-    ]
-
-
-def test_it_says_that_a_speed_must_be_a_number(start: Callable[..., Program]) -> None:
-    program = start('nudge', 'hard')
-    assert program.wait() == 2
-    assert program.said[-1] == "nudge: error: argument speed: invalid float value: 'hard'"
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'line'),
+    [
+        (
+            ['10', '--timeout', '0.5'],
+            1,
+            'nudge: nothing hears /nudge after 0.5 s; start edge_actuator first',
+        ),
+        (['hard'], 2, 'nudge: argument speed: hard must be a finite number; see nudge --help'),
+    ],
+)
+def test_it_fails_in_one_line(
+    start: Callable[..., Program], arguments: list[str], code: int, line: str
+) -> None:
+    program = start('nudge', *arguments)
+    assert program.wait() == code
+    assert program.said == [line]
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

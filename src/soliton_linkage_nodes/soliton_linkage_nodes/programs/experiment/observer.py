@@ -14,7 +14,7 @@ from rclpy.node import Node
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
-from soliton_linkage_nodes.programs.bag_report import places
+from soliton_linkage_nodes.programs.experiment.report import places
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg

@@ -19,7 +19,7 @@ from rclpy.experimental import EventsExecutor
 from std_msgs.msg import Float64
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.programs.bag_report import (
+from soliton_linkage_nodes.programs.experiment.report import (
     RecordedRun,
     draw,
     largest_difference,
@@ -31,7 +31,7 @@ from soliton_linkage_nodes.programs.child_processes import (
     ChildProcesses,
     private_domain,
 )
-from soliton_linkage_nodes.programs.experiment_observer import Observer
+from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import initialise, interrupt_on_signals, stop_on_signals

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line of a program, and its end: what is wrong is said in one line."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import NoReturn
+
+from rclpy.utilities import remove_ros_args
+
+from soliton_linkage.linkage.quantities import Quantity
+from soliton_linkage_nodes.start import INTERRUPTED
+
+_ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
+_AFTER_ROS_ARGS = 'ROS arguments come after --ros-args, as --ros-args -r __ns:=/left'
+
+
+class ProgramParser(argparse.ArgumentParser):
+    """Says in one line what is wrong with a command line, and ends the program with 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the program."""
+        self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+    def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
+        """What is given, by default on the command line."""
+        options, unknown = self.parse_known_args(arguments)
+        if any(each in _ROS_FLAGS or ':=' in each for each in unknown):
+            self.error(_AFTER_ROS_ARGS)
+        if unknown:
+            self.error(f'{" ".join(unknown)}: unknown')
+        return options
+
+    def parse_beside_ros(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
+        """What is given beside the arguments of ROS."""
+        try:
+            own = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
+        except RuntimeError as error:
+            self.error(f'wrong ROS arguments: {str(error).splitlines()[0]}')
+        return self.parse(own)
+
+
+def number(described: Quantity) -> Callable[[str], float]:
+    """Return what reads a number of an argument and refuses what the quantity cannot be."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        complaint = described.complaint(value)
+        if complaint:
+            raise argparse.ArgumentTypeError(f'{text} {complaint}')
+        return value
+
+    return read
+
+
+@contextmanager
+def plain_failures(program: str) -> Iterator[None]:
+    """End the program with one line and 1 where it fails of what it was given, 130 on Ctrl-C."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+    except OSError as error:
+        named = error.filename is not None and error.strerror
+        sys.exit(f'{program}: {f"{error.filename}: {error.strerror}" if named else error}')
+    except (RuntimeError, ValueError) as error:
+        sys.exit(f'{program}: {error}')
