@@ -23,7 +23,7 @@ from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
-from soliton_linkage_nodes.programs.bag_report import RecordedRun, read_run
+from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 

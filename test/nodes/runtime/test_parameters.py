@@ -34,7 +34,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
-from soliton_linkage_nodes.programs.experiment_observer import ExperimentParameters
+from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters

@@ -15,7 +15,12 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage.solitons.track import find_crossings, follow
-from soliton_linkage_nodes.programs.experiment.report import draw, largest_difference, read_run, summarise
+from soliton_linkage_nodes.programs.experiment.report import (
+    draw,
+    largest_difference,
+    read_run,
+    summarise,
+)
 
 BAGS = Path(__file__).resolve().parents[4] / 'bags'
 MOTIONS = {

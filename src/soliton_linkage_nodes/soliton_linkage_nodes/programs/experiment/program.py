@@ -19,6 +19,12 @@ from rclpy.experimental import EventsExecutor
 from std_msgs.msg import Float64
 
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.programs.child_processes import (
+    LONGEST_START,
+    ChildProcesses,
+    private_domain,
+)
+from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.programs.experiment.report import (
     RecordedRun,
     draw,
@@ -26,12 +32,6 @@ from soliton_linkage_nodes.programs.experiment.report import (
     read_run,
     summarise,
 )
-from soliton_linkage_nodes.programs.child_processes import (
-    LONGEST_START,
-    ChildProcesses,
-    private_domain,
-)
-from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import initialise, interrupt_on_signals, stop_on_signals
