@@ -91,18 +91,16 @@ def test_what_comes_too_soon_is_not_shown(
     assert '75%' in written.getvalue()
 
 
-def test_the_bar_of_a_place_shows_where_something_is(
+def test_a_line_is_no_longer_than_the_terminal(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written = screen(monkeypatch, terminal=False)
-    line = ProgressLine('rotor', 10, bar_of_place=True)
-    for place in (0, 10, -1, 11):
-        line.show(place)
-        clock.now += 3
-    first, last, *outside = written.getvalue().splitlines()
-    assert first.strip() == f'rotor [O{"<" * 29}]'
-    assert last.strip() == f'rotor [{">" * 29}O]'
-    assert outside == [first, last]
+    written = screen(monkeypatch, terminal=True)
+    monkeypatch.setattr(progress, 'line_width', lambda: 20)
+    line = ProgressLine('playing', 4)
+    line.show(1)
+    clock.now += 1
+    line.show_text(30 * 'x')
+    assert written.getvalue().split('\r\x1b[K')[1:] == ['playing [########...', 20 * 'x']
 
 
 def test_a_total_that_is_not_known_yet_is_no_error(

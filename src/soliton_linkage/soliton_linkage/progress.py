@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 
@@ -12,34 +13,52 @@ _TERMINAL_INTERVAL = 0.1
 """Least time from line to line where the line is rewritten [s]: it does not flicker."""
 _LOG_INTERVAL = 2.0
 """Least time from line to line where each stays [s]."""
+_USUAL_WIDTH = 80
+"""Of what is no terminal, or one that does not tell [characters]."""
+
+
+def line_width() -> int:
+    """Characters that fit on a line of stderr."""
+    try:
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError):
+        columns = 0
+    # One is left to the cursor; some terminals tell none.
+    return columns - 1 if columns > 1 else _USUAL_WIDTH
 
 
 class ProgressLine:
     """Rewrites one line of a terminal in place; where there is none, writes a line at times."""
 
-    def __init__(self, title: str, total: float, bar_of_place: bool = False) -> None:
-        """Prepare to show how much of a total is done, or where on the way something is."""
+    def __init__(self, title: str, total: float) -> None:
+        """Prepare to show how much of a total is done."""
         self.total = total
         self._title = title
-        self._bar_of_place = bar_of_place
         self._live = sys.stderr.isatty()
         self._interval = _TERMINAL_INTERVAL if self._live else _LOG_INTERVAL
         self._shown_at = time.monotonic() - self._interval
 
+    @property
+    def due(self) -> bool:
+        """Whether the last time was not just now."""
+        return time.monotonic() - self._shown_at >= self._interval
+
     def show(self, done: float, remark: str = '') -> None:
-        """Show how much is done, if the last time was not just now."""
-        now = time.monotonic()
-        if now - self._shown_at < self._interval:
-            return
-        self._shown_at = now
+        """Show how much is done, if that is due."""
         share = min(max(done / self.total, 0.0), 1.0) if self.total else 0.0
-        if self._bar_of_place:
-            place = round(share * (_WIDTH - 1))
-            self._write(f'{self._title} [{">" * place}O{"<" * (_WIDTH - 1 - place)}] {remark}')
-        else:
-            filled = round(share * _WIDTH)
-            bar = '#' * filled + '.' * (_WIDTH - filled)
-            self._write(f'{self._title} [{bar}] {share:4.0%} {remark}')
+        filled = round(share * _WIDTH)
+        bar = '#' * filled + '.' * (_WIDTH - filled)
+        self.show_text(f'{self._title} [{bar}] {share:4.0%} {remark}')
+
+    def show_text(self, text: str) -> None:
+        """Show a text in place of a bar, as much as fits on the line, if that is due."""
+        if self.due:
+            self._shown_at = time.monotonic()
+            self._write(text[: line_width()] if self._live else text)
+
+    def note(self, text: str) -> None:
+        """Write a line that stays, above what is shown."""
+        self._write(f'{text}\n' if self._live else text)
 
     def end(self, remark: str) -> None:
         """Replace the line by a last one."""

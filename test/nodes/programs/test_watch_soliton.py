@@ -3,14 +3,23 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from graphs import Graph
+from programs import Program
 
 from soliton_linkage import progress
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    frame_to_msg,
+)
+from soliton_linkage_nodes.programs.lean_line import LEGEND
 from soliton_linkage_nodes.programs.watch_soliton import WatchSoliton
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -23,29 +32,53 @@ def shown(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[[SolitonState, str], None]:
-    """Publish a state again and again until somebody who watches is shown it."""
+    """Publish a left-leaning chain and a state until somebody who watches is shown them."""
     monkeypatch.setattr(progress, '_LOG_INTERVAL', 0.0)
     graph.start(WatchSoliton)
+    graph.until(lambda: 'no chain, joint_states, soliton_state' in capsys.readouterr().err, 'that')
     graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(0)))
+    angles = named.chain.uniform_state(-1)
+    joints = frame_to_msg(named, Frame(angles, None), np.zeros(named.rotors), time_to_msg(1))
+    frames = graph.speak(interfaces.JOINT_STATES)
     states = graph.speak(interfaces.SOLITON_STATE)
 
     def show(state: SolitonState, expected: str) -> None:
+        text = ''
+
         def seen() -> bool:
+            nonlocal text
+            frames.publish(joints)
             states.publish(state)
-            return expected in capsys.readouterr().err
+            text += capsys.readouterr().err
+            return expected in text
 
         graph.until(seen, expected)
+        assert text.count(LEGEND) == 1
 
     return show
 
 
-def test_it_shows_place_and_velocity_of_the_first_soliton(
+def test_it_shows_the_lean_and_place_and_velocity_of_the_first_soliton(
     named: NamedChain, shown: Callable[[SolitonState, str], None]
 ) -> None:
-    soliton = Soliton(rotor=3.5, velocity=-1.25 * named.chain.spacing, charge=1)
+    soliton = Soliton(rotor=3.4, velocity=-1.25 * named.chain.spacing, charge=1)
     state = SolitonState(solitons=[soliton, Soliton(rotor=6.0)])
-    shown(state, f'rotor [{">" * 14}O{"<" * 15}]   3.50    -1.25 rotors/s')
+    shown(state, r'[\\\O\\O\]  rotor   3.40    -1.25 rotors/s')
 
 
-def test_it_says_that_there_is_no_soliton(shown: Callable[[SolitonState, str], None]) -> None:
-    shown(SolitonState(motion_name='flipper', solitons=[]), 'no soliton, flipper')
+def test_it_shows_the_lean_where_there_is_no_soliton(
+    shown: Callable[[SolitonState, str], None],
+) -> None:
+    shown(SolitonState(motion_name='flipper', solitons=[]), r'[\\\\\\\\]  no soliton, flipper')
+
+
+def test_as_a_person_runs_it_in_a_namespace(
+    graph: Graph, named: NamedChain, start: Callable[..., Program]
+) -> None:
+    program = start('watch_soliton', '--ros-args', '-r', '__ns:=/left')
+    topic = interfaces.CHAIN
+    publisher = graph.user.create_publisher(topic.type, f'/left/{topic.name}', topic.qos)
+    publisher.publish(chain_to_msg(named, time_to_msg(0)))
+    said = 'no joint_states, soliton_state yet; start simulator, soliton_analyser'
+    graph.until(lambda: said in program.said, said)
+    assert program.stop(signal.SIGINT) == 130

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One move of the soliton from the command line, for machines without `ros2 action`."""
+"""One move of the soliton, shown on its way; for shells without `ros2 action` as well.
+
+It asks soliton_steering by the action move_soliton, and ends when the soliton is there, or with
+exit code 1 when it cannot come there. Ctrl-C stops the soliton where it is.
+"""
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,18 +18,27 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
-from soliton_linkage.progress import ProgressLine
+from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_msgs.msg import Chain
+from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.parameters import refuse_unknown
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
+_ROTOR = Quantity('where to, from rotor 0', 'rotor spacings')
+_SPEED = Quantity('largest speed on the way', 'rotor spacings/s', minimum=0.0)
+"""Its direction is that of the way; 0 leaves it to the steering."""
 _LONGEST_WAIT = 5.0
-"""For a steering that runs to be found, with room for a busy machine [s]."""
+"""For a steering that runs to be found and to take a goal, with room for a busy machine [s]."""
+_LONGEST_SILENCE = 3.0
+"""Of a steering that has a goal and is alive [s]: it speaks ten times a second."""
+_LAST_WORDS = 0.3
+"""For a move that is cancelled to end, before that is left to the steering [s]: nobody who
+pressed Ctrl-C waits longer."""
 
 
 class Mover(Node):
@@ -36,73 +49,96 @@ class Mover(Node):
         super().__init__('move_soliton', **kwargs)
         self._stopping = stopping
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON)
-        self._line = ProgressLine('rotor', 0, bar_of_place=True)
-        topic = interfaces.CHAIN
-        self.create_subscription(topic.type, topic.name, self._on_chain, topic.qos)
+        self._line = LeanLine(self)
+        self._heard_at = math.inf
+        refuse_unknown(self)
         self._spinning = EventsExecutor(context=self.context)
         self._spinning.add_node(self)
 
-    def move(self, rotor: float, speed: float) -> MoveSoliton.Result | None:
-        """Return how it ended, None where it was interrupted before it began.
+    def move(self, rotor: float, speed: float) -> MoveSoliton.Result:
+        """Return how it ended.
 
-        Raises ValueError where nobody serves the action.
+        Raises ValueError where nobody serves the action or no longer does, and KeyboardInterrupt
+        where it is interrupted and does not end soon.
         """
-        if not self._wait(self._client.server_is_ready, _LONGEST_WAIT):
-            if self._stopping.is_set():
-                return None
-            raise ValueError(
-                f'nothing serves {interfaces.MOVE_SOLITON} after {_LONGEST_WAIT:g} s; '
-                'start soliton_steering first'
-            )
+        self._until(
+            self._client.server_is_ready,
+            f'nothing serves {interfaces.MOVE_SOLITON} after {_LONGEST_WAIT:g} s; '
+            'start soliton_steering first',
+        )
         goal = MoveSoliton.Goal(rotor=rotor, speed=speed)
         sent = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
-        self._finish(sent.done)
+        self._until(sent.done, 'soliton_steering does not take the goal; see its log')
+        self._heard_at = time.monotonic()
         handle = sent.result()
         ended = handle.get_result_async()
-        if not self._wait(ended.done):
+        if not self._wait(lambda: ended.done() or self._loss(), math.inf):
             handle.cancel_goal_async()
-            self._finish(ended.done)
-        result: MoveSoliton.Result = ended.result().result
-        self._line.end(result.message)
-        return result
+            spin_until(self._spinning, ended.done, _LAST_WORDS)
+        if ended.done():
+            result: MoveSoliton.Result = ended.result().result
+            self._line.end(result.message)
+            return result
+        loss = self._loss()
+        if self._stopping.is_set():
+            self._line.end(f'cancelled; {loss or "soliton_steering brings the soliton to rest"}')
+            raise KeyboardInterrupt
+        self._line.end('the move is given up')
+        raise ValueError(loss)
 
-    def _on_chain(self, message: Chain) -> None:
-        self._line.total = len(message.joint_names) - 1
+    def _loss(self) -> str:
+        """What is wrong with a steering that is gone."""
+        if not self._client.server_is_ready():
+            return 'soliton_steering is gone'
+        silence = time.monotonic() - self._heard_at
+        if silence < _LONGEST_SILENCE:
+            return ''
+        return f'soliton_steering has said nothing for {silence:.0f} s, it is gone or stuck'
 
     def _on_feedback(self, message: Any) -> None:
+        self._heard_at = time.monotonic()
         on_the_way: MoveSoliton.Feedback = message.feedback
         self._line.show(
-            on_the_way.rotor,
-            f'{on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s  '
+            [on_the_way.rotor],
+            f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s  '
             f'{on_the_way.phonon_energy:.1e} J in phonons',
         )
 
-    def _wait(self, condition: Callable[[], bool], seconds: float = math.inf) -> bool:
+    def _until(self, condition: Callable[[], bool], complaint: str) -> None:
+        if not self._wait(condition, _LONGEST_WAIT):
+            if self._stopping.is_set():
+                raise KeyboardInterrupt
+            raise ValueError(complaint)
+
+    def _wait(self, condition: Callable[[], Any], seconds: float) -> bool:
         """Spin until a condition holds; False where it is too late or interrupted."""
         return spin_until(self._spinning, condition, seconds, self._stopping.is_set)
-
-    def _finish(self, condition: Callable[[], bool]) -> None:
-        """Spin until a condition holds, which it does soon even where interrupted."""
-        if not spin_until(self._spinning, condition, 2 * _LONGEST_WAIT):
-            raise ValueError(f'{interfaces.MOVE_SOLITON} does not respond')
 
 
 def main() -> None:
     """Carry the soliton where the command line says."""
-    parser = argparse.ArgumentParser(prog='move_soliton', description=__doc__)
-    parser.add_argument('rotor', type=float, help='where to [rotor spacings from rotor 0]')
-    parser.add_argument(
-        '--speed', type=float, default=0.0, help='largest on the way [rotor spacings/s]'
-    )
-    arguments = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    options = _parser().parse_beside_ros()
     stopping = stop_on_signals()
     try:
-        initialise()
-        result = Mover(stopping).move(arguments.rotor, arguments.speed)
-    except ValueError as error:
-        sys.exit(f'move_soliton: {error}')
+        with plain_failures('move_soliton'):
+            initialise()
+            result = Mover(stopping).move(options.rotor, options.speed)
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():
         sys.exit(INTERRUPTED)
-    sys.exit(result is None or result.outcome != MoveSoliton.Result.REACHED)
+    sys.exit(result.outcome != MoveSoliton.Result.REACHED)
+
+
+def _parser() -> ProgramParser:
+    parser = ProgramParser(
+        prog='move_soliton', description=__doc__, epilog=f'In the picture of the chain {LEGEND}.'
+    )
+    parser.add_argument('rotor', type=number(_ROTOR), help=f'{_ROTOR.description} [{_ROTOR.unit}]')
+    parser.add_argument(
+        '--speed',
+        type=number(_SPEED),
+        default=0.0,
+        help=f'{_SPEED.description}, 0 to leave it to the steering [{_SPEED.unit}] (%(default)g)',
+    )
+    return parser

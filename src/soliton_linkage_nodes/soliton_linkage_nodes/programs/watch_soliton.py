@@ -1,50 +1,92 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the soliton is, live in the terminal."""
+"""The chain live in the terminal: which way its rotors lean, and where the soliton is.
+
+It draws what is published on chain and joint_states, and writes beside it what soliton_state
+tells of the first soliton: its place, in rotor spacings from rotor 0, and its velocity.
+"""
 
 from __future__ import annotations
 
+import sys
+import time
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
-from soliton_linkage.progress import ProgressLine
-from soliton_linkage_msgs.msg import Chain, SolitonState
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.programs.command_line import ProgramParser
+from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.parameters import refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.start import INTERRUPTED
+
+_PERIOD = 0.1
+"""From drawing to drawing [s]."""
+_LONGEST_SILENCE = 1.0
+"""After which it is said that a topic has ceased [s]: no simulator is that slow."""
+_STARTED_BY = {
+    interfaces.CHAIN.name: 'simulator',
+    interfaces.JOINT_STATES.name: 'simulator',
+    interfaces.SOLITON_STATE.name: 'soliton_analyser',
+}
 
 
 class WatchSoliton(Node):
-    """Shows the first soliton of `soliton_state` on a line; `chain` tells how long it is."""
+    """Draws `chain` and `joint_states` on a line, and the first soliton of `soliton_state`."""
 
     def __init__(self, **kwargs: Any) -> None:
         """Listen."""
         super().__init__('watch_soliton', **kwargs)
-        self._line = ProgressLine('rotor', 0, bar_of_place=True)
-        self._spacing = 1.0
-        for topic, callback in (
-            (interfaces.CHAIN, self._on_chain),
-            (interfaces.SOLITON_STATE, self._on_state),
-        ):
-            self.create_subscription(topic.type, topic.name, callback, topic.qos)
+        self._line = LeanLine(self)
+        self._heard: tuple[bytes, float] | None = None
+        interfaces.SOLITON_STATE.subscribe(self, self._on_state, raw=True)
+        refuse_unknown(self)
+        self.create_timer(_PERIOD, self._draw, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
         """Leave the line as it is."""
-        self._line.end('')
+        self._line.end()
         super().destroy_node()
 
-    def _on_chain(self, message: Chain) -> None:
-        self._line.total = len(message.joint_names) - 1
-        self._spacing = message.spacing
+    def _on_state(self, serialized: Any) -> None:
+        self._heard = (serialized, time.monotonic())
 
-    def _on_state(self, message: SolitonState) -> None:
-        if not message.solitons:
-            self._line.show(0, f'no soliton, {message.motion_name}')
+    def _draw(self) -> None:
+        missing = [*self._line.missing, *([] if self._heard else [interfaces.SOLITON_STATE.name])]
+        if missing or self._heard is None:
+            nodes = ', '.join(dict.fromkeys(_STARTED_BY[name] for name in missing))
+            self._line.show((), f'no {", ".join(missing)} yet; start {nodes}')
             return
-        first = message.solitons[0]
-        speed = first.velocity / self._spacing
-        self._line.show(first.rotor, f'{first.rotor:6.2f}  {speed:+7.2f} rotors/s')
+        serialized, heard_at = self._heard
+        now = time.monotonic()
+        for name, silence in (
+            (interfaces.JOINT_STATES.name, now - self._line.heard_at),
+            (interfaces.SOLITON_STATE.name, now - heard_at),
+        ):
+            if silence > _LONGEST_SILENCE:
+                self._line.show((), f'no {name} for {silence:.0f} s')
+                return
+        state: SolitonState = deserialize_message(serialized, SolitonState)
+        rotors = [soliton.rotor for soliton in state.solitons]
+        remark = f'no soliton, {state.motion_name}'
+        if state.solitons:
+            speed = state.solitons[0].velocity / self._line.spacing
+            remark = f'rotor {rotors[0]:6.2f}  {speed:+7.2f} rotors/s'
+        self._line.show(rotors, remark)
 
 
 def main() -> None:
     """Show the soliton until told to stop."""
-    run(WatchSoliton)
+    ProgramParser(
+        prog='watch_soliton',
+        description=__doc__,
+        epilog=f'Marks: {LEGEND}. Ctrl-C ends it.',
+    ).parse_beside_ros()
+    try:
+        run(WatchSoliton)
+    except SystemExit as end:
+        # Nothing but a signal ends it well.
+        sys.exit(end.code or INTERRUPTED)

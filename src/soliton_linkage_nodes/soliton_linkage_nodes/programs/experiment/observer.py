@@ -14,7 +14,6 @@ from rclpy.node import Node
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
-from soliton_linkage_nodes.programs.experiment.report import places
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
@@ -29,7 +28,6 @@ class ExperimentParameters:
     time_limit: float = quantity(
         60.0, 'time within which the soliton must be back', 's', 1.0, 3600.0
     )
-    replay_rate: float = quantity(2.0, 'how much faster the bag is replayed', '', 0.01, 100.0)
 
 
 class Observer(Node):
@@ -87,3 +85,8 @@ class Observer(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.reports[status.name.partition(':')[0]] = status
+
+
+def places(state: SolitonState) -> tuple[float, ...]:
+    """Return the rotors at which a state has solitons."""
+    return tuple(soliton.rotor for soliton in state.solitons)

@@ -1,274 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay."""
+"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay.
+
+It starts the simulator, the actuator, the analyser and the recorder on a private domain of this
+machine, and leaves a bag of the run, two pictures and a summary.
+"""
 
 from __future__ import annotations
 
 import argparse
-import json
-import math
+import fcntl
 import os
-import shutil
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.experimental import EventsExecutor
-from std_msgs.msg import Float64
+import yaml
 
-from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.programs.child_processes import (
-    LONGEST_START,
-    ChildProcesses,
-    private_domain,
-)
+from soliton_linkage_nodes.programs.child_processes import private_domain
+from soliton_linkage_nodes.programs.command_line import ProgramParser
+from soliton_linkage_nodes.programs.experiment.experiment import Experiment
 from soliton_linkage_nodes.programs.experiment.observer import Observer
-from soliton_linkage_nodes.programs.experiment.report import (
-    RecordedRun,
-    draw,
-    largest_difference,
-    read_run,
-    summarise,
-)
-from soliton_linkage_nodes.programs.spinning import spin_until
-from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.process import initialise, interrupt_on_signals, stop_on_signals
+from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
-
-_NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
-_UNUSED = (
-    interfaces.EDGE_COMMAND,
-    interfaces.JOINT_COMMANDS,
-    interfaces.EFFORT_COMMANDS,
-    interfaces.JOINT_TRAJECTORY,
-    interfaces.TILT,
-    interfaces.DIAGNOSTICS,
-)
-_RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
-_LONGEST_END = 10.0
-"""For the recorder to write what waits for the disk [s]."""
-_NEAR_EDGE = 2.0
-"""How near the soliton comes to an edge to have been there [rotor spacings]; it turns there."""
-_LONGEST_SILENCE = 6.2
-"""For a node that reports once a second [s]."""
-_QUIET = 0.5
-"""After so long without a state none is on its way any more [s]."""
-
-
-class Experiment:
-    """Runs the steps one after the other, each with what a person wants to see meanwhile."""
-
-    def __init__(
-        self, configuration: Path, output: Path, observer: Observer, stopping: threading.Event
-    ) -> None:
-        """Prepare the folder that takes the results; `stopping` is set to interrupt it."""
-        self.bag = output / f'{observer.settings.scenario}_0'
-        self._configuration = configuration
-        self._output = output
-        self._observer = observer
-        self._settings = observer.settings
-        self._stopping = stopping
-        self._executor = EventsExecutor()
-        self._executor.add_node(observer)
-        self._processes = ChildProcesses(output / 'log')
-        # A recording that is there already is the last run of this experiment.
-        if self.bag.exists():
-            shutil.rmtree(self.bag)
-
-    def run(self) -> dict[str, Any]:
-        """Do it all and return the summary."""
-        try:
-            self._start_nodes()
-            self._nudge()
-            self._watch()
-            pacing = self._finish()
-            replayed = self._replay()
-        finally:
-            self._processes.stop()
-        # Nothing is left to be stopped in good order.
-        interrupt_on_signals()
-        self._interrupted()
-        run = read_run(self.bag)
-        return self._report(run, replayed, pacing)
-
-    def _start_nodes(self) -> None:
-        _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
-        name = self.bag.with_name(self._settings.scenario)
-        # All of them hear the first frame: a replay begins where the live analysis did.
-        own = {
-            'bag_recorder': ['-p', f'output:={name}'],
-            'simulator': ['-p', f'subscribers:={len(_NODES) - 1}'],
-        }
-        for node in _NODES:
-            self._start(node, own.get(node, []))
-        self._wait_until(self._ready, LONGEST_START, self._unready)
-
-    def _start(self, node: str, arguments: list[str]) -> None:
-        common = ['--params-file', str(self._configuration)]
-        self._processes.start(node, [*common, *arguments], dict(os.environ))
-
-    def _ready(self) -> bool:
-        heard = set(self._observer.figures('bag_recorder').get('topics heard', '').split())
-        return (
-            all(self._observer.well(node) for node in _NODES)
-            and heard >= _RECORDED_TOPICS
-            and self._observer.nudge_publisher.get_subscription_count() == 2
-            and self._observer.figures('edge_actuator').get('subscribers') == '2'
-            and self._observer.informed
-        )
-
-    def _unready(self) -> str:
-        said = [
-            f'{node}: {self._observer.reports[node].message}'
-            if node in self._observer.reports
-            else f'{node}: nothing'
-            for node in _NODES
-        ]
-        return 'the nodes were not ready; they said ' + '; '.join(said)
-
-    def _nudge(self) -> None:
-        speed = self._settings.nudge
-        _say(f'Nudging the edge with {speed:g} rad/s along its zero mode.')
-        self._observer.nudge_publisher.publish(Float64(data=speed))
-
-    def _watch(self) -> None:
-        """Show the soliton until it has crossed the chain, been reflected and come back."""
-        last = self._observer.rotors - 1
-        line = ProgressLine('rotor', last, bar_of_place=True)
-        away = False
-
-        def back() -> bool:
-            nonlocal away
-            refusal = self._observer.figures('edge_actuator').get('last refusal')
-            if refusal:
-                raise RuntimeError(f'edge_actuator refused {refusal}')
-            rotor = self._observer.rotor
-            away = away or rotor >= last - _NEAR_EDGE
-            if math.isfinite(rotor):
-                leg = 'coming back' if away else 'going out'
-                line.show(rotor, f'{rotor:5.1f}  {self._observer.velocity:+6.1f} rotors/s  {leg}')
-            return away and rotor <= _NEAR_EDGE
-
-        limit = self._settings.time_limit
-        self._wait_until(
-            back,
-            limit,
-            lambda: (
-                f'no soliton crossed the chain and came back within {limit:g} s after a nudge of '
-                f'{self._settings.nudge:g} rad/s, {self._whereabouts()}; '
-                'nudge harder or raise time_limit'
-            ),
-        )
-        line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
-
-    def _whereabouts(self) -> str:
-        rotor = self._observer.rotor
-        return 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
-
-    def _finish(self) -> dict[str, str]:
-        """Hear the last figures of the simulator, then stop the nodes."""
-        self._observer.reports.pop('simulator', None)
-        self._wait_until(
-            lambda: 'simulator' in self._observer.reports,
-            _LONGEST_SILENCE,
-            lambda: 'the simulator stopped reporting',
-        )
-        pacing = self._observer.figures('simulator')
-        # The simulator first: no frame is to be analysed that is not recorded.
-        codes = self._processes.stop(['simulator'], _LONGEST_END)
-        codes |= self._processes.stop(seconds=_LONGEST_END)
-        wrong = {node: code for node, code in codes.items() if code}
-        if wrong:
-            raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
-        return pacing
-
-    def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag into a fresh analyser and return what that one finds."""
-        _say(f'Replaying {self.bag} into a fresh analyser.')
-        self._observer.forget()
-        self._start('soliton_analyser', [])
-        self._wait_until(
-            lambda: self._observer.figures('soliton_analyser').get('subscribers') == '1',
-            LONGEST_START,
-            lambda: 'the analyser did not start',
-        )
-        topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
-        self._start(
-            'bag_player',
-            [
-                *('-p', f'bag:={self.bag}'),
-                *('-p', f'topics:=[{",".join(topics)}]'),
-                *('-p', f'rate:={self._settings.replay_rate}'),
-            ],
-        )
-        line = ProgressLine('replaying', 0)
-
-        def played() -> bool:
-            line.total = float(self._observer.figures('bag_player').get('messages', 0))
-            line.show(len(self._observer.states))
-            return self._processes.wait('bag_player', 0)
-
-        spin_until(self._executor, played, math.inf, self._interrupted)
-        self._settle()
-        self._processes.stop()
-        line.end(f'Replayed {len(self._observer.states)} frames.')
-        return dict(self._observer.states)
-
-    def _settle(self) -> None:
-        """Take what is still on its way."""
-        seen = -1
-
-        def more() -> bool:
-            return len(self._observer.states) > seen
-
-        while more():
-            seen = len(self._observer.states)
-            spin_until(self._executor, more, _QUIET, self._interrupted)
-
-    def _report(
-        self, run: RecordedRun, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
-    ) -> dict[str, Any]:
-        _say('Drawing kymograph.png and track.png.')
-        draw(run, self._output)
-        summary = {
-            'scenario': self._settings.scenario,
-            **summarise(run),
-            'replayed_messages': len(replayed),
-            'frames_missing_in_replay': len(run.states.keys() - replayed.keys()),
-            'largest_replay_difference_rotors': largest_difference(run.states, replayed),
-            'missed_deadlines': int(pacing['missed deadlines']),
-            'energy_drift': float(pacing['energy drift']),
-        }
-        text = json.dumps(summary, indent=2) + '\n'
-        (self._output / 'summary.json').write_text(text, encoding='utf-8')
-        return summary
-
-    def _wait_until(
-        self, condition: Callable[[], bool], seconds: float, complaint: Callable[[], str]
-    ) -> None:
-        def give_up() -> bool:
-            self._processes.check()
-            return self._interrupted()
-
-        if not spin_until(self._executor, condition, seconds, give_up):
-            raise RuntimeError(complaint())
-
-    def _interrupted(self) -> bool:
-        """Never true: it raises KeyboardInterrupt."""
-        if self._stopping.is_set():
-            raise KeyboardInterrupt
-        return False
 
 
 def main() -> None:
     """Run the experiment of a configuration file."""
-    arguments = _arguments()
+    options = _options()
     # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
     stopping = stop_on_signals()
     with private_domain():
-        code = _run(arguments.configuration, arguments.output, stopping)
+        code = _run(options.configuration, options.output, stopping)
     sys.exit(code)
 
 
@@ -276,12 +43,14 @@ def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
     bag = None
     try:
         initialise(['--ros-args', '--params-file', str(configuration)])
-        output.mkdir(parents=True, exist_ok=True)
-        experiment = Experiment(configuration, output, Observer(), stopping)
-        bag = experiment.bag
-        _conclude(experiment.run(), output, bag)
+        with claimed(output) as folder:
+            experiment = Experiment(configuration, folder, Observer(), stopping)
+            bag = experiment.bag
+            summary = experiment.run()
+        print(conclusion(summary, folder, bag), *_suggestions(configuration), sep='\n', flush=True)
     except KeyboardInterrupt:
-        _say('Stopped.' + (f' The recording so far is in {bag}.' if bag and bag.exists() else ''))
+        left = f' The recording so far is in {bag}.' if bag and bag.exists() else ''
+        print(f'Stopped.{left}', flush=True)
         return INTERRUPTED
     except (RuntimeError, ValueError, OSError) as error:
         print(f'\nThe experiment failed: {error}', file=sys.stderr)
@@ -291,8 +60,85 @@ def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
     return 0
 
 
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog='experiment', description=__doc__)
+@contextmanager
+def claimed(folder: Path) -> Iterator[Path]:
+    """A folder that no other experiment writes to: this one, or the first free of _1, _2, ..."""
+    for number in count():
+        candidate = folder.with_name(f'{folder.name}_{number}') if number else folder
+        candidate.mkdir(parents=True, exist_ok=True)
+        claim = os.open(candidate, os.O_RDONLY)
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if number:
+                print(f'Another experiment writes to {folder}; this one writes to {candidate}.')
+            yield candidate
+            return
+        except BlockingIOError:
+            continue
+        finally:
+            os.close(claim)
+
+
+def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
+    """What a person wants to know of an experiment that is over, and where it is."""
+    speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
+    motion = summary['motion']
+    kind = f'{"an" if motion[0] in "aeiou" else "a"} {motion}'
+    return f"""
+A soliton crossed the chain of {summary['rotors']} rotors, {kind}, {summary['crossings']} times\
+{f' at {speed:.2f} rotors/s' if speed else ''}.
+{summary['recorded_messages']} messages were recorded, and {lost or 'none'} lost.
+{_agreement(summary)}
+
+  {folder / 'kymograph.png'}   the rotors' lean over space and time, and the soliton's track
+  {folder / 'track.png'}       the soliton's place and velocity
+  {folder / 'summary.json'}    these figures
+  {bag}/        the bag; play it again with bag_player
+"""
+
+
+def _agreement(summary: dict[str, Any]) -> str:
+    frames, missing = summary['replayed_messages'], summary['frames_missing_in_replay']
+    if missing:
+        return f'Of the frames that were analysed live {missing} are not in the replay.'
+    difference = summary['largest_replay_difference_rotors']
+    if difference:
+        return f'Replay and live differ, by up to {difference:.2g} rotor spacings.'
+    return f'Replay and live agree to the last digit, in all {frames} frames.'
+
+
+def _suggestions(configuration: Path) -> list[str]:
+    """What was not just done."""
+    made = 'MAKELEVEL' in os.environ
+    others = [
+        f'make demo SCENARIO={path.stem}' if made else f'experiment {path}'
+        for path in other_scenarios(configuration)
+    ]
+    by_hand = 'make shell, and drive it yourself' if made else 'drive it yourself: nudge --help'
+    return ['Try next:', *(f'  {command}' for command in [*others, by_hand])]
+
+
+def other_scenarios(configuration: Path) -> list[Path]:
+    """Configurations beside one that are called after their scenario, another one."""
+    return [
+        path
+        for path in sorted(configuration.parent.glob('*.yaml'))
+        if path.stem != configuration.stem and _scenario(path) == path.stem
+    ]
+
+
+def _scenario(configuration: Path) -> str | None:
+    try:
+        nodes = yaml.safe_load(configuration.read_text(encoding='utf-8'))
+        (experiment,) = (nodes[name] for name in nodes if name.split('/')[-1] == 'experiment')
+        scenario: str = experiment['ros__parameters']['scenario']
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, yaml.YAMLError):
+        return None
+    return scenario
+
+
+def _options() -> argparse.Namespace:
+    parser = ProgramParser(prog='experiment', description=__doc__)
     parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
     parser.add_argument(
         '--output',
@@ -300,32 +146,10 @@ def _arguments() -> argparse.Namespace:
         default=Path('out/demo'),
         help='folder for the results (%(default)s)',
     )
-    arguments = parser.parse_args()
-    if not arguments.configuration.is_file():
-        parser.exit(
-            2,
-            f'configuration {str(arguments.configuration)!r} is not a file; '
-            'give a parameter file such as config/flipper.yaml\n',
+    options = parser.parse()
+    if not options.configuration.is_file():
+        parser.error(
+            f'configuration {str(options.configuration)!r} is not a file; '
+            'give a parameter file such as config/flipper.yaml'
         )
-    return arguments
-
-
-def _conclude(summary: dict[str, Any], output: Path, bag: Path) -> None:
-    speed = summary['speed_rotors_per_s']
-    _say(f"""
-A soliton crossed the chain of {summary['rotors']} rotors ({summary['motion']}) \
-{summary['crossings']} times at {speed:.2f} rotors/s.
-{summary['recorded_messages']} messages were recorded and {summary['lost_messages']} lost; \
-of {summary['replayed_messages']} replayed frames none differs from the live analysis
-by more than {summary['largest_replay_difference_rotors']:g} rotor spacings.
-
-  {output / 'kymograph.png'}   the rotors' lean over space and time, and the soliton's track
-  {output / 'track.png'}       the soliton's place and velocity
-  {output / 'summary.json'}    these figures
-  {bag}/        the bag; play it again with bag_player
-
-Try next: make demo SCENARIO=wobbler, or SCENARIO=spinner; make shell, and drive it yourself.""")
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
+    return options

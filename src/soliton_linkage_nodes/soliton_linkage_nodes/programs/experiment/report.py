@@ -19,6 +19,7 @@ from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
+from soliton_linkage_nodes.programs.experiment.observer import places
 from soliton_linkage_nodes.programs.linkage_bags import read_recording
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
@@ -69,11 +70,6 @@ def read_run(bag: Path) -> RecordedRun:
         lost=sum(json.loads(custom.get('lost_messages', '{}')).values()),
         publish_rate=_rate([stamp for stamp in received if stamp >= first + nudged * 1e9]),
     )
-
-
-def places(state: SolitonState) -> tuple[float, ...]:
-    """Return the rotors at which a state has solitons."""
-    return tuple(soliton.rotor for soliton in state.solitons)
 
 
 def largest_difference(

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rclpy.experimental import EventsExecutor
+from std_msgs.msg import Float64
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.bags.services import service_type
+from soliton_linkage_nodes.programs.child_processes import LONGEST_START, ChildProcesses
+from soliton_linkage_nodes.programs.experiment.observer import Observer
+from soliton_linkage_nodes.programs.lean_line import LeanLine
+from soliton_linkage_nodes.programs.spinning import spin_until
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+
+_NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
+_UNUSED = (
+    interfaces.EDGE_COMMAND,
+    interfaces.JOINT_COMMANDS,
+    interfaces.EFFORT_COMMANDS,
+    interfaces.JOINT_TRAJECTORY,
+    interfaces.TILT,
+    interfaces.DIAGNOSTICS,
+)
+_RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
+_NEAR_EDGE = 2.0
+"""How near the soliton comes to an edge to have been there [rotor spacings]; it turns there."""
+_LONGEST_SILENCE = 6.2
+"""For a node that reports once a second [s]."""
+_QUIET = 0.5
+"""After so long without a state none is on its way any more [s]."""
+
+
+class Experiment:
+    """Runs the steps one after the other, each with what a person wants to see meanwhile."""
+
+    def __init__(
+        self, configuration: Path, output: Path, observer: Observer, stopping: threading.Event
+    ) -> None:
+        """Prepare the folder that takes the results; `stopping` is set to interrupt it."""
+        self.bag = output / f'{observer.settings.scenario}_0'
+        self._configuration = configuration
+        self._output = output
+        self._observer = observer
+        self._settings = observer.settings
+        self._stopping = stopping
+        self._executor = EventsExecutor()
+        self._executor.add_node(observer)
+        self._report: Any = None
+        self._processes = ChildProcesses(output / 'log')
+        # A recording that is there already is the last run of this experiment.
+        if self.bag.exists():
+            shutil.rmtree(self.bag)
+
+    def run(self) -> dict[str, Any]:
+        """Do it all and return the summary."""
+        try:
+            self._start_nodes()
+            self._nudge()
+            self._watch()
+            pacing = self._finish()
+            self._start_replay()
+            recorded = self._draw()
+            replayed = self._replay()
+        finally:
+            self._processes.stop()
+        return self._summary(recorded, replayed, pacing)
+
+    def _start_nodes(self) -> None:
+        _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
+        name = self.bag.with_name(self._settings.scenario)
+        # All of them hear the first frame: a replay begins where the live analysis did.
+        own = {
+            'bag_recorder': ['-p', f'output:={name}'],
+            'simulator': ['-p', f'subscribers:={len(_NODES) - 1}'],
+        }
+        for node in _NODES:
+            self._start(node, own.get(node, []))
+        # Seconds, in which the nodes start.
+        self._report = import_module('soliton_linkage_nodes.programs.experiment.report')
+        self._wait_until(self._ready, LONGEST_START, self._unready)
+
+    def _start(self, node: str, arguments: list[str]) -> None:
+        common = ['--params-file', str(self._configuration)]
+        self._processes.start(node, [*common, *arguments], dict(os.environ))
+
+    def _ready(self) -> bool:
+        heard = set(self._observer.figures('bag_recorder').get('topics heard', '').split())
+        return (
+            all(self._observer.well(node) for node in _NODES)
+            and heard >= _RECORDED_TOPICS
+            and self._observer.nudge_publisher.get_subscription_count() == 2
+            and self._observer.figures('edge_actuator').get('subscribers') == '2'
+            and self._observer.informed
+        )
+
+    def _unready(self) -> str:
+        said = [
+            f'{node}: {self._observer.reports[node].message}'
+            if node in self._observer.reports
+            else f'{node}: nothing'
+            for node in _NODES
+        ]
+        return 'the nodes were not ready; they said ' + '; '.join(said)
+
+    def _nudge(self) -> None:
+        speed = self._settings.nudge
+        _say(f'Nudging the edge with {speed:g} rad/s along its zero mode.')
+        self._observer.nudge_publisher.publish(Float64(data=speed))
+
+    def _watch(self) -> None:
+        """Show the soliton until it has crossed the chain, been reflected and come back."""
+        last = self._observer.rotors - 1
+        line = LeanLine(self._observer)
+        away = False
+
+        def back() -> bool:
+            nonlocal away
+            refusal = self._observer.figures('edge_actuator').get('last refusal')
+            if refusal:
+                raise RuntimeError(f'edge_actuator refused {refusal}')
+            rotor = self._observer.rotor
+            away = away or rotor >= last - _NEAR_EDGE
+            if math.isfinite(rotor):
+                leg = 'coming back' if away else 'going out'
+                speed = self._observer.velocity
+                line.show([rotor], f'rotor {rotor:5.1f}  {speed:+6.1f} rotors/s  {leg}')
+            return away and rotor <= _NEAR_EDGE
+
+        limit = self._settings.time_limit
+        self._wait_until(
+            back,
+            limit,
+            lambda: (
+                f'no soliton crossed the chain and came back within {limit:g} s after a nudge of '
+                f'{self._settings.nudge:g} rad/s, {self._whereabouts()}; '
+                'nudge harder or raise time_limit'
+            ),
+        )
+        line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
+
+    def _whereabouts(self) -> str:
+        rotor = self._observer.rotor
+        return 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
+
+    def _finish(self) -> dict[str, str]:
+        """Hear the last figures of the simulator, then stop the nodes."""
+        self._observer.reports.pop('simulator', None)
+        self._wait_until(
+            lambda: 'simulator' in self._observer.reports,
+            _LONGEST_SILENCE,
+            lambda: 'the simulator stopped reporting',
+        )
+        pacing = self._observer.figures('simulator')
+        # The simulator first: no frame is to be analysed that is not recorded.
+        codes = self._processes.stop(['simulator']) | self._processes.stop()
+        wrong = {node: code for node, code in codes.items() if code}
+        if wrong:
+            raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
+        return pacing
+
+    def _start_replay(self) -> None:
+        """Start a fresh analyser, and a player that waits to be resumed."""
+        _say(f'Replaying {self.bag} into a fresh analyser, and drawing what it holds meanwhile.')
+        self._observer.forget()
+        self._start('soliton_analyser', [])
+        topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
+        self._start(
+            'bag_player',
+            [
+                *('-p', f'bag:={self.bag}'),
+                *('-p', f'topics:=[{",".join(topics)}]'),
+                *('-p', f'subscriber_timeout:={LONGEST_START}'),
+                *('-p', 'lockstep:=true'),
+                *('-p', 'start_paused:=true'),
+            ],
+        )
+
+    def _draw(self) -> Any:
+        """Read the bag, draw kymograph.png and track.png, and return the recorded run."""
+        with _interruptible(self._stopping):
+            recorded = self._report.read_run(self.bag)
+            self._report.draw(recorded, self._output)
+        return recorded
+
+    def _replay(self) -> dict[int, tuple[float, ...]]:
+        """Play the bag into the fresh analyser and return what that one finds."""
+        service = service_type('Resume')
+        resuming = self._observer.create_client(service, 'bag_player/resume')
+        self._wait_until(
+            lambda: self._fresh_analyser_heard() and resuming.service_is_ready(),
+            LONGEST_START,
+            lambda: 'the analyser and the player did not find each other',
+        )
+        resuming.call_async(service.Request())
+        line = ProgressLine('replaying', 0)
+
+        def played() -> bool:
+            line.total = float(self._observer.figures('bag_player').get('messages', 0))
+            line.show(len(self._observer.states))
+            return self._processes.wait('bag_player', 0)
+
+        spin_until(self._executor, played, math.inf, self._interrupted)
+        self._settle()
+        self._processes.stop()
+        line.end(f'Replayed {len(self._observer.states)} frames.')
+        return dict(self._observer.states)
+
+    def _fresh_analyser_heard(self) -> bool:
+        """Whether player and this program hear the analyser, of which the last had frames."""
+        figures = self._observer.figures('soliton_analyser')
+        return figures.get('subscribers') == '2' and figures.get('frames') == '0'
+
+    def _settle(self) -> None:
+        """Take what is still on its way."""
+        seen = -1
+
+        def more() -> bool:
+            return len(self._observer.states) > seen
+
+        while more():
+            seen = len(self._observer.states)
+            spin_until(self._executor, more, _QUIET, self._interrupted)
+
+    def _summary(
+        self, recorded: Any, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
+    ) -> dict[str, Any]:
+        """Write summary.json, and return what it holds."""
+        difference = self._report.largest_difference(recorded.states, replayed)
+        summary = {
+            'scenario': self._settings.scenario,
+            **self._report.summarise(recorded),
+            'replayed_messages': len(replayed),
+            'frames_missing_in_replay': len(recorded.states.keys() - replayed.keys()),
+            'largest_replay_difference_rotors': difference,
+            'missed_deadlines': int(pacing['missed deadlines']),
+            'energy_drift': float(pacing['energy drift']),
+        }
+        text = json.dumps(summary, indent=2) + '\n'
+        (self._output / 'summary.json').write_text(text, encoding='utf-8')
+        return summary
+
+    def _wait_until(
+        self, condition: Callable[[], bool], seconds: float, complaint: Callable[[], str]
+    ) -> None:
+        def give_up() -> bool:
+            self._processes.check()
+            return self._interrupted()
+
+        if not spin_until(self._executor, condition, seconds, give_up):
+            raise RuntimeError(complaint())
+
+    def _interrupted(self) -> bool:
+        """Never true: it raises KeyboardInterrupt."""
+        if self._stopping.is_set():
+            raise KeyboardInterrupt
+        return False
+
+
+@contextmanager
+def _interruptible(stopping: threading.Event) -> Iterator[None]:
+    """Have SIGINT and SIGTERM raise KeyboardInterrupt in what computes, for the time of that."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupt_on_signals()
+    try:
+        if stopping.is_set():
+            raise KeyboardInterrupt
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain on a line of the terminal: which way its rotors lean, and where its solitons are."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.progress import ProgressLine, line_width
+from soliton_linkage_msgs import msg
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_from_msg
+from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.runtime import interfaces
+
+LEGEND = '/ leans right, \\ leans left, | is upright, ? is not seen, O is a soliton'
+_UPRIGHT = 1 / 3
+"""Part of the lean at rest below which a rotor is drawn upright [1]."""
+_FEWEST = 10
+"""Marks that are drawn however long the remark is."""
+
+
+class LeanLine:
+    """Draws the chain of the topics `chain` and `joint_states`, that of rotor 0 on the left."""
+
+    def __init__(self, node: Node) -> None:
+        """Listen by a node, to encoders that send as best they can too."""
+        self._node = node
+        self._line = ProgressLine('', 0)
+        self._chain: tuple[NamedChain, FrameReader] | None = None
+        self._decoder = JointStateDecoder()
+        self._serialized: bytes | None = None
+        self.heard_at = -math.inf
+        """When joint states came last, on the monotonic clock [s]."""
+        self._explained = False
+        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        chain, joints = interfaces.CHAIN, interfaces.JOINT_STATES
+        self._subscriptions = [
+            node.create_subscription(chain.type, chain.name, self._on_chain, chain.qos),
+            node.create_subscription(
+                joints.type, joints.name, self._on_joint_states, latest, raw=True
+            ),
+        ]
+
+    @property
+    def missing(self) -> list[str]:
+        """Topics of which nothing has been heard."""
+        heard = {
+            interfaces.CHAIN.name: self._chain,
+            interfaces.JOINT_STATES.name: self._serialized,
+        }
+        return [name for name, message in heard.items() if message is None]
+
+    @property
+    def spacing(self) -> float:
+        """Of the rotors [m], NaN where the chain is not known."""
+        return math.nan if self._chain is None else self._chain[0].chain.spacing
+
+    def show(self, solitons: Sequence[float], remark: str) -> None:
+        """Draw the chain, with solitons at these rotors, and a remark, if that is due."""
+        if not self._line.due:
+            return
+        if self._chain is None or self._serialized is None:
+            self._line.show_text(remark)
+            return
+        named, reader = self._chain
+        try:
+            angles = reader.read(self._decoder.decode(self._serialized)).angles
+        except ValueError as error:
+            self._line.show_text(str(error))
+            return
+        self._draw(named.chain, angles, solitons, remark)
+
+    def end(self, remark: str = '') -> None:
+        """Replace the line by a last one, and listen no more."""
+        self._line.end(remark)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    def _draw(self, chain: Chain, angles: Array, solitons: Sequence[float], remark: str) -> None:
+        room = max(line_width() - len(remark) - len('[]  '), _FEWEST)
+        marks = drawn(np.sin(angles) / math.sin(chain.rest_angle), solitons, room)
+        if not self._explained:
+            self._explained = True
+            each = f'; {chain.number_of_rotors / len(marks):.3g} rotors a mark'
+            self._line.note(
+                f'{chain.number_of_rotors} rotors from rotor 0 on: {LEGEND}'
+                f'{each if len(marks) < chain.number_of_rotors else ""}'
+            )
+        self._line.show_text(f'[{marks}]  {remark}')
+
+    def _on_chain(self, message: msg.Chain) -> None:
+        try:
+            named = chain_from_msg(message)
+        except ValueError as error:
+            self._line.note(f'refused chain: {error}')
+            return
+        self._chain = (named, FrameReader(named.joint_names))
+        self._explained = False
+
+    def _on_joint_states(self, serialized: Any) -> None:
+        self._serialized, self.heard_at = serialized, time.monotonic()
+
+
+def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
+    """A mark a rotor, or a mark for several where there is room for fewer.
+
+    `leans` are sines of the angles, in units of that of the rest angle, shape (N,), NaN where
+    a rotor is not seen; solitons are at rotors, which need not be whole.
+    """
+    shares = np.array_split(leans, min(room, len(leans)))
+    marks = [_mark(share) for share in shares]
+    ends = np.cumsum([len(share) for share in shares])
+    for rotor in solitons:
+        marks[int(np.searchsorted(ends, np.clip(round(rotor), 0, len(leans) - 1), 'right'))] = 'O'
+    return ''.join(marks)
+
+
+def _mark(leans: Array) -> str:
+    seen = leans[np.isfinite(leans)]
+    if not len(seen):
+        return '?'
+    mean = float(np.mean(seen))
+    return '|' if abs(mean) < _UPRIGHT else '/' if mean > 0 else '\\'

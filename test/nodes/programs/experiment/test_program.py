@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an experiment says at its end is true, and two at a time do not write over each other."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from soliton_linkage_nodes.programs.experiment.program import (
+    claimed,
+    conclusion,
+    other_scenarios,
+)
+
+CONFIG = Path(__file__).resolve().parents[4] / 'config'
+SUMMARY: dict[str, Any] = {
+    'motion': 'flipper',
+    'rotors': 40,
+    'crossings': 2,
+    'speed_rotors_per_s': 9.7,
+    'recorded_messages': 4734,
+    'lost_messages': 0,
+    'replayed_messages': 2344,
+    'frames_missing_in_replay': 0,
+    'largest_replay_difference_rotors': 0.0,
+}
+
+
+@pytest.mark.parametrize(
+    ('changed', 'said'),
+    [
+        ({}, 'A soliton crossed the chain of 40 rotors, a flipper, 2 times at 9.70 rotors/s.'),
+        ({'speed_rotors_per_s': None}, 'a flipper, 2 times.'),
+        ({}, '4734 messages were recorded, and none lost.'),
+        ({'lost_messages': 3}, '4734 messages were recorded, and 3 lost.'),
+        ({}, 'Replay and live agree to the last digit, in all 2344 frames.'),
+        ({'largest_replay_difference_rotors': 0.125}, 'differ, by up to 0.12 rotor spacings.'),
+        ({'largest_replay_difference_rotors': math.inf}, 'differ, by up to inf rotor spacings.'),
+        ({'frames_missing_in_replay': 7}, 'live 7 are not in the replay.'),
+    ],
+)
+def test_the_end_is_said_in_words(changed: dict[str, Any], said: str) -> None:
+    assert said in conclusion({**SUMMARY, **changed}, Path('out'), Path('out/flipper_0'))
+
+
+def test_what_was_not_run_is_suggested() -> None:
+    others = [path.stem for path in other_scenarios(CONFIG / 'wobbler.yaml')]
+    assert others == ['flipper', 'spinner']
+
+
+def test_files_that_are_no_scenario_are_not_suggested(tmp_path: Path) -> None:
+    (tmp_path / 'a.yaml').write_text('[')
+    (tmp_path / 'b.yaml').write_text('experiment: {ros__parameters: {scenario: c}}')
+    (tmp_path / 'c.yaml').write_text('/**/experiment: {ros__parameters: {scenario: c}}')
+    (tmp_path / 'd.yaml').mkdir()
+    assert other_scenarios(tmp_path / 'mine.yaml') == [tmp_path / 'c.yaml']
+
+
+def test_a_folder_in_use_is_left_to_whom_it_belongs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo = tmp_path / 'out' / 'demo'
+    with claimed(demo) as first:
+        assert first == demo
+        with claimed(demo) as second, claimed(demo) as third:
+            assert (second.name, third.name) == ('demo_1', 'demo_2')
+        said = capsys.readouterr().out.splitlines()
+    assert said[0] == f'Another experiment writes to {demo}; this one writes to {demo}_1.'
+    with claimed(demo) as again:
+        assert again == demo
