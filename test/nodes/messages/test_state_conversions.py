@@ -231,15 +231,28 @@ def test_bytes_are_those_of_a_message_that_is_filled_by_name(
 @given(ANALYSES, HEADERS)
 def test_a_row_has_a_cell_for_every_column(analysis: Analysis, joints: JointStates) -> None:
     cells = dict(zip(columns(), row(analysis, joints), strict=True))
-    assert cells['stamp_ns'] == joints.seconds * 10**9 + joints.nanoseconds
+    assert cells['stamp [ns]'] == joints.seconds * 10**9 + joints.nanoseconds
     assert cells['solitons'] == len(analysis.solitons)
-    np.testing.assert_equal(cells['cycle_phase'], analysis.cycle.phase)
+    np.testing.assert_equal(cells['cycle_phase [rad]'], analysis.cycle.phase)
     energies = analysis.energies
-    np.testing.assert_equal(cells['energies_wake'], energies.wake if energies else NAN)
+    np.testing.assert_equal(cells['energies_wake [J]'], energies.wake if energies else NAN)
     np.testing.assert_equal(
-        cells['soliton_position'], analysis.solitons[0].position if analysis.solitons else NAN
+        cells['soliton_position [m]'], analysis.solitons[0].position if analysis.solitons else NAN
     )
     assert cells['unseen'] == analysis.unseen
+
+
+def test_a_column_names_its_unit_unless_it_is_a_plain_number() -> None:
+    cells = dict(zip(columns(), row(WOBBLING, JOINTS), strict=True))
+    plain = {name for name, cell in cells.items() if isinstance(cell, float) and '[' not in name}
+    assert plain == {
+        'measured_motion_confidence',
+        'topology_polarisation_before',
+        'topology_polarisation_beyond',
+    }
+    assert {name.partition(' [')[2] for name in columns()} == {
+        *('', 'ns]', 'm]', 'm/s]', 'rad]', 'rad/s]', 'J]', 'turns]', 'rotor spacings]')
+    }
 
 
 def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:

@@ -133,29 +133,67 @@ def test_the_table_holds_every_number_to_the_last_digit(tmp_path: Path) -> None:
     assert len(table) == len(states) == len(frames())
     for cells, state in zip(table, states, strict=True):
         stamp = time_from_msg(state.header.stamp)
-        expected = {'stamp_ns': stamp, **cells_of(state)}
-        assert list(cells.items()) == [(name, str(value)) for name, value in expected.items()]
+        expected = {'stamp': stamp, **cells_of(state)}
+        named = [(name.partition(' [')[0], value) for name, value in cells.items()]
+        assert named == [(name, str(value)) for name, value in expected.items()]
     seen = next(number for number, state in enumerate(states) if state.solitons)
-    assert float(table[seen]['soliton_rotor']) == states[seen].solitons[0].rotor
-    assert table[0]['soliton_rotor'] == 'nan'
+    assert float(table[seen]['soliton_rotor [rotor spacings]']) == states[seen].solitons[0].rotor
+    assert table[0]['soliton_rotor [rotor spacings]'] == 'nan'
     for picture in ('kymograph.png', 'track.png'):
         assert np.std(imread(tmp_path / 'out' / picture)[..., :3]) > 0.02
 
 
-def test_a_bag_of_joint_states_alone_needs_a_chain(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_of_joint_states_alone_needs_a_chain(tmp_path: Path) -> None:
     bag = bag_of(tmp_path, frames(), chain=False)
     with pytest.raises(SystemExit) as end:
         main([str(bag), '--output', str(tmp_path / 'out')])
-    assert end.value.code == 1
-    assert "has no topic 'chain'" in capsys.readouterr().err
+    assert "has no topic 'chain'" in str(end.value)
     given = tmp_path / 'chain.yaml'
     given.write_text('/**: {ros__parameters: {chain.number_of_rotors: 10}}\n')
     main([str(bag), '--output', str(tmp_path / 'out'), '--chain', str(given)])
     whole = bag_of(tmp_path, frames())
     main([str(whole), '--output', str(tmp_path / 'whole')])
     assert rows(tmp_path / 'out') == rows(tmp_path / 'whole')
+
+
+def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, output = bag_of(tmp_path, frames()), ['--output', str(tmp_path / 'out')]
+    given = tmp_path / 'chain.yaml'
+    given.write_text('/**: {ros__parameters: {chain.number_of_rotors: 10}}\n')
+    main([str(bag), '--chain', str(given), *output])
+    given.write_text(
+        '/**: {ros__parameters: {chain.number_of_rotors: 10, chain.rest_angle: 0.5}}\n'
+    )
+    with pytest.raises(SystemExit) as end:
+        main([str(bag), '--chain', str(given), *output])
+    changed = f'rest_angle 0.5 for {NAMED.chain.rest_angle:g}'
+    assert f'in place of which --chain puts {changed}; leave --chain out' in str(end.value)
+    assert 'rest_angle' not in capsys.readouterr().err
+    main([str(bag), '--chain', str(given), '--override', *output])
+    assert f'in place of the chain of the bag {changed}\n' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('noise', ['-1', '0', 'nan', 'inf', 'much'])
+def test_what_is_no_noise_is_refused(noise: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(['bag', '--noise', noise])
+    assert end.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f'{noise} is no noise of an encoder, which is above 0 and at most 1 rad' in line
+
+
+def test_of_many_frames_that_are_refused_a_few_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = frames()
+    for message in messages[10:30]:
+        message.position = message.position[:3]
+    main([str(bag_of(tmp_path, messages)), '--output', str(tmp_path / 'out')])
+    said = capsys.readouterr().err
+    assert said.count('refused joint_states') == 4
+    assert 'refused joint_states: 20 frames in all' in said
 
 
 def test_frames_that_are_refused_are_passed_over(
@@ -171,8 +209,8 @@ def test_frames_that_are_refused_are_passed_over(
     assert len(rows(tmp_path / 'out')) == len(frames()) - 1
 
 
-def test_what_is_no_bag_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_bag_is_said(tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as end:
-        main([str(tmp_path / 'nothing')])
-    assert end.value.code == 1
-    assert 'does not exist; give the path of a bag directory' in capsys.readouterr().err
+        main([str(tmp_path / 'nothing'), '--output', str(tmp_path / 'out')])
+    assert 'does not exist; give the path of a bag directory' in str(end.value)
+    assert not (tmp_path / 'out').exists()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,8 +46,13 @@ def test_a_cut_bag_is_recovered_beside_it(
         assert 'damage' in reader.storage.metadata.custom
     assert 100 < count < 500
     assert program.said[-1].startswith(f'recovered {count} messages')
+    lost = re.search(r', (\d+) lost into', program.said[-1])
     again = start('check_bag', str(tmp_path / 'run_0_recovered_0'))
-    assert again.wait() == 0
+    assert again.wait() == 1
+    assert again.said[-1] == 'whole'
+    told = f'lost before it was recovered: {lost[1] if lost else "an unknown number"} ('
+    assert again.said[-2].startswith(told)
+    assert again.said[-2].endswith('; when recorded: not known')
 
 
 @pytest.mark.parametrize('program', ['recover_bag', 'check_bag'])

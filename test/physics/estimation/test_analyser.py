@@ -396,6 +396,12 @@ def domains(chain: Chain, walls: Sequence[float]) -> Array:
     return angles
 
 
+@pytest.mark.parametrize('noise', [-1.0, 0.0, math.nan, math.inf])
+def test_what_is_no_noise_is_refused(noise: float) -> None:
+    with pytest.raises(ValueError, match='must be finite and above 0; give None to have it'):
+        Analyser(Chain(), noise)
+
+
 def test_several_walls_are_all_reported() -> None:
     chain = Chain(number_of_rotors=40)
     generator = np.random.default_rng(2)

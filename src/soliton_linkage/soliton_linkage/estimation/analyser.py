@@ -171,7 +171,12 @@ class Analyser:
         """Work out the orbit of the chain, which may take seconds where it has deviations.
 
         The noise is the standard deviation of the angles [rad], None to have it estimated.
+        Raises ValueError where it is none.
         """
+        if noise is not None and not 0 < noise < math.inf:
+            raise ValueError(
+                f'noise = {noise:g} rad must be finite and above 0; give None to have it estimated'
+            )
         self.chain = chain
         self._settings = settings
         self.limitation = ''

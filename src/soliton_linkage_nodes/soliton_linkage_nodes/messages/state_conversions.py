@@ -113,6 +113,26 @@ _FOLLOWING = f'{_CYCLE.format}{_TOPOLOGY}{_ENERGIES.format}{_WOBBLE.format}{_RES
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
 """Where no topology can be told: the first fields of its message."""
 _NO_EDGES = (False, False, math.nan, math.nan)
+_ROTORS = 'rotor spacings'
+_UNITS = {
+    'rotor': _ROTORS,
+    'velocity': 'm/s',
+    'velocity_deviation': 'm/s',
+    'phase': 'rad',
+    'phase_deviation': 'rad',
+    'rate': 'rad/s',
+    'rate_deviation': 'rad/s',
+    'zero_mode_rotor': _ROTORS,
+    'first_turns': 'turns',
+    'last_turns': 'turns',
+    'noise': 'rad',
+    'misfit': 'rad',
+    **dict.fromkeys(('position', 'width', 'theory_width'), 'm'),
+    **dict.fromkeys(('position_deviation', 'width_deviation'), 'm'),
+    **dict.fromkeys(_ENERGIES.names, 'J'),
+    **dict.fromkeys(_WOBBLE.names, 'm'),
+}
+"""Of the fields of SolitonState and of the messages in it; the others are plain numbers."""
 
 
 def serialized_state(analysis: Analysis, joints: JointStates) -> bytes:
@@ -156,18 +176,25 @@ def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
 
 
 def columns() -> list[str]:
-    """Names of the columns of a table of states: those of the fields of SolitonState.
+    """Names of the columns of a table of states, those of the fields of SolitonState, with units.
 
     Fields of the nested messages have the name of theirs before them, those of the first
-    soliton `soliton_`.
+    soliton `soliton_`, and a unit stands behind in brackets: `soliton_velocity [m/s]`.
     """
-    names = ['stamp_ns']
+    names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
-        nested = [f'{name}_{each}' for each in _kinds(_NESTED[name])] if name in _NESTED else []
-        names += nested or [name]
+        if name in _NESTED:
+            names += [_column(name, each) for each in _kinds(_NESTED[name])]
+        else:
+            names.append(_column('', name))
         if name == 'solitons':
-            names += [f'soliton_{each}' for each in _SOLITON.names]
+            names += [_column('soliton', each) for each in _SOLITON.names]
     return names
+
+
+def _column(message: str, field: str) -> str:
+    unit = f' [{_UNITS[field]}]' if field in _UNITS else ''
+    return f'{message}_{field}{unit}' if message else f'{field}{unit}'
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:

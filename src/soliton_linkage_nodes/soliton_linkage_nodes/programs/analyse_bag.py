@@ -28,10 +28,10 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.state_conversions import columns, row
 from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.chain_file import chain_of_file, differences
+from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
-from soliton_linkage_nodes.start import INTERRUPTED
 
 _MOST_DRAWN = 4000
 """Frames that a picture shows at most, more than it has columns."""
@@ -64,25 +64,28 @@ class Drawn:
         save_run(chain, recording, track, find_crossings(chain, track), folder)
 
 
-def analyse(bag: Path, folder: Path, given: NamedChain | None, noise: float | None) -> int:
+def analyse(
+    bag: Path, folder: Path, given: NamedChain | None = None, noise: float | None = None
+) -> int:
     """Write soliton_state.csv, kymograph.png and track.png; return the number of frames."""
-    folder.mkdir(parents=True, exist_ok=True)
     frames = late = 0
-    with open_bag(bag) as reader, (folder / 'soliton_state.csv').open('w', newline='') as file:
+    with open_bag(bag) as reader:
         total = find_topic(reader, 'joint_states').msgcount
         named = given or read_chain(reader)
         drawn = Drawn(named.joint_names)
         progress = ProgressLine('analysing', total)
-        table = csv.writer(file)
-        table.writerow(columns())
-        for joints, analysis in analysed(reader, given, noise):
-            if analysis is None:
-                late += 1
-                continue
-            table.writerow(row(analysis, joints))
-            drawn.add(joints, analysis)
-            frames += 1
-            progress.show(frames, f'{frames} frames')
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / 'soliton_state.csv').open('w', newline='') as file:
+            table = csv.writer(file)
+            table.writerow(columns())
+            for joints, analysis in analysed(reader, given, noise):
+                if analysis is None:
+                    late += 1
+                    continue
+                table.writerow(row(analysis, joints))
+                drawn.add(joints, analysis)
+                frames += 1
+                progress.show(frames, f'{frames} frames')
     if not frames:
         raise ValueError(f'bag {str(bag)!r} has no frame that could be analysed')
     drawn.draw(named.chain, folder)
@@ -90,29 +93,72 @@ def analyse(bag: Path, folder: Path, given: NamedChain | None, noise: float | No
     return frames
 
 
+def check_override(bag: Path, given: NamedChain, override: bool) -> None:
+    """Say that a chain takes the place of the bag's own; ValueError unless that is wanted."""
+    with open_bag(bag) as reader:
+        try:
+            own = read_chain(reader)
+        except ValueError:
+            return
+    changed = differences(given, own)
+    if changed and not override:
+        raise ValueError(
+            f'bag {str(bag)!r} has a chain of its own, in place of which --chain puts {changed}; '
+            'leave --chain out, or add --override if the bag is wrong'
+        )
+    if changed:
+        print(f'analyse_bag: in place of the chain of the bag {changed}', file=sys.stderr)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Analyse a bag; exit with 1 where that fails, 130 on Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    try:
-        interrupt_on_signals()
-        given = chain_of_file(options.chain) if options.chain else None
-        analyse(options.bag, options.output, given, options.noise)
-    except (OSError, ValueError) as error:
-        print(f'analyse_bag: {error}', file=sys.stderr)
-        sys.exit(1)
-    except KeyboardInterrupt:
-        print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
-        sys.exit(INTERRUPTED)
+    options = _parser().parse(arguments)
+    with plain_failures('analyse_bag'):
+        try:
+            interrupt_on_signals()
+            given = chain_of_file(options.chain) if options.chain else None
+            if given is not None:
+                check_override(options.bag, given, options.override)
+            analyse(options.bag, options.output, given, options.noise)
+        except KeyboardInterrupt:
+            print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
+            raise
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='analyse_bag', description=__doc__)
+def _parser() -> ProgramParser:
+    parser = ProgramParser(prog='analyse_bag', description=__doc__)
     parser.add_argument('bag', type=Path, help='directory of the bag, as bags/flipper_0')
-    parser.add_argument('--output', type=Path, default=Path('out/analysis'), help='folder')
     parser.add_argument(
-        '--chain', type=Path, help='parameter file with chain.* for a bag without the topic chain'
+        '--output',
+        type=Path,
+        default=Path('out/analysis'),
+        help='folder for soliton_state.csv, kymograph.png and track.png (%(default)s)',
     )
     parser.add_argument(
-        '--noise', type=float, help="standard deviation of the encoders' noise [rad] [estimated]"
+        '--chain',
+        type=Path,
+        metavar='FILE',
+        help='parameter file with chain.* in SI units, for a bag without the topic chain',
+    )
+    parser.add_argument(
+        '--override', action='store_true', help='let --chain replace a chain that the bag has'
+    )
+    parser.add_argument(
+        '--noise',
+        type=_noise,
+        help="standard deviation of the encoders' noise [rad], above 0 and up to 1 (estimated)",
     )
     return parser
+
+
+def _noise(text: str) -> float:
+    try:
+        noise = float(text)
+    except ValueError:
+        noise = math.nan
+    if not 0 < noise <= 1:
+        raise argparse.ArgumentTypeError(
+            f'{text} is no noise of an encoder, which is above 0 and at most 1 rad; leave it out '
+            'to have it estimated'
+        )
+    return noise

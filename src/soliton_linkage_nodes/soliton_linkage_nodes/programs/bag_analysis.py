@@ -27,6 +27,9 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
+_MOST_TOLD = 3
+"""Frames that are refused, of which it is said why: a bag may be full of them."""
+
 
 def analysed(
     reader: Reader, given: NamedChain | None = None, noise: float | None = None
@@ -34,7 +37,7 @@ def analysed(
     """Yield each frame of a bag with what it shows, None where it is late, as the live node does.
 
     The chain is the given one or that of the bag. Frames that are refused are passed over, with
-    a word on stderr. Raises ValueError where the bag has no frames, or no chain.
+    a word on stderr of the first few. Raises ValueError where the bag has no frames, or no chain.
     """
     analysis = JointStateAnalysis(noise)
     joints = find_topic(reader, 'joint_states')
@@ -47,15 +50,22 @@ def analysed(
         analysis.learn(given)
     decode_joints = _decoder(joints)
     chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
+    refused = 0
     for connection, _, serialized in read_messages(reader, connections):
         if connection is not joints:
             analysis.learn(chain_from_msg(chain_decoders[connection.id](serialized)))
             continue
-        frame = decode_joints(serialized)
         try:
-            yield frame, analysis.analyse(frame)
+            frame = decode_joints(serialized)
+            found = analysis.analyse(frame)
         except ValueError as error:
-            print(f'refused joint_states: {error}', file=sys.stderr)
+            refused += 1
+            if refused <= _MOST_TOLD:
+                print(f'refused joint_states: {error}', file=sys.stderr)
+            continue
+        yield frame, found
+    if refused > _MOST_TOLD:
+        print(f'refused joint_states: {refused} frames in all', file=sys.stderr)
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import textwrap
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,9 @@ from soliton_linkage_nodes.messages.conversions import (
     default_joint_names,
 )
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
+
+_LONGEST_VALUE = 40
+"""Characters of a value that is told: those of many rotors are lists of thousands."""
 
 
 def chain_of_file(path: Path) -> NamedChain:
@@ -46,3 +51,17 @@ def chain_of_file(path: Path) -> NamedChain:
             'name one joint a rotor'
         )
     return NamedChain(chain, joints)
+
+
+def differences(one: NamedChain, other: NamedChain) -> str:
+    """What of a chain is not that of another, by name, value and the other's value."""
+    pairs = [
+        (name, getattr(one.chain, name), getattr(other.chain, name))
+        for name in (field.name for field in fields(Chain))
+    ]
+    pairs.append(('joint_names', one.joint_names, other.joint_names))
+    return ', '.join(f'{name} {_short(a)} for {_short(b)}' for name, a, b in pairs if a != b)
+
+
+def _short(value: object) -> str:
+    return textwrap.shorten(str(value), _LONGEST_VALUE, placeholder=' ...')

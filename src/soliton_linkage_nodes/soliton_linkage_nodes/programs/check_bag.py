@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator
@@ -11,20 +10,26 @@ from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.rescue.bag_rescue import BagReport, check_bag
+from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+
+_DAMAGE = 'damage'
+"""Text of a bag that was recovered of another, with what was wrong with that."""
 
 
 def main() -> None:
     """Check a bag; the exit code is 1 where it is damaged or messages were lost."""
-    parser = argparse.ArgumentParser(prog='check_bag', description=__doc__)
+    parser = ProgramParser(
+        prog='check_bag',
+        description=f'{__doc__} The exit code is 1 where it is damaged or messages were lost.',
+    )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
-    bag = parser.parse_args().bag
+    bag = parser.parse().bag
     progress = ProgressLine(f'checking {bag}', 0)
-    try:
+    with plain_failures('check_bag'):
         report = check_bag(bag, lambda done: progress.show(0, f'{done} messages'))
-    except (ValueError, OSError) as error:
-        sys.exit(f'check_bag: {error}')
     print('\n'.join(_lines(report)))
-    sys.exit(1 if report.damage or sum(_lost_when_recorded(report).values()) else 0)
+    lost = _lost_when_recorded(report)
+    sys.exit(bool(report.damage or _DAMAGE in report.custom_data or sum(lost.values())))
 
 
 def _lines(report: BagReport) -> Iterator[str]:
@@ -39,15 +44,26 @@ def _lines(report: BagReport) -> Iterator[str]:
     for key in ('suite_version', 'command_line', 'chain', 'recovered_from'):
         if key in report.custom_data:
             yield f'{key.replace("_", " ")}: {report.custom_data[key]}'
-    if 'lost_messages' in report.custom_data:
-        yield f'lost when recorded: {sum(lost.values()) or "nothing"}'
-    else:
-        yield 'lost when recorded: not known'
+    yield _losses(report, sum(lost.values()))
     yield from report.damage
     if report.damage:
         yield f'damaged; recover_bag {report.path} makes a whole bag of what is intact'
     else:
         yield 'whole'
+
+
+def _losses(report: BagReport, when_recorded: int) -> str:
+    """What is not in the bag, be it that it was never recorded or that damage took it."""
+    known = 'lost_messages' in report.custom_data
+    recorded = f'{when_recorded or "nothing"}' if known else 'not known'
+    if _DAMAGE not in report.custom_data:
+        return f'lost when recorded: {recorded}'
+    count = int(report.custom_data.get('lost_in_damage', 0))
+    damage = report.custom_data[_DAMAGE]
+    return (
+        f'lost before it was recovered: {count or "an unknown number"} ({damage}); '
+        f'when recorded: {recorded}'
+    )
 
 
 def _lost_when_recorded(report: BagReport) -> dict[str, int]:

@@ -74,6 +74,7 @@ def recover_bag(
     custom = {**report.custom_data, 'recovered_from': str(path)}
     if report.damage:
         custom['damage'] = '; '.join(report.damage)
+        custom['lost_in_damage'] = str(report.lost)
     writer.close(custom)
     return report, writer.path
 
