@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from matplotlib.image import imread
 
+from soliton_linkage_nodes.programs import contraction
 from soliton_linkage_nodes.programs.contraction import main, measure
 
 SETTINGS = """
@@ -40,6 +41,24 @@ def test_a_wall_is_recorded_and_as_wide_as_theory_says(
     assert len(errors) == 2
     assert max(map(abs, errors)) < 1
     assert imread(tmp_path / 'contraction_recorded.png').std() > 0.02
+
+
+def test_it_says_why_a_wall_is_recorded_once_more(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = tmp_path / 'settings.yaml'
+    settings.write_text(SETTINGS)
+    bags = iter(['first', 'second'])
+
+    def fail(*_: object) -> None:
+        raise ValueError(f'the {next(bags)} bag shows no wall')
+
+    monkeypatch.setattr(contraction, 'record', fail)
+    with pytest.raises(SystemExit) as end:
+        main([str(settings), '--output', str(tmp_path)])
+    said = 'wide, kick 0.6, is recorded once more, for the first bag shows no wall'
+    assert f'contraction: {said}' in capsys.readouterr().err.splitlines()
+    assert 'the second bag shows no wall' in str(end.value)
 
 
 def test_settings_without_walls_are_refused(tmp_path: Path) -> None:

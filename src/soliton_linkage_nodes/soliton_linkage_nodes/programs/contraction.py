@@ -7,7 +7,6 @@ bags are then analysed, and speeds and widths drawn and set beside theory.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import sys
@@ -37,8 +36,9 @@ from soliton_linkage_nodes.programs.child_processes import (
     ChildProcesses,
     private_domain,
 )
+from soliton_linkage_nodes.programs.command_line import ProgramParser
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
-from soliton_linkage_nodes.runtime.process import stop_on_signals
+from soliton_linkage_nodes.runtime.process import interruptible, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _RATE = 250.0
@@ -47,6 +47,8 @@ _SECONDS = 6.0
 """How long a wall is recorded [s]."""
 _WAY = 0.8
 """Part of the study's time for a wall that the recording takes: it ends before the far edge."""
+_POLL_INTERVAL = 0.1
+"""How soon it stops where it is told to [s]."""
 _UNLIMITED = 1e9
 """Limit of kicks [rad/s] and impulses [N m s] for walls faster than a real actuator makes."""
 
@@ -86,8 +88,9 @@ def record(
             environment,
             [repr(nudge), '--subscribers=2', f'--timeout={LONGEST_START}'],
         )
-        if not processes.wait('nudge', 2 * LONGEST_START):
-            raise RuntimeError('the nudge found nobody to hear it; see the logs')
+        while not processes.wait('nudge', _POLL_INTERVAL):
+            if stopping.is_set():
+                raise KeyboardInterrupt
         if stopping.wait(_SECONDS):
             raise KeyboardInterrupt
         processes.check()
@@ -130,18 +133,25 @@ def measured(
 def _passage(
     study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
 ) -> ContractedWall:
-    """Record and measure a wall, once more where the first bag shows none."""
+    """Record and measure a wall, once more where that fails, as it may on a busy machine."""
+
+    def attempt() -> ContractedWall:
+        bag = record(study, walls, kick, folder, stopping)
+        with interruptible(stopping):
+            return measure(bag)
+
     try:
-        return measure(record(study, walls, kick, folder, stopping))
-    except ValueError as error:
-        # A nudge that reaches the actuator before the first frame is refused.
-        print(f'\ncontraction: {error}; recording it once more', file=sys.stderr)
-    return measure(record(study, walls, kick, folder, stopping))
+        return attempt()
+    except (RuntimeError, ValueError) as error:
+        wall = study.walls[walls]
+        which = f'{wall.name}, kick {wall.kicks[kick]:g}'
+        print(f'\ncontraction: {which}, is recorded once more, for {error}', file=sys.stderr)
+    return attempt()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Record, measure and draw; exit with 1 where that fails, 130 on Ctrl-C."""
-    options = _parser().parse_args(arguments)
+    options = _parser().parse(arguments)
     stopping = stop_on_signals()
     try:
         settings = load_settings(options.config).section('contraction')
@@ -151,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             passages = measured(study, options.output, stopping)
         at_rest = [rest_width(walls.chain) for walls in study.walls]
         study.write([*passages, *at_rest], options.output, RECORDED)
-    except (RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         sys.exit(f'\ncontraction: {error}')
     except KeyboardInterrupt:
         print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
@@ -167,9 +177,14 @@ def _given(**parameters: object) -> list[str]:
     return given
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='contraction', description=__doc__)
+def _parser() -> ProgramParser:
+    parser = ProgramParser(prog='contraction', description=__doc__)
     parser.add_argument('config', type=Path, help='settings, as config/studies/accuracy.yaml')
-    parser.add_argument('--output', type=Path, default=Path('out/contraction'), help='folder')
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('out/contraction'),
+        help='folder for the bags, the table and the picture (%(default)s)',
+    )
     parser.add_argument('--quick', action='store_true', help='every fourth wall, to try it out')
     return parser

@@ -7,7 +7,8 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
@@ -45,6 +46,23 @@ def interrupt_on_signals() -> None:
     """Have SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+@contextmanager
+def interruptible(stopping: threading.Event) -> Iterator[None]:
+    """Have SIGINT and SIGTERM raise KeyboardInterrupt in what computes, for the time of that.
+
+    It is raised at once where one has come before, which has set `stopping`.
+    """
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interrupt_on_signals()
+    try:
+        if stopping.is_set():
+            raise KeyboardInterrupt
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 def initialise(arguments: list[str] | None = None) -> None:

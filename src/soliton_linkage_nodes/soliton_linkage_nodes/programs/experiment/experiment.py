@@ -7,10 +7,8 @@ import json
 import math
 import os
 import shutil
-import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,7 @@ from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.programs.lean_line import LeanLine
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.runtime.process import interruptible
 
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _UNUSED = (
@@ -192,7 +190,7 @@ class Experiment:
 
     def _draw(self) -> Any:
         """Read the bag, draw kymograph.png and track.png, and return the recorded run."""
-        with _interruptible(self._stopping):
+        with interruptible(self._stopping):
             recorded = self._report.read_run(self.bag)
             self._report.draw(recorded, self._output)
         return recorded
@@ -269,20 +267,6 @@ class Experiment:
         if self._stopping.is_set():
             raise KeyboardInterrupt
         return False
-
-
-@contextmanager
-def _interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Have SIGINT and SIGTERM raise KeyboardInterrupt in what computes, for the time of that."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    interrupt_on_signals()
-    try:
-        if stopping.is_set():
-            raise KeyboardInterrupt
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 def _say(text: str) -> None:
