@@ -89,7 +89,7 @@ def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., P
             1,
             'nudge: nothing hears /nudge after 0.5 s; start edge_actuator first',
         ),
-        (['hard'], 2, 'nudge: argument speed: hard must be a finite number; see nudge --help'),
+        (['hard'], 2, "nudge: argument speed: 'hard' must be a finite number; see nudge --help"),
     ],
 )
 def test_it_fails_in_one_line(

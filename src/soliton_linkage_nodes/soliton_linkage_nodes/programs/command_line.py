@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
+_NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
+_PLACE_IN_ROS = re.compile(r', at /\S+:\d+')
 _AFTER_ROS_ARGS = 'ROS arguments come after --ros-args, as --ros-args -r __ns:=/left'
 
 
@@ -28,7 +31,10 @@ class ProgramParser(argparse.ArgumentParser):
 
     def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
         """What is given, by default on the command line."""
-        options, unknown = self.parse_known_args(arguments)
+        given = sys.argv[1:] if arguments is None else arguments
+        # argparse takes only plain decimals for negative numbers, and other ones for options.
+        spaced = [f' {each}' if _NEGATIVE.match(each) else each for each in given]
+        options, unknown = self.parse_known_args(spaced)
         if any(each in _ROS_FLAGS or ':=' in each for each in unknown):
             self.error(_AFTER_ROS_ARGS)
         if unknown:
@@ -40,24 +46,31 @@ class ProgramParser(argparse.ArgumentParser):
         try:
             own = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
         except RuntimeError as error:
-            self.error(f'wrong ROS arguments: {str(error).splitlines()[0]}')
+            self.error(f'wrong ROS arguments: {reason(error)}')
         return self.parse(own)
 
 
-def number(described: Quantity) -> Callable[[str], float]:
+def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:
     """Return what reads a number of an argument and refuses what the quantity cannot be."""
 
     def read(text: str) -> float:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         complaint = described.complaint(value)
         if complaint:
-            raise argparse.ArgumentTypeError(f'{text} {complaint}')
+            raise argparse.ArgumentTypeError(f'{text.strip()!r} {complaint}')
         return value
 
     return read
+
+
+def reason(error: Exception) -> str:
+    """What an error says to a person, in one line where it is one of files or of ROS."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f'{error.filename}: {error.strerror}'
+    return _PLACE_IN_ROS.sub('', str(error))
 
 
 @contextmanager
@@ -67,8 +80,7 @@ def plain_failures(program: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
-    except OSError as error:
-        named = error.filename is not None and error.strerror
-        sys.exit(f'{program}: {f"{error.filename}: {error.strerror}" if named else error}')
-    except (RuntimeError, ValueError) as error:
-        sys.exit(f'{program}: {error}')
+    except (OSError, RuntimeError, ValueError) as error:
+        # In a terminal a line of progress may be standing there.
+        line = '\r\x1b[K' if sys.stderr.isatty() else ''
+        sys.exit(f'{line}{program}: {reason(error)}')

@@ -36,10 +36,9 @@ from soliton_linkage_nodes.programs.child_processes import (
     ChildProcesses,
     private_domain,
 )
-from soliton_linkage_nodes.programs.command_line import ProgramParser
+from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interruptible, stop_on_signals
-from soliton_linkage_nodes.start import INTERRUPTED
 
 _RATE = 250.0
 """Frames of a recording [Hz], some 1500 of a wall."""
@@ -153,19 +152,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Record, measure and draw; exit with 1 where that fails, 130 on Ctrl-C."""
     options = _parser().parse(arguments)
     stopping = stop_on_signals()
-    try:
+    with plain_failures('contraction'):
         settings = load_settings(options.config).section('contraction')
         study = read_contraction_study(settings, options.quick)
         options.output.mkdir(parents=True, exist_ok=True)
-        with private_domain():
-            passages = measured(study, options.output, stopping)
-        at_rest = [rest_width(walls.chain) for walls in study.walls]
-        study.write([*passages, *at_rest], options.output, RECORDED)
-    except (OSError, RuntimeError, ValueError) as error:
-        sys.exit(f'\ncontraction: {error}')
-    except KeyboardInterrupt:
-        print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        try:
+            with private_domain():
+                passages = measured(study, options.output, stopping)
+        except KeyboardInterrupt:
+            print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
+            raise
+        with interruptible(stopping):
+            at_rest = [rest_width(walls.chain) for walls in study.walls]
+            study.write([*passages, *at_rest], options.output, RECORDED)
     print(f'bags, {RECORDED}.md and {RECORDED}.png are in {options.output}')
 
 

@@ -33,6 +33,8 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _SPEED = Quantity('speed of the kick along the zero mode; the sign is its direction', 'rad/s')
 _TIMEOUT = Quantity('longest wait, for the actuator and then for its answer', 's', 0.0, 3600.0)
 """No person waits for longer than an hour."""
+_SUBSCRIBERS = Quantity('listeners to wait for', minimum=1)
+"""The actuator is one."""
 _LONGEST_WAIT = 5.0
 """For an actuator that runs to be found, and to answer, with room for a busy machine [s]."""
 _TIME_TO_MEET_ANOTHER = 1.0
@@ -185,7 +187,7 @@ def _parser() -> ProgramParser:
     parser.add_argument('speed', type=number(_SPEED), help=f'{_SPEED.description} [rad/s]')
     parser.add_argument(
         '--subscribers',
-        type=int,
+        type=number(_SUBSCRIBERS, int),
         default=1,
         help='listeners to wait for, the actuator and a recorder being 2 (%(default)s)',
     )

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 
 def main() -> None:
@@ -27,10 +29,15 @@ def main() -> None:
     name = bag.resolve()
     output = options.output or name.parent / f'{name.name.partition(".")[0]}_recovered'
     progress = ProgressLine(f'recovering {bag}', 0)
+    interrupt_on_signals()
     with plain_failures('recover_bag'):
-        report, new = recover_bag(
-            bag, output, options.doubtful, lambda done: progress.show(0, f'{done} messages')
-        )
+        try:
+            report, new = recover_bag(
+                bag, output, options.doubtful, lambda done: progress.show(0, f'{done} messages')
+            )
+        except KeyboardInterrupt:
+            print(f'\nrecover_bag: stopped; {output}_* is not whole', file=sys.stderr)
+            raise
     for damage in report.damage:
         print(damage)
     lost = f', {report.lost} lost' if report.lost else ''

@@ -22,7 +22,7 @@ import rclpy
 import yaml
 
 from soliton_linkage_nodes.programs.child_processes import private_domain
-from soliton_linkage_nodes.programs.command_line import ProgramParser
+from soliton_linkage_nodes.programs.command_line import ProgramParser, reason
 from soliton_linkage_nodes.programs.experiment.experiment import Experiment
 from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
@@ -53,7 +53,7 @@ def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
         print(f'Stopped.{left}', flush=True)
         return INTERRUPTED
     except (RuntimeError, ValueError, OSError) as error:
-        print(f'\nThe experiment failed: {error}', file=sys.stderr)
+        print(f'\nThe experiment failed: {reason(error)}', file=sys.stderr)
         return 1
     finally:
         rclpy.try_shutdown()
@@ -127,14 +127,25 @@ def other_scenarios(configuration: Path) -> list[Path]:
     ]
 
 
-def _scenario(configuration: Path) -> str | None:
+def _scenario(configuration: Path) -> object:
     try:
-        nodes = yaml.safe_load(configuration.read_text(encoding='utf-8'))
-        (experiment,) = (nodes[name] for name in nodes if name.split('/')[-1] == 'experiment')
-        scenario: str = experiment['ros__parameters']['scenario']
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, yaml.YAMLError):
+        nodes = parameters_of(configuration)
+        (given,) = (nodes[name] for name in nodes if name.split('/')[-1] == 'experiment')
+    except ValueError:
         return None
-    return scenario
+    return given.get('scenario')
+
+
+def parameters_of(path: Path) -> dict[str, dict[str, Any]]:
+    """Parameters of a file by the names of their nodes; raises ValueError where it has none."""
+    try:
+        nodes = yaml.safe_load(path.read_text(encoding='utf-8'))
+        return {name: dict(node['ros__parameters']) for name, node in nodes.items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, yaml.YAMLError) as error:
+        why = ' '.join(str(error).split())
+        raise ValueError(
+            f'{path} is no parameter file ({why}); give one such as config/flipper.yaml'
+        ) from error
 
 
 def _options() -> argparse.Namespace:
@@ -147,9 +158,8 @@ def _options() -> argparse.Namespace:
         help='folder for the results (%(default)s)',
     )
     options = parser.parse()
-    if not options.configuration.is_file():
-        parser.error(
-            f'configuration {str(options.configuration)!r} is not a file; '
-            'give a parameter file such as config/flipper.yaml'
-        )
+    try:
+        parameters_of(options.configuration)
+    except ValueError as error:
+        parser.error(str(error))
     return options

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a command line, and what a program fails of, is said in one line."""
+
+from __future__ import annotations
+
+import errno
+import os
+
+import pytest
+
+from soliton_linkage.linkage.quantities import Quantity
+from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+
+
+@pytest.fixture
+def parser() -> ProgramParser:
+    parser = ProgramParser(prog='push')
+    parser.add_argument('force', type=number(Quantity('of the push', 'N', -10.0, 10.0)))
+    parser.add_argument('--times', type=number(Quantity('how often', minimum=1), int), default=1)
+    return parser
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        ([], 'the following arguments are required: force'),
+        (['hard'], "argument force: 'hard' must be a finite number in the range -10 to 10 N"),
+        (['nan'], "argument force: 'nan' must be a finite number in the range -10 to 10 N"),
+        (['-inf'], "argument force: '-inf' must be a finite number in the range -10 to 10 N"),
+        (['-2e1'], "argument force: '-2e1' must lie in the range -10 to 10 N"),
+        (['1', '--times', '0'], "argument --times: '0' must lie in the range 1 to inf"),
+        (['1', '--bogus'], '--bogus: unknown'),
+        (['1', '2'], '2: unknown'),
+        (['1', '-r', '__ns:=/a'], 'ROS arguments come after --ros-args, as --ros-args -r '),
+        (
+            ['1', '--ros-args', '-p'],
+            "wrong ROS arguments: Failed to parse ROS arguments: Couldn't",
+        ),
+    ],
+)
+def test_a_wrong_command_line_ends_in_one_line(
+    parser: ProgramParser,
+    capfd: pytest.CaptureFixture[str],
+    arguments: list[str],
+    said: str,
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        parser.parse_beside_ros(arguments)
+    assert end.value.code == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith(f'push: {said}')
+    assert line.endswith('; see push --help')
+    assert '.c:' not in line
+
+
+def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: ProgramParser) -> None:
+    options = parser.parse_beside_ros(['-1e-3', '--times', '2', '--ros-args', '-r', '__ns:=/left'])
+    assert vars(options) == {'force': -1e-3, 'times': 2}
+
+
+@pytest.mark.parametrize(
+    ('error', 'code'),
+    [
+        (ValueError('too much'), 'push: too much'),
+        (RuntimeError('no parse, at /src/a.c:3, at /b.c:4'), 'push: no parse'),
+        (OSError(errno.ENOENT, os.strerror(errno.ENOENT), 'here'), 'push: here: No such file'),
+        (OSError('gone'), 'push: gone'),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_a_failure_ends_in_one_line(error: BaseException, code: str | int) -> None:
+    with pytest.raises(SystemExit) as end, plain_failures('push'):
+        raise error
+    if isinstance(code, int):
+        assert end.value.code == code
+    else:
+        assert str(end.value.code).startswith(code)
