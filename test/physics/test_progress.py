@@ -109,3 +109,17 @@ def test_a_total_that_is_not_known_yet_is_no_error(
     written = screen(monkeypatch, terminal=False)
     ProgressLine('replaying', 0).show(5)
     assert '0%' in written.getvalue()
+
+
+def test_a_note_stays_above_the_line_which_can_be_taken_away(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = screen(monkeypatch, terminal=True)
+    line = ProgressLine('playing', 4)
+    line.show(1)
+    line.note('louder now')
+    clock.now += 1
+    line.show(2)
+    line.clear()
+    parts = written.getvalue().split('\r\x1b[K')
+    assert [parts[2], parts[-1]] == ['louder now\n', '']

@@ -66,6 +66,11 @@ class ProgressLine:
         if self._live:
             sys.stderr.write('\n')
 
+    def clear(self) -> None:
+        """Take the line away from a terminal."""
+        if self._live:
+            self._write('')
+
     def _write(self, text: str) -> None:
         sys.stderr.write(f'\r\x1b[K{text}' if self._live else f'{text}\n')
         sys.stderr.flush()

@@ -27,6 +27,7 @@ def main() -> None:
     progress = ProgressLine(f'checking {bag}', 0)
     with plain_failures('check_bag'):
         report = check_bag(bag, lambda done: progress.show(0, f'{done} messages'))
+    progress.clear()
     print('\n'.join(_lines(report)))
     lost = _lost_when_recorded(report)
     sys.exit(bool(report.damage or _DAMAGE in report.custom_data or sum(lost.values())))

@@ -38,6 +38,7 @@ def main() -> None:
         except KeyboardInterrupt:
             print(f'\nrecover_bag: stopped; {output}_* is not whole', file=sys.stderr)
             raise
+    progress.clear()
     for damage in report.damage:
         print(damage)
     lost = f', {report.lost} lost' if report.lost else ''
