@@ -19,7 +19,6 @@ NODES = (
     'soliton_steering',
     'bag_recorder',
     'bag_player',
-    'watch_soliton',
 )
 TOOLS = (
     'analyse_bag',
@@ -29,6 +28,7 @@ TOOLS = (
     'move_soliton',
     'nudge',
     'recover_bag',
+    'watch_soliton',
 )
 
 

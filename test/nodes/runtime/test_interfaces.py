@@ -14,13 +14,12 @@ from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.programs.experiment.observer import Observer
-from soliton_linkage_nodes.programs.watch_soliton import WatchSoliton
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 ENDPOINTS = {
-    'chain': (1, 5),
+    'chain': (1, 4),
     'joint_states': (1, 3),
     'nudge': (1, 2),
     'edge_command': (0, 2),
@@ -32,7 +31,7 @@ ENDPOINTS = {
     'rotor_impulses': (1, 2),
     'rotor_torques': (1, 2),
     'tilt': (0, 2),
-    'soliton_state': (1, 3),
+    'soliton_state': (1, 2),
     '/diagnostics': (4, 2),
 }
 
@@ -40,7 +39,7 @@ ENDPOINTS = {
 def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path: Path) -> None:
     nodes = [
         graph.start(create, namespace='/lab')
-        for create in (Simulator, EdgeActuator, SolitonAnalyser, Observer, WatchSoliton)
+        for create in (Simulator, EdgeActuator, SolitonAnalyser, Observer)
     ]
     output = {'output': str(tmp_path / 'bag')}
     nodes.append(graph.start(BagRecorder, output, namespace='/lab'))

@@ -63,20 +63,27 @@ def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
     """A folder that no other experiment writes to: this one, or the first free of _1, _2, ..."""
-    for number in count():
-        candidate = folder.with_name(f'{folder.name}_{number}') if number else folder
-        candidate.mkdir(parents=True, exist_ok=True)
-        claim = os.open(candidate, os.O_RDONLY)
-        try:
-            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if number:
-                print(f'Another experiment writes to {folder}; this one writes to {candidate}.')
-            yield candidate
-            return
-        except BlockingIOError:
-            continue
-        finally:
-            os.close(claim)
+    candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
+    claims = ((each, _claim(each)) for each in candidates)
+    chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
+    if chosen != folder:
+        print(f'Another experiment writes to {folder}; this one writes to {chosen}.', flush=True)
+    try:
+        yield chosen
+    finally:
+        os.close(claim)
+
+
+def _claim(folder: Path) -> int | None:
+    """Open and lock a folder, which is made where there is none; None where another has it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    claim = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(claim)
+        return None
+    return claim
 
 
 def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
