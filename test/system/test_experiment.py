@@ -129,7 +129,7 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
     ('nudge', 'complaint'),
     [
         (0.0, 'within 2 s after a nudge of 0 rad/s, none is seen now; nudge harder or raise'),
-        (200.0, 'edge_actuator refused nudge: speed = 200 rad/s must lie in the range -100 to'),
+        (200.0, 'edge_actuator refused /nudge: speed = 200 rad/s must lie in the range -100 to'),
     ],
 )
 def test_a_nudge_that_sends_no_soliton_is_said_so(

@@ -45,6 +45,7 @@ def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
     kicks, nudges = graph.hear(interfaces.LAST_KICK), graph.hear(interfaces.NUDGE)
     said = nudged(graph, -2.5)
     assert said.startswith('a kick of -2.5 rad/s at the first edge; an impulse of ')
+    graph.until(lambda: kicks, 'the kick')
     assert said.endswith(f'a work of {kicks[0].work:.3g} J, as the simulator measured')
     # Neither what was kicked before nor a recorder that listens counts as an answer.
     refused = 'speed = 500 rad/s must lie in the range -100 to 100 rad/s'

@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, chain_of
 from soliton_linkage_nodes.messages.conversions import (
