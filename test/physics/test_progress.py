@@ -100,7 +100,19 @@ def test_a_line_is_no_longer_than_the_terminal(
     line.show(1)
     clock.now += 1
     line.show_text(30 * 'x')
-    assert written.getvalue().split('\r\x1b[K')[1:] == ['playing [########...', 20 * 'x']
+    assert written.getvalue().split('\r\x1b[K')[1:] == ['g [##........]  25% ', 20 * 'x']
+
+
+def test_on_a_short_line_the_remark_is_kept_before_bar_and_title(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = screen(monkeypatch, terminal=True)
+    monkeypatch.setattr(progress, 'line_width', lambda: 60)
+    line = ProgressLine('playing /a/long/way/to/the/bags/run_0', 4)
+    line.show(1, '0.0 of 99.9 s, paused')
+    shown = written.getvalue().split('\r\x1b[K')[1]
+    assert shown == 'ay/to/the/bags/run_0 [##........]  25% 0.0 of 99.9 s, paused'
+    assert len(shown) == 60
 
 
 def test_a_total_that_is_not_known_yet_is_no_error(

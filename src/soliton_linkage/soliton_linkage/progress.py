@@ -9,6 +9,8 @@ import time
 
 _WIDTH = 30
 """Of the bar [characters]."""
+_NARROWEST = 10
+"""Bar where a line is short [characters]: a tenth can still be told."""
 _TERMINAL_INTERVAL = 0.1
 """Least time from line to line where the line is rewritten [s]: it does not flicker."""
 _LOG_INTERVAL = 2.0
@@ -44,11 +46,16 @@ class ProgressLine:
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
-        """Show how much is done, if that is due."""
+        """Show how much is done, if that is due; on a short line the remark has precedence."""
         share = min(max(done / self.total, 0.0), 1.0) if self.total else 0.0
-        filled = round(share * _WIDTH)
-        bar = '#' * filled + '.' * (_WIDTH - filled)
-        self.show_text(f'{self._title} [{bar}] {share:4.0%} {remark}')
+        said = f'] {share:4.0%} {remark}'
+        title, width = f'{self._title} [', _WIDTH
+        if self._live:
+            room = max(line_width() - len(said), 0)
+            width = min(max(room - len(title), _NARROWEST), _WIDTH)
+            title = title[max(len(title) + width - room, 0) :]
+        filled = round(share * width)
+        self.show_text(f'{title}{"#" * filled}{"." * (width - filled)}{said}')
 
     def show_text(self, text: str) -> None:
         """Show a text in place of a bar, as much as fits on the line, if that is due."""
