@@ -25,6 +25,7 @@ from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interruptible
 
+_REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _UNUSED = (
     interfaces.EDGE_COMMAND,
@@ -88,9 +89,13 @@ class Experiment:
         }
         for node in _NODES:
             self._start(node, own.get(node, []))
-        # Seconds, in which the nodes start.
-        self._report = import_module('soliton_linkage_nodes.programs.experiment.report')
-        self._wait_until(self._ready, LONGEST_START, self._unready)
+        # It takes seconds, in which the nodes start, and a signal is heeded.
+        importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
+        importing.start()
+        self._wait_until(
+            lambda: self._ready() and not importing.is_alive(), LONGEST_START, self._unready
+        )
+        self._report = import_module(_REPORT)
 
     def _start(self, node: str, arguments: list[str]) -> None:
         common = ['--params-file', str(self._configuration)]
