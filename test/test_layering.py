@@ -26,6 +26,7 @@ NODES = {
     **dict.fromkeys({*ROS_NODES, 'bags'}, 3),
     'programs': 4,
     'commands': 4,
+    'live_view': 5,
 }
 IMPORTED_BY_PHYSICS = {'soliton_linkage', 'numpy', 'scipy', 'matplotlib'}
 IMPORTED_BY_STUDIES = {'distributed', 'imageio_ffmpeg', 'mpl_toolkits', 'yaml'}

@@ -17,12 +17,14 @@ NODES = [
     'soliton_steering',
     'bag_recorder',
     'bag_player',
+    'live_view',
 ]
 PROGRAMS = [
     'analyse_bag',
     'check_bag',
     'contraction',
     'experiment',
+    'live',
     'move_soliton',
     'nudge',
     'recover_bag',
@@ -54,7 +56,7 @@ setup(
     license_files=['LICENSE'],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'live_view/browser/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (SHARE, ['package.xml']),
@@ -68,6 +70,7 @@ setup(
         'rosbags>=0.11',
         'soliton_linkage[studies]',
     ],
+    extras_require={'live': ['nicegui>=3']},
     entry_points={
         'console_scripts': [f'{name} = {PACKAGE}.start:{name}' for name in EXECUTABLES],
         'soliton_linkage.commands': [

@@ -19,12 +19,14 @@ NODES = (
     'soliton_steering',
     'bag_recorder',
     'bag_player',
+    'live_view',
 )
 TOOLS = (
     'analyse_bag',
     'check_bag',
     'contraction',
     'experiment',
+    'live',
     'move_soliton',
     'nudge',
     'recover_bag',

@@ -30,6 +30,7 @@ from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
+from soliton_linkage_nodes.live_view.node import LiveViewParameters
 from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
@@ -55,6 +56,7 @@ OF_NODE = {
     'soliton_analyser': {'': AnalyserParameters, 'source': OptionalChainSourceParameters},
     'bag_recorder': {'': BagRecorderParameters},
     'bag_player': {'': BagPlayerParameters},
+    'live_view': {'': LiveViewParameters},
     'experiment': {'': ExperimentParameters},
 }
 

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// What all plots share: a canvas as sharp as the screen, the colours of the figures, axes.
+
+export const BLUE = '#0072b2';
+export const RED = '#d55e00';
+export const GREEN = '#009e73';
+export const PURPLE = '#cc79a7';
+// The colour map PuOr of the figures: orange where rotors lean left, purple where right.
+const LEAN = ['#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
+  '#b2abd2', '#8073ac', '#542788', '#2d004b']
+  .map((hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16)));
+const LEVELS = 256;
+const TABLE = Array.from({ length: LEVELS }, (_, level) => {
+  const at = (level / (LEVELS - 1)) * (LEAN.length - 1);
+  const low = Math.min(Math.floor(at), LEAN.length - 2);
+  return LEAN[low].map((c, i) => Math.round(c + (LEAN[low + 1][i] - c) * (at - low)));
+});
+const PACKED = Uint32Array.from(TABLE, ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r);
+
+function level(share) {
+  return Math.max(0, Math.min(LEVELS - 1, Math.round((share + 1) * 0.5 * (LEVELS - 1))));
+}
+
+// Colour of a lean over the largest, -1 to 1, as the bytes of a pixel.
+export function leanPixel(share) {
+  return Number.isNaN(share) ? 0 : PACKED[level(share)];
+}
+
+export function leanColour(share) {
+  return `rgb(${TABLE[level(share)].join(',')})`;
+}
+
+export function theme() {
+  const style = getComputedStyle(document.body);
+  const dark = document.body.classList.contains('body--dark');
+  const get = (name) => style.getPropertyValue(name).trim();
+  return {
+    dark, ink: get('--ink'), soft: get('--soft'), line: get('--line'), panel: get('--panel'),
+    blue: dark ? '#56b4e9' : BLUE, red: dark ? '#ff8a3c' : RED, green: dark ? '#2fd3a4' : GREEN,
+    purple: PURPLE,
+  };
+}
+
+export function finite(value, digits = 2, unit = '') {
+  if (!Number.isFinite(value)) return '–';
+  return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, '$1').replace('-', '−')}${unit}`;
+}
+
+// A number with a prefix of its unit, as 1.20 mJ.
+export function scaled(value, unit) {
+  if (!Number.isFinite(value)) return '–';
+  const size = Math.abs(value);
+  const steps = [[1, ''], [1e-3, 'm'], [1e-6, 'µ'], [1e-9, 'n'], [1e-12, 'p']];
+  const [factor, prefix] = steps.find(([f]) => size >= f) || (size ? steps[4] : steps[0]);
+  return `${(value / factor).toPrecision(3)} ${prefix}${unit}`;
+}
+
+export class Canvas {
+  constructor(element) {
+    this.element = element;
+    this.context = element.getContext('2d');
+    this.width = 0;
+    this.height = 0;
+    this.fit();
+    new ResizeObserver(() => this.fit()).observe(element);
+  }
+
+  fit() {
+    const { width, height } = this.element.getBoundingClientRect();
+    const ratio = window.devicePixelRatio || 1;
+    if (!width || (width === this.width && height === this.height && ratio === this.ratio)) return;
+    Object.assign(this, { width, height, ratio });
+    this.element.width = Math.round(width * ratio);
+    this.element.height = Math.round(height * ratio);
+    this.resized = true;
+  }
+
+  begin() {
+    const { context: c, ratio } = this;
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.clearRect(0, 0, this.width, this.height);
+    c.font = '14px system-ui, "DejaVu Sans", sans-serif';
+    c.lineWidth = 1;
+    c.setLineDash([]);
+    c.globalAlpha = 1;
+    c.textAlign = 'left';
+    c.textBaseline = 'middle';
+    return c;
+  }
+
+  // Says why there is nothing to see.
+  absent(look, reason) {
+    const c = this.begin();
+    c.fillStyle = look.soft;
+    c.textAlign = 'center';
+    const words = reason.split(' ');
+    const lines = [''];
+    words.forEach((word) => {
+      const longer = `${lines[lines.length - 1]} ${word}`.trim();
+      if (c.measureText(longer).width > this.width - 24) lines.push(word);
+      else lines[lines.length - 1] = longer;
+    });
+    lines.forEach((line, n) => {
+      c.fillText(line, this.width / 2, this.height / 2 + 20 * (n - (lines.length - 1) / 2));
+    });
+  }
+}
+
+// Round numbers between two ends, about as many as asked for.
+export function ticks(low, high, wanted) {
+  const rough = (high - low) / Math.max(wanted, 1);
+  if (!(rough > 0) || !Number.isFinite(rough)) return [];
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((n) => n * power).find((s) => s >= rough);
+  const found = [];
+  for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n += 1) {
+    found.push(Number((n * step).toPrecision(12)));
+  }
+  return found;
+}
+
+// A frame with ticks; returns the functions from values to pixels.
+export function axes(canvas, look, { x, y, left = 52, bottom = 26, xLabel = '',
+  yFormat = String, xFormat = String, right = 10, top = 8 }) {
+  const c = canvas.context;
+  const w = canvas.width - left - right;
+  const h = canvas.height - top - bottom;
+  const toX = (value) => left + ((value - x[0]) / (x[1] - x[0])) * w;
+  const toY = (value) => top + h - ((value - y[0]) / (y[1] - y[0])) * h;
+  c.strokeStyle = look.line;
+  c.fillStyle = look.soft;
+  c.textAlign = 'right';
+  ticks(y[0], y[1], h / 48).forEach((value) => {
+    c.beginPath();
+    c.moveTo(left, toY(value));
+    c.lineTo(left + w, toY(value));
+    c.stroke();
+    c.fillText(yFormat(value), left - 6, toY(value));
+  });
+  c.textAlign = 'center';
+  ticks(x[0], x[1], w / 80).forEach((value) => {
+    if (xLabel && toX(value) > left + w - 64) return;
+    c.fillText(xFormat(value), toX(value), top + h + 15);
+  });
+  c.textAlign = 'right';
+  c.fillText(xLabel, left + w, top + h + 15);
+  c.strokeRect(left, top, w, h);
+  return { toX, toY, left, top, w, h };
+}
+
+export function line(c, points, colour, width = 2) {
+  c.strokeStyle = colour;
+  c.lineWidth = width;
+  c.lineJoin = 'round';
+  c.beginPath();
+  let pen = false;
+  points.forEach(([px, py]) => {
+    if (!Number.isFinite(py)) { pen = false; return; }
+    if (pen) c.lineTo(px, py); else c.moveTo(px, py);
+    pen = true;
+  });
+  c.stroke();
+}

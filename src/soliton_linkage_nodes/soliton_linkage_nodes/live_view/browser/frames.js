@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames as frame_layout.py packs them, and what is kept of those that were shown.
+
+export const SPAN = 20; // seconds that the kymograph and the energies show
+const COLUMNS = 600;
+const STEP = SPAN / COLUMNS;
+const SERIES = ['kinetic', 'elastic', 'wall_energy', 'wake_energy'];
+
+export class Layout {
+  constructor({ fields, arrays }) {
+    this.fields = fields;
+    this.arrays = arrays;
+  }
+
+  // A frame as an object of its fields and arrays, or the history of a chain.
+  read(buffer) {
+    const head = new Float64Array(buffer, 0, 1);
+    if (head[0] < 0) return readHistory(buffer);
+    const names = this.fields.length;
+    const values = new Float64Array(buffer, 0, names + this.arrays.length);
+    const frame = {};
+    this.fields.forEach((name, i) => { frame[name] = values[i]; });
+    let begin = 8 * values.length;
+    this.arrays.forEach((name, i) => {
+      frame[name] = new Float32Array(buffer, begin, values[names + i]);
+      begin += 4 * values[names + i];
+    });
+    return frame;
+  }
+}
+
+function readHistory(buffer) {
+  const [chain, columns, height] = new Float64Array(buffer, 0, 3);
+  const pairs = new Float64Array(buffer, 24, 2 * columns);
+  const data = new Float32Array(buffer, 24 + 16 * columns, columns * height);
+  return { history: true, chain: -1 - chain, columns, height, pairs, data };
+}
+
+// The last seconds of a chain by the stamps of its frames: one column a thirtieth of a second.
+export class Track {
+  constructor() {
+    this.reset(0);
+  }
+
+  reset(height) {
+    this.height = height;
+    this.newest = -Infinity; // number of the newest column since the epoch
+    this.image = new Float32Array(COLUMNS * height).fill(NaN);
+    this.places = new Float32Array(COLUMNS).fill(NaN);
+    this.energies = SERIES.map(() => new Float32Array(COLUMNS).fill(NaN));
+    this.written = []; // columns that were written since they were last drawn
+    this.whole = true;
+  }
+
+  static get columns() { return COLUMNS; }
+
+  static get series() { return SERIES; }
+
+  // Place of a column in the rings.
+  at(column) {
+    return ((column % COLUMNS) + COLUMNS) % COLUMNS;
+  }
+
+  add(frame) {
+    if (!(frame.age < Infinity) || !frame.overview.length) return;
+    this.put(frame.stamp, frame.rotor, frame.overview, SERIES.map((name) => frame[name]));
+  }
+
+  put(stamp, place, column, energies) {
+    const number = Math.floor(stamp / STEP);
+    const gap = number - this.newest;
+    if (column.length !== this.height || gap < -1 || gap > COLUMNS) this.reset(column.length);
+    if (gap < 0) return;
+    const first = gap > 0 && gap <= 24 ? this.newest + 1 : number;
+    for (let n = Math.max(this.newest + 1, number - COLUMNS + 1); n < first; n += 1) this.clear(n);
+    for (let n = Math.min(first, number); n <= number; n += 1) {
+      const at = this.at(n);
+      this.image.set(column, at * this.height);
+      this.places[at] = place;
+      SERIES.forEach((_, i) => { this.energies[i][at] = energies ? energies[i] : NaN; });
+      this.written.push(n);
+    }
+    this.newest = number;
+  }
+
+  clear(number) {
+    const at = this.at(number);
+    this.image.fill(NaN, at * this.height, (at + 1) * this.height);
+    this.places[at] = NaN;
+    this.energies.forEach((series) => { series[at] = NaN; });
+    this.written.push(number);
+  }
+
+  recall({ columns, height, pairs, data }) {
+    this.reset(height);
+    for (let n = 0; n < columns; n += 1) {
+      this.put(pairs[2 * n], pairs[2 * n + 1], data.subarray(n * height, (n + 1) * height), null);
+    }
+  }
+}

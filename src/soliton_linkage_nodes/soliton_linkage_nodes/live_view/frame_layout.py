@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bytes of one picture of a chain: described once, for what packs them and the script.
+
+A frame is `FIELDS` as doubles, the number of elements of each of `ARRAYS` as doubles, and the
+arrays as floats of 32 bits, one after the other; all little-endian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array
+
+Floats = NDArray[np.float32]
+
+FIELDS = (
+    'chain',  # number of the chain in the list of the status
+    'version',  # of what the status says of the chain, its parameters among them
+    'stamp',  # of joint_states [s]
+    'age',  # of joint_states when the frame was packed [s], infinite where none came
+    'state_age',  # of soliton_state [s]
+    'rotors',
+    'first',  # rotor of the first of the angles
+    'rotor',
+    'position',
+    'position_deviation',
+    'velocity',
+    'velocity_deviation',
+    'width',
+    'wall_charge',
+    'walls',
+    'motion',
+    'status',
+    'phase',
+    'phase_rate',
+    'phase_deviation',
+    'completed',
+    'leg',
+    'cycle_rotor',
+    'kinetic',
+    'elastic',
+    'wall_energy',
+    'wake_energy',
+    'winding_before',
+    'winding_beyond',
+    'polarisation_before',
+    'polarisation_beyond',
+    'charge',
+    'zero_mode_rotor',
+    'first_toggled',
+    'last_toggled',
+    'first_turns',
+    'last_turns',
+    'misfit',
+    'unseen',
+    'goal',  # of the move that is under way [rotor spacings]
+)
+ARRAYS = (
+    'overview',  # u of each rotor [m], or the least and the largest of each of equal groups
+    'angles',  # phi of each rotor of the part that is shown [rad]; empty where it is too long
+    'extensions',  # of the spring after each of these rotors [m]
+    'mode',  # component of the zero mode of each of these rotors [1]
+    'places',  # place [rotor spacings], deviation [m] and charge of each wall, in a row
+)
+
+
+def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
+    """Bytes of a frame; fields that are not given are NaN, and arrays empty."""
+    nothing = np.zeros(0, dtype='<f4')
+    parts = [np.asarray(arrays.get(name, nothing), dtype='<f4') for name in ARRAYS]
+    head = [numbers.get(name, np.nan) for name in FIELDS]
+    head += [float(part.size) for part in parts]
+    return b''.join([np.array(head, dtype='<f8').tobytes(), *(part.tobytes() for part in parts)])
+
+
+def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
+    """Fields and arrays of a frame."""
+    head = np.frombuffer(frame, '<f8', len(FIELDS) + len(ARRAYS))
+    numbers = dict(zip(FIELDS, head.tolist(), strict=False))
+    arrays: dict[str, Floats] = {}
+    begin = head.nbytes
+    for name, count in zip(ARRAYS, head[len(FIELDS) :], strict=True):
+        arrays[name] = np.frombuffer(frame, '<f4', int(count), begin)
+        begin += 4 * int(count)
+    return numbers, arrays
+
+
+def pack_history(chain: int, columns: Iterable[tuple[float, float, Floats]]) -> bytes:
+    """Bytes of what a chain of a number in the list showed before, a column an instant.
+
+    Doubles: -1 less the number, how many columns there are and of how many values each; of each
+    column its time and the place of the wall; then floats of 32 bits, one column after the other.
+    """
+    kept = list(columns)
+    height = kept[-1][2].size if kept else 0
+    kept = [column for column in kept if column[2].size == height]
+    head = [-1.0 - chain, len(kept), height]
+    head += [value for stamp, place, _ in kept for value in (stamp, place)]
+    data = [np.asarray(values, dtype='<f4').tobytes() for _, _, values in kept]
+    return b''.join([np.array(head, dtype='<f8').tobytes(), *data])

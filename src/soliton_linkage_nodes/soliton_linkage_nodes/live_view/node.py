@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live view: chains as they move, in a browser, and what is done to them there."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
+from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
+from soliton_linkage_nodes.live_view.gate import is_loopback
+from soliton_linkage_nodes.live_view.status import status
+from soliton_linkage_nodes.live_view.stream import BrowserStream
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.process import run
+
+_STATUS_PERIOD = 0.25
+"""Between two looks at how the nodes do [s]; they report once a second."""
+_IDLE_PERIOD = 0.1
+"""Between two looks at the chains while nobody watches [s]."""
+
+
+@dataclass(frozen=True)
+class LiveViewParameters:
+    """Parameters of the page."""
+
+    host: str = quantity(
+        '127.0.0.1', 'address to serve at; one that others can reach has a token, which is printed'
+    )
+    port: int = quantity(8080, 'port to serve at, 0 for any that is free', '', 0, 65535)
+    frame_rate: float = quantity(60.0, 'most pictures a second', 'Hz', 1.0, 240.0)
+    read_only: bool = quantity(False, 'whether the page only shows, and changes nothing')
+    bag_folders: tuple[str, ...] = quantity(
+        (), 'folders whose bags are listed; recordings go to the first; empty for no bags'
+    )
+    record: str = quantity(
+        'no',
+        'whether to record from the start on, or to have a recorder stand by',
+        choices=('no', 'yes', 'paused'),
+    )
+
+
+class LiveView(Node):
+    """Serves a page that shows chains and takes commands to them.
+
+    Subscribes in every namespace that has `joint_states` to them, `soliton_state` and `chain`,
+    and to `/diagnostics`. Publishes there `nudge`, `edge_command` and `tilt` as they are asked
+    for, and calls the services of the suite's nodes and the action `move_soliton`; publishes
+    `/diagnostics`. Starts a `bag_recorder` and a `bag_player`, which plays into the namespace
+    `/replay`, as they are asked for. Parameters: those of `LiveViewParameters`.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Listen, and serve the page."""
+        super().__init__('live_view', **kwargs)
+        self.settings = settings = declare(self, LiveViewParameters)
+        refuse_unknown(self)
+        folders = [Path(folder) for folder in settings.bag_folders]
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
+        self._inbox = rclpy.create_node(
+            '_live_view_inbox',
+            namespace=self.get_namespace(),
+            context=self.context,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        own = self.resolve_topic_name('joint_states').removesuffix('joint_states')
+        self.finder = ChainFinder(self._inbox, own)
+        self.shelf = BagShelf(folders)
+        self.recording = BagRecording(
+            folders[0] if folders else None, self.finder, settings.read_only
+        )
+        self._logs = tempfile.TemporaryDirectory(prefix='live_view_')
+        self.replay = BagReplay(self.shelf, Path(self._logs.name), self.finder, settings.read_only)
+        self.status = ''
+        self.complaints: list[str] = []
+        """What the recorder and the player failed of, for a page to tell."""
+        self._streams: set[BrowserStream] = set()
+        self._commands: dict[str, ChainCommands] = {}
+        self._told_at = 0.0
+        self._busy = 0.0
+        self._reported = (time.monotonic(), 0, 0.0)
+        self._sent_before = 0
+        self.diagnostics = Diagnostics(self, 'page', self._report)
+        self.token = '' if is_loopback(settings.host) else secrets.token_urlsafe(24)
+        self._serve()
+        if settings.record != 'no':
+            paused = settings.record == 'paused'
+            self.get_logger().info(self.recording.start(own, paused=paused))
+
+    def _serve(self) -> None:
+        try:
+            from soliton_linkage_nodes.live_view import page, server
+        except ImportError as error:
+            raise ValueError(
+                f'live_view needs the Python package {error.name}, which is not installed; '
+                'run: pip install nicegui'
+            ) from error
+        bound = server.listening_socket(self.settings.host, self.settings.port)
+        self.port = int(bound.getsockname()[1])
+        made = server.application(self._stream)
+        page.add(made, self)
+        self.server = server.PageServer(made, bound, self.token, self._tick)
+        if self.token:
+            # The log of ROS is a topic that others read.
+            print(f'open {self.address}', flush=True)
+        else:
+            self.get_logger().info(f'open {self.address}')
+
+    @property
+    def address(self) -> str:
+        """Of the page, for a browser."""
+        host = self.settings.host
+        if host in ('0.0.0.0', '::'):
+            host = socket.gethostname()
+        host = f'[{host}]' if ':' in host else host
+        token = f'?token={self.token}' if self.token else ''
+        return f'http://{host}:{self.port}/{token}'
+
+    @property
+    def failure(self) -> Exception | None:
+        """Why it cannot go on."""
+        return self.server.failure
+
+    @property
+    def read_only(self) -> bool:
+        """Whether the page only shows."""
+        return self.settings.read_only
+
+    @property
+    def chains(self) -> Mapping[str, ChainTopics]:
+        """By namespace."""
+        return self.finder.chains
+
+    @property
+    def streams(self) -> int:
+        """Browsers that watch."""
+        return len(self._streams)
+
+    def commands(self, namespace: str) -> ChainCommands:
+        """Those to the nodes of a namespace."""
+        if namespace not in self._commands:
+            self._commands[namespace] = ChainCommands(self, namespace, self.settings.read_only)
+        return self._commands[namespace]
+
+    @property
+    def versions(self) -> list[int]:
+        """They change when the descriptions do."""
+        return [self.replay.played, *(c.model.version for c in self.finder.chains.values())]
+
+    def descriptions(self) -> dict[str, Any]:
+        """What a page has to know besides, of each chain and of the bag that is played."""
+        chains = [
+            {'name': namespace, **chain.model.description()}
+            for namespace, chain in self.finder.chains.items()
+        ]
+        return {'chains': chains, 'track': self.replay.track.points}
+
+    async def wait(self) -> None:
+        """Wait until there may be something new."""
+        await self.server.wait()
+
+    def destroy_node(self) -> None:
+        """End the streams, the recorder and the player, then go."""
+        self.server.stop()
+        self.recording.close()
+        self.replay.close()
+        self._logs.cleanup()
+        for commands in self._commands.values():
+            commands.close()
+        self._inbox.destroy_node()
+        super().destroy_node()
+
+    async def _stream(self, websocket: Any) -> None:
+        stream = BrowserStream(websocket, self, self.act)
+        self._streams.add(stream)
+        try:
+            await stream.run()
+        finally:
+            self._streams.discard(stream)
+            self._sent_before += stream.sent
+
+    async def act(self, name: str, arguments: Mapping[str, Any]) -> str:
+        """Do what a page asks for on its canvases; ValueError where it is refused."""
+        if self.settings.read_only:
+            raise ValueError(READ_ONLY)
+        namespace = str(arguments.get('chain', ''))
+        if namespace not in self.finder.chains:
+            raise ValueError(f'chain {namespace!r} is not there')
+        commands, chain = self.commands(namespace), self.finder.chains[namespace]
+        if name == 'move':
+            now = chain.model.numbers.get('rotor', float('nan'))
+            return await commands.carry(arguments['rotor'], arguments.get('speed', 0.0), now)
+        if name == 'nudge':
+            edge = str(arguments.get('edge', 'nearest'))
+            return commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
+        if name == 'seek':
+            return await self.replay.seek(commands, float(arguments['at']))
+        if name == 'pause':
+            paused = bool(arguments['paused'])
+            if namespace == self.replay.namespace:
+                return await self.replay.pause(commands, paused)
+            return await commands.pause(paused)
+        raise ValueError(f'action {name!r} is not known')
+
+    def _tick(self) -> float:
+        """Take what is newest and tell what has changed; returns the time to the next."""
+        begin = time.perf_counter()
+        self.finder.take()
+        for namespace, chain in self.finder.chains.items():
+            move = self.commands(namespace).move
+            chain.model.goal = move.goal if move.under_way else float('nan')
+        now = time.monotonic()
+        if now - self._told_at >= _STATUS_PERIOD:
+            self._told_at = now
+            self.complaints += filter(None, (self.recording.look(), self.replay.look()))
+            del self.complaints[:-3]
+            self.status = self._status()
+        self._busy += time.perf_counter() - begin
+        return 1 / self.settings.frame_rate if self._streams else _IDLE_PERIOD
+
+    def _status(self) -> str:
+        told = self.recording.report
+        more = {
+            'read_only': self.settings.read_only,
+            'replay': self.replay.told(),
+            'recorder': None
+            if told is None
+            else {
+                'bag': told.figures.get('bag', ''),
+                'messages': told.figures.get('messages', ''),
+                'lost': told.figures.get('lost messages', ''),
+                'message': told.message,
+                'own': self.recording.running,
+            },
+            'complaints': self.complaints,
+        }
+        return status(self.finder, {n: self.commands(n) for n in self.finder.chains}, more)
+
+    def _report(self) -> Report:
+        now = time.monotonic()
+        before, sent_before, busy_before = self._reported
+        sent = self._sent_before + sum(stream.sent for stream in self._streams)
+        self._reported = (now, sent, self._busy)
+        watching = len(self._streams)
+        message = f'{watching} browsers watch' if watching != 1 else '1 browser watches'
+        return Report(
+            message,
+            {
+                'address': f'http://{self.settings.host}:{self.port}/',
+                'browsers': watching,
+                'chains': ' '.join(self.finder.chains),
+                'pictures sent [1/s]': (sent - sent_before) / (now - before),
+                'share of time taking messages': (self._busy - busy_before) / (now - before),
+                'pictures on the way': sum(stream.on_the_way for stream in self._streams),
+            },
+        )
+
+
+def _finished(view: LiveView) -> bool:
+    if view.failure is not None:
+        raise ValueError(f'the page cannot go on: {view.failure}') from view.failure
+    return False
+
+
+def main() -> None:
+    """Serve the page until it is told to stop."""
+    run(LiveView, _finished)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page: its plots, which the script draws, and its controls beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI
+from nicegui import ui
+
+from soliton_linkage_nodes.live_view.controls.bag_controls import BagControls, RecordControls
+from soliton_linkage_nodes.live_view.controls.drive_controls import (
+    DriveControls,
+    RunControls,
+    View,
+    reasons_for,
+)
+from soliton_linkage_nodes.live_view.controls.parameter_controls import ParameterControls
+from soliton_linkage_nodes.live_view.status import REPLAY
+from soliton_linkage_nodes.live_view.stream import ALL
+
+_REFRESH_PERIOD = 0.25
+"""Of what is greyed [s]: soon for a person, seldom for a server of ten browsers."""
+_PLOTS = Path(__file__).with_name('browser') / 'plots.html'
+
+
+def add(made: FastAPI, view: View) -> None:
+    """Have an application serve the page."""
+    plots = _PLOTS.read_text(encoding='utf-8')
+
+    @ui.page('/')
+    def index() -> None:
+        Page(view, plots)
+
+    ui.run_with(
+        made,
+        title='Soliton, live',
+        favicon='〰️',
+        dark=None,
+        language='en-US',
+        binding_refresh_interval=None,
+        show_welcome_message=False,
+        gzip_middleware_factory=None,
+    )
+
+
+class Page:
+    """One browser's page, with the chain that is chosen there."""
+
+    def __init__(self, view: View, plots: str) -> None:
+        """Build it."""
+        self._view = view
+        self.namespace = next(iter(view.finder.chains), '')
+        self._options: dict[str, str] = {}
+        self._replaying = False
+        ui.add_head_html(
+            '<link rel="stylesheet" href="/live/live.css">'
+            '<script type="module" src="/live/live.js"></script>'
+        )
+        ui.colors(primary='#0072b2', positive='#00785a', negative='#b00020')
+        self._dark = ui.dark_mode(None)
+        with ui.element('main').classes('live'):
+            self._header()
+            ui.html(plots, sanitize=False).classes('live-plots')
+            with ui.element('aside').classes('live-controls'):
+                self._controls()
+        ui.on('live-chosen', lambda event: self._choose(str(event.args)))
+        ui.timer(_REFRESH_PERIOD, self._refresh)
+
+    def _header(self) -> None:
+        with ui.element('header').classes('live-header'):
+            ui.html('<h1>Soliton, live</h1>', sanitize=False)
+            self._chooser = ui.select({}, label='chain').props(
+                'dense outlined options-dense id=live-chooser'
+            )
+            self._chooser.on_value_change(lambda event: self._choose(event.value))
+            ui.html(
+                '<div id="live-health" role="status" aria-live="polite"></div>', sanitize=False
+            ).classes('live-health-place')
+            if self._view.read_only:
+                ui.label('read-only').classes('live-badge')
+            ui.button(icon='contrast', on_click=self._turn_dark).props(
+                'flat dense round aria-label="light or dark" id=live-dark'
+            )
+
+    def _controls(self) -> None:
+        with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
+            names = ('Drive', 'Run', 'Settings', 'Bags')
+            for name in names:
+                ui.tab(name)
+        with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
+            'live-panels'
+        ):
+            with ui.tab_panel('Drive'):
+                self._drive = DriveControls(self._view, self)
+            with ui.tab_panel('Run'):
+                self._run = RunControls(self._view, self)
+            with ui.tab_panel('Settings'):
+                self._parameters = ParameterControls(self._view, self)
+            with ui.tab_panel('Bags'):
+                self._record = RecordControls(self._view, self)
+                self._bags = BagControls(self._view, self)
+        ui.timer(0.1, self._bags.list_bags, once=True)
+
+    def _turn_dark(self) -> None:
+        dark = self._dark.value
+        self._dark.value = True if dark is None else not dark
+
+    def _choose(self, namespace: str) -> None:
+        if namespace != ALL and namespace not in self._view.finder.chains:
+            return
+        self.namespace = namespace
+        if self._chooser.value != namespace:
+            self._chooser.value = namespace
+        ui.run_javascript(f'live.watch({namespace!r})')
+
+    def _refresh(self) -> None:
+        chains = self._view.finder.chains
+        options = {name: _title(name) for name in chains}
+        if len(options) > 1:
+            options[ALL] = 'all side by side'
+        if options != self._options:
+            self._options = options
+            self._chooser.set_options(options)
+        replay = self._view.replay
+        replaying = replay.bag is not None and replay.namespace in chains
+        if replaying and not self._replaying:
+            self._choose(replay.namespace)
+        self._replaying = replaying
+        if self.namespace not in options:
+            self._choose(next(iter(chains), ''))
+        elif self._chooser.value is None:
+            self._chooser.value = self.namespace
+        why = reasons_for(self._view, '' if self.namespace == ALL else self.namespace)
+        self._drive.refresh(why)
+        self._run.refresh(why)
+        self._parameters.refresh()
+        self._record.refresh()
+        self._bags.refresh()
+
+
+def _title(namespace: str) -> str:
+    if namespace.startswith(REPLAY):
+        return f'replay {namespace.removeprefix(REPLAY).strip("/")}'.strip()
+    return namespace.strip('/') or 'chain'

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A chain to play with: all its nodes, a recorder and the page, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import threading
+import time
+import webbrowser
+from pathlib import Path
+
+from soliton_linkage_nodes.programs.child_processes import (
+    LONGEST_START,
+    ChildProcesses,
+    address_in,
+    has_display,
+)
+from soliton_linkage_nodes.runtime.process import stop_on_signals
+from soliton_linkage_nodes.start import INTERRUPTED
+
+_NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
+_PAGE = 'live_view'
+_LONGEST_END = 10.0
+"""For the recorder to write what waits for the disk [s]."""
+_POLL_INTERVAL = 0.1
+"""Between two looks at whether all still run [s]."""
+
+
+def main() -> None:
+    """Run the nodes of a configuration file and the page until Ctrl-C."""
+    arguments = _arguments()
+    stopping = stop_on_signals()
+    output: Path = arguments.output
+    processes = ChildProcesses(output / 'log')
+    code = 1
+    try:
+        _start(processes, arguments)
+        _tell(processes, stopping, not arguments.no_browser)
+        while not stopping.wait(_POLL_INTERVAL):
+            processes.check()
+        code = INTERRUPTED
+        print('Stopping.', flush=True)
+    except RuntimeError as error:
+        print(f'\nlive: {error}', file=sys.stderr)
+    finally:
+        # The page first, with the recorder, which is to have all that the others say.
+        processes.stop([_PAGE], _LONGEST_END)
+        processes.stop()
+    sys.exit(code)
+
+
+def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
+    print(f'Starting {", ".join(_NODES)}, bag_recorder and {_PAGE}.', flush=True)
+    common = ['--params-file', str(arguments.configuration)]
+    environment = dict(os.environ)
+    folders = f'[{arguments.output.resolve()},{arguments.bags.resolve()}]'
+    page = ['-p', f'bag_folders:={folders}', '-p', 'record:=paused']
+    page += ['-p', f'port:={arguments.port}', '-p', f'host:={arguments.host}']
+    processes.start(_PAGE, [*common, *page], environment)
+    for node in _NODES:
+        processes.start(node, common, environment)
+
+
+def _tell(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
+    """Say where the page is, and open it where there is a display."""
+    deadline = time.monotonic() + LONGEST_START
+    while not stopping.is_set():
+        processes.check()
+        address = address_in(processes.said(_PAGE))
+        if address:
+            print(f'The page is at {address}; Ctrl-C ends all.', flush=True)
+            if show and has_display():
+                webbrowser.open(address)
+            return
+        if time.monotonic() > deadline:
+            raise RuntimeError(f'{_PAGE} did not say where its page is in {LONGEST_START:g} s')
+        stopping.wait(_POLL_INTERVAL)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog='live', description=__doc__)
+    parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/live'), help='folder for recordings (%(default)s)'
+    )
+    parser.add_argument(
+        '--bags', type=Path, default=Path('bags'), help='folder of bags to list too (%(default)s)'
+    )
+    parser.add_argument('--port', type=int, default=8080, help='of the page (%(default)s)')
+    parser.add_argument('--host', default='127.0.0.1', help='of the page (%(default)s)')
+    parser.add_argument('--no-browser', action='store_true', help='only print the address')
+    arguments = parser.parse_args()
+    if not arguments.configuration.is_file():
+        parser.exit(
+            2,
+            f'configuration {str(arguments.configuration)!r} is not a file; '
+            'give a parameter file such as config/flipper.yaml\n',
+        )
+    return arguments

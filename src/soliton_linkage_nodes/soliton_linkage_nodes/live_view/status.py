@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a chain and its nodes are doing, in words: what the page says beside its pictures."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
+from soliton_linkage_nodes.messages.view_conversions import NodeReport
+
+_REPORTS_LAST = 3.5
+"""After which a node that reports once a second is silent [s]."""
+_FORGOTTEN = 30.0
+"""After which a silent node is not spoken of any more [s]."""
+_ACTUATOR = 'start edge_actuator'
+_SIMULATOR = 'only a simulator does that, and none runs here'
+_REPLAY = 'this is a replay'
+
+
+def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
+    """Why each control of a chain can do nothing; empty where it can."""
+    if commands.read_only:
+        return dict.fromkeys(_CONTROLS, READ_ONLY)
+    if chain.namespace.startswith(REPLAY):
+        return dict.fromkeys(_CONTROLS, _REPLAY)
+
+    def served(name: str, otherwise: str) -> str:
+        return '' if commands.serves(name) else otherwise
+
+    def heard(topic: str, otherwise: str) -> str:
+        return '' if commands.listeners(topic) else f'nothing subscribes to {topic}: {otherwise}'
+
+    return {
+        'nudge': heard('nudge', _ACTUATOR),
+        'drive': heard('edge_command', _ACTUATOR),
+        'tilt': heard('tilt', _SIMULATOR),
+        'pause': served('simulator/pause', _SIMULATOR),
+        'step': served('simulator/step', _SIMULATOR),
+        'reset': served('simulator/reset', _SIMULATOR),
+        'move': served('move_soliton', 'nothing serves move_soliton: start soliton_steering'),
+        'release': served(
+            'soliton_steering/release', 'nothing serves release: start soliton_steering'
+        ),
+    }
+
+
+REPLAY = '/replay/'
+"""Namespace in which a bag is played, beside the chains that move."""
+_CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release')
+
+
+def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeReport]]:
+    """What the nodes of a namespace said, and how long ago [s]; global ones aside."""
+    now = time.monotonic()
+    return [
+        (now - came, report)
+        for came, report in finder.reports.values()
+        if f'/{report.node.lstrip("/")}'.rpartition('/')[0] + '/' == namespace
+        and now - came < _FORGOTTEN
+    ]
+
+
+def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
+    """Rate, deadlines, losses, and what nodes complain of."""
+    told = reports_of(finder, chain.namespace)
+    figures: Mapping[str, str] = {}
+    lost, warnings, paused, replay = 0, [], False, ''
+    for age, report in told:
+        name = report.node.rpartition('/')[2]
+        if 'missed deadlines' in report.figures:
+            figures = report.figures
+            paused = report.message.startswith('paused') and age < _REPORTS_LAST
+        if name == 'bag_player' and age < _REPORTS_LAST:
+            replay = report.figures.get('bag', '').rpartition('/')[2]
+        lost += int(report.figures.get('lost messages', 0))
+        if age > _REPORTS_LAST:
+            warnings.append(f'{name} has not reported for {age:.0f} s')
+        elif report.level:
+            warnings.append(f'{name}: {report.message}')
+    if chain.publishers > 1:
+        warnings.append(f'{chain.publishers} nodes publish joint_states of this chain at once')
+    rate = chain.model.rate
+    return {
+        'rate': None if math.isnan(rate) else round(rate),
+        'factor': figures.get('real-time factor', ''),
+        'missed': figures.get('missed deadlines', ''),
+        'lost': lost if any('lost messages' in r.figures for _, r in told) else None,
+        'paused': paused,
+        'replay': replay,
+        'warnings': warnings,
+        'complaint': chain.model.complaint,
+    }
+
+
+def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
+    """Gravity [m/s^2] and tilt [rad] that a simulator reports; NaN where none does."""
+    for _, report in reports_of(finder, namespace):
+        if 'gravity [m/s^2]' in report.figures:
+            figures = report.figures
+            return float(figures['gravity [m/s^2]']), float(figures.get('tilt [rad]', 'nan'))
+    return math.nan, math.nan
+
+
+def status(
+    finder: ChainFinder,
+    commands: Mapping[str, ChainCommands],
+    more: Mapping[str, Any],
+) -> str:
+    """What a page says of all chains, as JSON."""
+    chains = []
+    for namespace, chain in finder.chains.items():
+        move = commands[namespace].move
+        chains.append(
+            {
+                'name': namespace,
+                'replay': namespace.startswith(REPLAY),
+                'health': health(finder, chain),
+                'reasons': reasons(chain, commands[namespace]),
+                'move': {
+                    'state': move.state,
+                    'message': move.message,
+                    'goal': _number(move.goal),
+                    'progress': round(move.progress, 3),
+                },
+            }
+        )
+    return json.dumps({'status': {'chains': chains, **more}})
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a page shows of messages, as numbers and words, and what is done there, as messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
+from std_msgs.msg import Float64
+
+from soliton_linkage_msgs import msg
+from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+
+Numbers = dict[str, float]
+
+OUTCOMES = {
+    MoveSoliton.Result.REACHED: 'reached',
+    MoveSoliton.Result.CANCELLED: 'cancelled',
+    MoveSoliton.Result.PREEMPTED: 'another goal took its place',
+    MoveSoliton.Result.OUT_OF_CHAIN: 'out of the chain',
+    MoveSoliton.Result.OUT_OF_REACH: 'out of reach',
+    MoveSoliton.Result.NO_SOLITON: 'no soliton',
+    MoveSoliton.Result.SOLITON_LOST: 'soliton lost',
+    MoveSoliton.Result.NOT_HELD: 'not held',
+    MoveSoliton.Result.INVALID_SPEED: 'invalid speed',
+}
+"""How a move may end, in words."""
+STATES = {
+    'initial': Reset.Request.INITIAL,
+    'left-leaning': Reset.Request.LEFT_LEANING,
+    'right-leaning': Reset.Request.RIGHT_LEANING,
+    'soliton': Reset.Request.SOLITON,
+    'angles': Reset.Request.ANGLES,
+}
+"""States that a simulation may be reset to."""
+_EDGES = {
+    'nearest': msg.EdgeCommand.NEAREST,
+    'first': msg.EdgeCommand.FIRST,
+    'last': msg.EdgeCommand.LAST,
+}
+_KINDS = {
+    'kick': msg.EdgeCommand.KICK,
+    'pulse': msg.EdgeCommand.PULSE,
+    'pressure': msg.EdgeCommand.PRESSURE,
+}
+_WORDS = {
+    ParameterType.PARAMETER_BOOL: ('bool', 'bool_value'),
+    ParameterType.PARAMETER_INTEGER: ('int', 'integer_value'),
+    ParameterType.PARAMETER_DOUBLE: ('float', 'double_value'),
+    ParameterType.PARAMETER_STRING: ('str', 'string_value'),
+}
+_CONVERSIONS: Mapping[str, Callable[[Any], Any]] = {
+    'bool': bool,
+    'int': int,
+    'float': float,
+    'str': str,
+}
+
+
+@dataclass(frozen=True)
+class NodeReport:
+    """What a node last said of itself on /diagnostics."""
+
+    node: str
+    """Full name, or the part before the colon where the report has no hardware_id."""
+    level: int
+    """0 all is well, 1 a warning, 2 an error, 3 stale."""
+    message: str
+    figures: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class AdjustableParameter:
+    """A parameter that may be changed while its node runs."""
+
+    name: str
+    kind: str
+    """One of bool, int, float and str."""
+    value: bool | int | float | str
+    description: str
+    minimum: float | None
+    maximum: float | None
+    choices: tuple[str, ...]
+
+
+def state_numbers(message: msg.SolitonState) -> Numbers:
+    """Numbers of a state by name, of its first soliton among them; NaN where there is none."""
+    first = message.solitons[0] if message.solitons else None
+    cycle, topology, energies = message.cycle, message.topology, message.energies
+    nothing = math.nan
+    return {
+        'state_stamp': time_from_msg(message.header.stamp) / SECOND,
+        'walls': len(message.solitons),
+        'rotor': first.rotor if first else nothing,
+        'position': first.position if first else nothing,
+        'position_deviation': first.position_deviation if first else nothing,
+        'velocity': first.velocity if first else nothing,
+        'velocity_deviation': first.velocity_deviation if first else nothing,
+        'width': first.width if first else nothing,
+        'wall_charge': first.charge if first else nothing,
+        'motion': message.motion,
+        'status': message.status,
+        'phase': cycle.phase,
+        'phase_rate': cycle.rate,
+        'phase_deviation': cycle.phase_deviation,
+        'completed': cycle.completed,
+        'leg': cycle.leg,
+        'cycle_rotor': cycle.rotor,
+        'kinetic': energies.kinetic,
+        'elastic': energies.elastic,
+        'wall_energy': energies.wall,
+        'wake_energy': energies.wake,
+        'winding_before': topology.winding_before,
+        'winding_beyond': topology.winding_beyond,
+        'polarisation_before': topology.polarisation_before,
+        'polarisation_beyond': topology.polarisation_beyond,
+        'charge': topology.charge,
+        'zero_mode_rotor': topology.zero_mode_rotor,
+        'first_toggled': topology.first_toggled,
+        'last_toggled': topology.last_toggled,
+        'first_turns': topology.first_turns,
+        'last_turns': topology.last_turns,
+        'misfit': message.misfit,
+        'unseen': message.unseen,
+    }
+
+
+def walls_of(message: msg.SolitonState) -> list[float]:
+    """Place [rotor spacings], its standard deviation [m] and charge of each soliton, in a row."""
+    return [
+        value
+        for soliton in message.solitons
+        for value in (soliton.rotor, soliton.position_deviation, float(soliton.charge))
+    ]
+
+
+def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
+    """What nodes say of themselves."""
+    return [
+        NodeReport(
+            status.hardware_id or status.name.partition(':')[0],
+            _level(status),
+            status.message,
+            {pair.key: pair.value for pair in status.values},
+        )
+        for status in message.status
+    ]
+
+
+def number_to_msg(value: float) -> Float64:
+    """A single number as a message, of a nudge [rad/s] or a tilt [rad]."""
+    return Float64(data=_finite('value', value))
+
+
+def edge_command_of(
+    kind: str, edge: str, value: float, duration: float, ramp_up: float, ramp_down: float
+) -> msg.EdgeCommand:
+    """Command to the actuator at an edge; raises ValueError for what is no finite number."""
+    return msg.EdgeCommand(
+        kind=_chosen('kind', kind, _KINDS),
+        edge=_chosen('edge', edge, _EDGES),
+        value=_finite('value', value),
+        duration=_finite('duration', duration),
+        ramp_up=_finite('ramp_up', ramp_up),
+        ramp_down=_finite('ramp_down', ramp_down),
+    )
+
+
+def reset_request(
+    state: str,
+    place: float,
+    velocity: float,
+    joints: Mapping[str, float] | None = None,
+) -> Reset.Request:
+    """Request to put a chain into a state, with joints and their angles [rad] where named."""
+    named = joints or {}
+    return Reset.Request(
+        state=_chosen('state', state, STATES),
+        place=_finite('place', place),
+        velocity=_finite('velocity', velocity),
+        name=list(named),
+        angle=[_finite(f'angle of {name}', angle) for name, angle in named.items()],
+    )
+
+
+def step_request(periods: float) -> Step.Request:
+    """Request to go on by a number of periods while paused; ValueError where it is none."""
+    if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
+        raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
+    return Step.Request(periods=int(periods))
+
+
+def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
+    """Goal of a move of the soliton."""
+    return MoveSoliton.Goal(rotor=_finite('rotor', rotor), speed=_finite('speed', speed))
+
+
+def is_adjustable(descriptor: ParameterDescriptor) -> bool:
+    """Whether a parameter may be changed and is of a kind that a page can show."""
+    own = descriptor.name != 'use_sim_time' and not descriptor.name.startswith('qos_overrides.')
+    return bool(own and not descriptor.read_only and descriptor.type in _WORDS)
+
+
+def adjustable_parameters(
+    descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
+) -> list[AdjustableParameter]:
+    """Parameters of these descriptions, with their values as far as these were told."""
+    found = []
+    for descriptor, value in zip(descriptors, values, strict=False):
+        kind, field = _WORDS[descriptor.type]
+        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+        low, high = (ranges[0].from_value, ranges[0].to_value) if ranges else (None, None)
+        choices = descriptor.additional_constraints
+        found.append(
+            AdjustableParameter(
+                descriptor.name,
+                kind,
+                getattr(value, field),
+                descriptor.description,
+                low,
+                high,
+                tuple(choices.split(', ')) if choices and kind == 'str' else (),
+            )
+        )
+    return found
+
+
+def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
+    """A value for a parameter; raises ValueError where it is not of its kind."""
+    kind, field = next(words for words in _WORDS.values() if words[0] == parameter.kind)
+    try:
+        converted = _CONVERSIONS[kind](value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'parameter {parameter.name} = {value!r} must be a {kind}') from error
+    code = next(number for number, words in _WORDS.items() if words[0] == kind)
+    return ParameterValue(type=code, **{field: converted})
+
+
+def _level(status: DiagnosticStatus) -> int:
+    level = status.level
+    return level[0] if isinstance(level, bytes) else int(level)
+
+
+def _finite(name: str, value: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f'{name} = {value!r} must be a number')
+    if not math.isfinite(value):
+        raise ValueError(f'{name} = {value} must be a finite number')
+    return float(value)
+
+
+def _chosen(name: str, value: str, known: Mapping[str, int]) -> int:
+    if value not in known:
+        raise ValueError(f'{name} = {value!r} must be one of {", ".join(known)}')
+    return known[value]

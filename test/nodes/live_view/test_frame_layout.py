@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+
+from soliton_linkage_nodes.live_view.frame_layout import (
+    ARRAYS,
+    FIELDS,
+    pack,
+    pack_history,
+    unpack,
+)
+
+
+def test_what_is_packed_comes_out_again() -> None:
+    numbers = {name: float(place) for place, name in enumerate(FIELDS)}
+    arrays = {name: np.arange(place, dtype=np.float32) for place, name in enumerate(ARRAYS)}
+    told, drawn = unpack(pack(numbers, arrays))
+    assert told == numbers
+    assert set(drawn) == set(ARRAYS)
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(drawn[name], values)
+
+
+def test_what_is_not_told_is_nan_and_what_is_not_drawn_is_empty() -> None:
+    told, drawn = unpack(pack({'rotors': 3.0}, {}))
+    assert told['rotors'] == 3.0
+    assert all(math.isnan(value) for name, value in told.items() if name != 'rotors')
+    assert not any(len(values) for values in drawn.values())
+
+
+def test_fields_are_little_endian_doubles_in_their_order() -> None:
+    frame = pack({'stamp': 1.5}, {'angles': np.array([0.25])})
+    place = FIELDS.index('stamp')
+    assert struct.unpack_from('<d', frame, 8 * place) == (1.5,)
+    counts = struct.unpack_from(f'<{len(ARRAYS)}d', frame, 8 * len(FIELDS))
+    assert counts == tuple(float(name == 'angles') for name in ARRAYS)
+    assert struct.unpack('<f', frame[-4:]) == (0.25,)
+
+
+def test_a_history_tells_its_chain_by_a_number_that_no_frame_has() -> None:
+    column = np.array([1.0, 2.0], dtype=np.float32)
+    packed = pack_history(3, [(10.0, 0.5, column), (11.0, math.nan, 2 * column)])
+    head = struct.unpack_from('<7d', packed)
+    assert head[:6] == (-4.0, 2.0, 2.0, 10.0, 0.5, 11.0)
+    assert math.isnan(head[6])
+    assert struct.unpack('<4f', packed[56:]) == (1.0, 2.0, 2.0, 4.0)
+
+
+def test_columns_of_another_height_are_left_out_of_a_history() -> None:
+    columns = [(t, math.nan, np.zeros(n, dtype=np.float32)) for t, n in ((1.0, 5), (2.0, 3))]
+    assert struct.unpack_from('<3d', pack_history(0, columns)) == (-1.0, 1.0, 3.0)

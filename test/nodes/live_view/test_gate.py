@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from soliton_linkage_nodes.live_view.gate import Gate, is_loopback
+
+TOKEN = 'a-token-of-this-test'
+
+
+def ask(
+    token: str = '',
+    kind: str = 'http',
+    query: str = '',
+    **headers: str,
+) -> tuple[list[dict[str, Any]], bool]:
+    """What a request is answered with, and whether it reached the page."""
+    sent: list[dict[str, Any]] = []
+    reached = []
+
+    async def page(_scope: Any, _receive: Any, _send: Any) -> None:
+        reached.append(True)
+
+    async def send(message: dict[str, Any]) -> None:
+        sent.append(message)
+
+    async def receive() -> None: ...
+
+    scope = {
+        'type': kind,
+        'path': '/',
+        'query_string': query.encode(),
+        'headers': [(name.encode(), value.encode()) for name, value in headers.items()],
+    }
+    asyncio.run(Gate(page, token)(scope, receive, send))
+    return sent, bool(reached)
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize('host', ['127.0.0.1:8080', 'localhost:8080', '[::1]:8080'])
+def test_this_machine_gets_the_page_and_its_stream(kind: str, host: str) -> None:
+    assert ask(kind=kind, host=host) == ([], True)
+    assert ask(kind=kind, host=host, origin=f'http://{host}') == ([], True)
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize(
+    'headers',
+    [
+        {'host': 'evil.example:8080'},
+        {'host': ''},
+        {'host': '127.0.0.1:8080', 'origin': 'http://evil.example'},
+        {'host': '127.0.0.1:8080', 'origin': 'http://127.0.0.1:9999'},
+        {'host': '127.0.0.1:8080', 'origin': 'null'},
+        {'host': '127.0.0.1.evil.example', 'origin': 'http://127.0.0.1.evil.example'},
+    ],
+)
+def test_other_names_and_other_pages_are_refused(kind: str, headers: dict[str, str]) -> None:
+    sent, reached = ask(kind=kind, **headers)
+    assert not reached
+    if kind == 'websocket':
+        assert [message['type'] for message in sent] == ['websocket.close']
+        assert 'open the address' in sent[0]['reason']
+    else:
+        assert sent[0]['status'] == 403
+        assert b'open the address that live_view printed' in sent[1]['body']
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize('query', ['', 'token=', 'token=wrong', f'token={TOKEN}x', 'token=%C3%A9'])
+def test_without_the_token_nothing_is_served(kind: str, query: str) -> None:
+    host = 'robot.local:8080'
+    assert not ask(TOKEN, kind, query, host=host)[1]
+    assert not ask(TOKEN, kind, query, host=host, cookie='soliton_linkage_live_view=no')[1]
+
+
+def test_the_token_moves_from_the_address_into_a_cookie() -> None:
+    host = 'robot.local:8080'
+    sent, reached = ask(TOKEN, query=f'token={TOKEN}', host=host)
+    assert not reached
+    headers = dict(sent[0]['headers'])
+    assert sent[0]['status'] == 303
+    assert headers[b'location'] == b'/'
+    cookie = headers[b'set-cookie'].decode()
+    assert 'HttpOnly' in cookie
+    assert 'SameSite=Strict' in cookie
+    kept = cookie.partition(';')[0]
+    for kind in ('http', 'websocket'):
+        assert ask(TOKEN, kind, host=host, cookie=kept) == ([], True)
+        other = {'host': host, 'cookie': kept, 'origin': 'http://evil.example'}
+        assert not ask(TOKEN, kind, **other)[1]
+
+
+@pytest.mark.parametrize(
+    ('host', 'only_here'),
+    [
+        ('127.0.0.1', True),
+        ('127.1.2.3', True),
+        ('::1', True),
+        ('localhost', True),
+        ('0.0.0.0', False),
+        ('192.168.0.4', False),
+        ('robot', False),
+    ],
+)
+def test_a_loopback_address_is_known(host: str, only_here: bool) -> None:
+    assert is_loopback(host) is only_here
