@@ -5,14 +5,17 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo test test-interfaces check shell figures films sweep accuracy contraction moves driving benchmark format build develop clean scenario
+.PHONY: help demo live test test-interfaces check shell figures films sweep accuracy contraction moves driving benchmark format build develop clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile | expand -t 30
 
 demo: scenario build
-	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo
+	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo --page
+
+live: scenario build  ## a chain in the browser to push, carry and record, until Ctrl-C; SCENARIO=spinner
+	@$(enter) live config/$(SCENARIO).yaml --output out/live $(ARGS)
 
 # More at a time than there are cores: tests of nodes mostly wait.
 test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead

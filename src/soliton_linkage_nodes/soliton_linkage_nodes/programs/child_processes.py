@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import os
 import random
+import re
 import signal
 import subprocess
 import time
@@ -91,13 +92,27 @@ class ChildProcesses:
         deadline = time.monotonic() + _LONGEST_END
         return {node: _end(process, rest, deadline) for node, process in chosen.items()}
 
+    def said(self, node: str) -> str:
+        """What a process has said so far."""
+        return self._log(node).read_text(encoding='utf-8', errors='replace')
+
     def _log(self, node: str) -> Path:
         return self._log_folder / f'{node}.log'
 
     def _obituary(self, node: str, code: int) -> str:
-        said = self._log(node).read_text(encoding='utf-8', errors='replace').splitlines()
-        tail = '\n  '.join(said[-_LOG_TAIL:])
+        tail = '\n  '.join(self.said(node).splitlines()[-_LOG_TAIL:])
         return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
+
+
+def address_in(said: str) -> str | None:
+    """Address of the page in what live_view said, None before it serves one."""
+    found = re.search(r'open (http://\S+)', said)
+    return found[1] if found else None
+
+
+def has_display() -> bool:
+    """Whether a browser that is opened here would be seen."""
+    return bool(os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY'))
 
 
 @contextmanager

@@ -8,6 +8,8 @@ import math
 import os
 import shutil
 import threading
+import time
+import webbrowser
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +20,12 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.services import service_type
-from soliton_linkage_nodes.programs.child_processes import LONGEST_START, ChildProcesses
+from soliton_linkage_nodes.programs.child_processes import (
+    LONGEST_START,
+    ChildProcesses,
+    address_in,
+    has_display,
+)
 from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.programs.lean_line import LeanLine
 from soliton_linkage_nodes.programs.spinning import spin_until
@@ -27,6 +34,7 @@ from soliton_linkage_nodes.runtime.process import interruptible
 
 _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
+_PAGE = 'live_view'
 _UNUSED = (
     interfaces.EDGE_COMMAND,
     interfaces.JOINT_COMMANDS,
@@ -48,9 +56,18 @@ class Experiment:
     """Runs the steps one after the other, each with what a person wants to see meanwhile."""
 
     def __init__(
-        self, configuration: Path, output: Path, observer: Observer, stopping: threading.Event
+        self,
+        configuration: Path,
+        output: Path,
+        observer: Observer,
+        stopping: threading.Event,
+        page: bool = False,
     ) -> None:
-        """Prepare the folder that takes the results; `stopping` is set to interrupt it."""
+        """Prepare the folder that takes the results; `stopping` is set to interrupt it.
+
+        Where asked for, a page shows the chain meanwhile, and changes nothing.
+        """
+        self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
         self._configuration = configuration
         self._output = output
@@ -80,12 +97,13 @@ class Experiment:
         return self._summary(recorded, replayed, pacing)
 
     def _start_nodes(self) -> None:
+        self._page = self._page and self._serve_page()
         _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
         name = self.bag.with_name(self._settings.scenario)
         # All of them hear the first frame: a replay begins where the live analysis did.
         own = {
             'bag_recorder': ['-p', f'output:={name}'],
-            'simulator': ['-p', f'subscribers:={len(_NODES) - 1}'],
+            'simulator': ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'],
         }
         for node in _NODES:
             self._start(node, own.get(node, []))
@@ -96,6 +114,27 @@ class Experiment:
             lambda: self._ready() and not importing.is_alive(), LONGEST_START, self._unready
         )
         self._report = import_module(_REPORT)
+
+    def _serve_page(self) -> bool:
+        """Serve the page and tell where; without one the experiment goes on."""
+        page = ['-p', 'port:=0', '-p', 'read_only:=true']
+        self._processes.start(_PAGE, page, dict(os.environ))
+        deadline = time.monotonic() + LONGEST_START
+        try:
+            while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
+                self._interrupted()
+                address = address_in(self._processes.said(_PAGE))
+                if address:
+                    _say(f'Watch it at {address} while it runs.')
+                    if has_display():
+                        webbrowser.open(address)
+                    return True
+        except RuntimeError:
+            pass
+        said = self._processes.said(_PAGE).splitlines()
+        _say(f'There is no page to watch: {said[-1] if said else "it did not start"}')
+        self._processes.stop()
+        return False
 
     def _start(self, node: str, arguments: list[str]) -> None:
         common = ['--params-file', str(self._configuration)]
@@ -170,7 +209,8 @@ class Experiment:
         )
         pacing = self._observer.figures('simulator')
         # The simulator first: no frame is to be analysed that is not recorded.
-        codes = self._processes.stop(['simulator']) | self._processes.stop()
+        codes = self._processes.stop(['simulator'])
+        codes |= self._processes.stop([node for node in _NODES if node != 'simulator'])
         wrong = {node: code for node, code in codes.items() if code}
         if wrong:
             raise RuntimeError(f'nodes did not stop cleanly, exit codes {wrong}')
@@ -224,9 +264,10 @@ class Experiment:
         return dict(self._observer.states)
 
     def _fresh_analyser_heard(self) -> bool:
-        """Whether player and this program hear the analyser, of which the last had frames."""
+        """Whether all who are to hear the analyser do, of which the last had frames."""
         figures = self._observer.figures('soliton_analyser')
-        return figures.get('subscribers') == '2' and figures.get('frames') == '0'
+        wanted = str(2 + self._page)
+        return figures.get('subscribers') == wanted and figures.get('frames') == '0'
 
     def _settle(self) -> None:
         """Take what is still on its way."""

@@ -35,16 +35,16 @@ def main() -> None:
     # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
     stopping = stop_on_signals()
     with private_domain():
-        code = _run(options.configuration, options.output, stopping)
+        code = _run(options, stopping)
     sys.exit(code)
 
 
-def _run(configuration: Path, output: Path, stopping: threading.Event) -> int:
-    bag = None
+def _run(options: argparse.Namespace, stopping: threading.Event) -> int:
+    configuration, bag = options.configuration, None
     try:
         initialise(['--ros-args', '--params-file', str(configuration)])
-        with claimed(output) as folder:
-            experiment = Experiment(configuration, folder, Observer(), stopping)
+        with claimed(options.output) as folder:
+            experiment = Experiment(configuration, folder, Observer(), stopping, options.page)
             bag = experiment.bag
             summary = experiment.run()
         print(conclusion(summary, folder, bag), *_suggestions(configuration), sep='\n', flush=True)
@@ -122,6 +122,8 @@ def _suggestions(configuration: Path) -> list[str]:
         for path in other_scenarios(configuration)
     ]
     by_hand = 'make shell, and drive it yourself' if made else 'drive it yourself: nudge --help'
+    if made:
+        others.insert(0, 'make live, and push it with the mouse')
     return ['Try next:', *(f'  {command}' for command in [*others, by_hand])]
 
 
@@ -163,6 +165,9 @@ def _options() -> argparse.Namespace:
         type=Path,
         default=Path('out/demo'),
         help='folder for the results (%(default)s)',
+    )
+    parser.add_argument(
+        '--page', action='store_true', help='show the chain in a browser while it runs'
     )
     options = parser.parse()
     try:
