@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the live page costs: its server, the browser, the simulator that it looks at, memory.
+
+A simulator, the other nodes and live_view run as processes, and Chromium, which draws without a
+screen, has the page open. Shares of a core are processor time over time. The delay of a nudge is
+from the click on its button to the first picture in which a rotor has moved. Of the many browsers
+at once only the streams are there: what they draw is drawn on other machines. A browser that
+stops reading is a socket that nobody reads from.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import statistics
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from comparison import Figure, Part, parser, write
+from diagnostic_msgs.msg import DiagnosticArray
+from processes import node_command, own_domain, processor_time, program_command, running
+from rclpy.node import Node
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_msgs.srv import Reset
+from soliton_linkage_nodes.runtime import interfaces
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
+SETTLING = 3.0
+LONGEST_WAIT = 60.0
+NUDGES = 21
+MOVED = 1e-3
+PORT = 18_777
+NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering')
+LATENCY = """async ([id, moved]) => {
+  const before = [...live.shown.angles];
+  const begun = performance.now();
+  document.getElementById(id).click();
+  while (performance.now() - begun < 5000) {
+    await new Promise(requestAnimationFrame);
+    if (live.shown.angles.some((a, n) => Math.abs(a - before[n]) > moved)) break;
+  }
+  return performance.now() - begun;
+}"""
+
+
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument('--seconds', type=float, default=20.0, help='of each measurement')
+    options.add_argument('--minutes', type=float, default=5.0, help='that the page stays open')
+    arguments = options.parse_args()
+    seconds = 3.0 if arguments.quick else arguments.seconds
+    minutes = 0.1 if arguments.quick else arguments.minutes
+    browsers = 2 if arguments.quick else 10
+    rounds = arguments.rounds or (1 if arguments.quick else 3)
+    figures: list[Figure] = []
+    with chromium() as browser:
+        for rotors, rate in ((40, 60.0), (1000, 30.0)):
+            figures += pictures(browser, rotors, rate, seconds, rounds)
+        figures += delay(browser, 5 if arguments.quick else NUDGES)
+        figures += crowd(browsers, seconds)
+        figures += silent_reader(seconds)
+        figures += open_long(browser, 60 * minutes)
+    write(Part('live', figures=figures), arguments.output)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser without a screen."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        path = None
+    if path is None:
+        sys.exit('live: no browser or no Playwright; install chromium, and run it again')
+    with sync_playwright() as playwright:
+        options = ['--no-sandbox', '--enable-precise-memory-info']
+        browser = playwright.chromium.launch(executable_path=path, args=options)
+        yield browser
+        browser.close()
+
+
+class Scene:
+    """A simulator with all nodes and the page, on a domain of their own."""
+
+    def __init__(self, stack: ExitStack, settings: Mapping[str, Any], rate: float) -> None:
+        """Start them and wait for the page."""
+        stack.enter_context(own_domain())
+        self.node = Node('benchmark')
+        stack.callback(self.node.destroy_node)
+        self.reports: dict[str, dict[str, str]] = {}
+        topic = interfaces.DIAGNOSTICS
+        self.node.create_subscription(topic.type, topic.name, self._note, topic.qos)
+        stack.enter_context(running(node_command('simulator', settings)))
+        for name in NODES:
+            stack.enter_context(running(node_command(name, {})))
+        page = node_command('live_view', {'port': PORT, 'frame_rate': rate})
+        self.server = stack.enter_context(running(page)).pid
+        self.spin(lambda: {'simulator', 'live_view', *NODES} <= set(self.reports))
+
+    def spin(self, condition: Any, seconds: float = LONGEST_WAIT) -> None:
+        """Hear what nodes report until a condition holds."""
+        deadline = time.monotonic() + seconds
+        while not condition() and time.monotonic() < deadline:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    def fresh(self, name: str, figure: str) -> float:
+        """Figure of the next report of a node."""
+        self.reports.pop(name, None)
+        self.spin(lambda: name in self.reports)
+        return float(self.reports[name][figure])
+
+    def reset(self) -> None:
+        """Put the chain to rest."""
+        client = self.node.create_client(Reset, 'simulator/reset')
+        self.spin(client.service_is_ready)
+        done = client.call_async(Reset.Request(state=Reset.Request.LEFT_LEANING))
+        self.spin(done.done)
+        self.node.destroy_client(client)
+
+    def _note(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name = status.name.partition(':')[0]
+            self.reports[name] = {pair.key: pair.value for pair in status.values}
+
+
+@contextmanager
+def scene(rotors: int = 40, hertz: float = 500.0, rate: float = 60.0) -> Iterator[Scene]:
+    """A chain with a soliton at rest in its middle, and the page."""
+    settings = {
+        'chain.number_of_rotors': rotors,
+        'publish_rate': hertz,
+        'initial_state': 'soliton',
+        'initial_place': rotors / 2 - 0.5,
+    }
+    with ExitStack() as stack:
+        yield Scene(stack, settings, rate)
+
+
+def visit(browser: Any) -> Any:
+    """The page, drawn."""
+    page = browser.new_context(viewport={'width': 1400, 'height': 1000}).new_page()
+    page.goto(f'http://127.0.0.1:{PORT}/', timeout=120_000)
+    page.wait_for_function('() => window.live && live.drawn > 10', timeout=120_000)
+    return page
+
+
+def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int) -> list[Figure]:
+    """Share of a core of the server, pictures a second, and the page's time for one."""
+    shares, drawn, costs = [], [], []
+    work = f'{rotors} rotors'
+    with scene(rotors, 100.0 if rotors > 100 else 500.0, rate) as stage:
+        page = visit(browser)
+        time.sleep(SETTLING)
+        progress = ProgressLine(work, rounds)
+        for number in range(rounds):
+            progress.show(number)
+            before, count, begun = now(stage, page)
+            time.sleep(seconds)
+            after, more, ended = now(stage, page)
+            shares.append(100 * (after - before) / (ended - begun))
+            drawn.append((more - count) / (ended - begun))
+            costs.append(1e-3 * statistics.median(page.evaluate('live.costs')))
+        progress.end(f'{work}: {rounds} rounds')
+        page.context.close()
+    most = '15' if rotors == 40 else '30'
+    return [
+        Figure(f'server, {work} at {rate:g} pictures/s', '% of a core', shares, f'under {most} %'),
+        Figure(f'pictures a second, {work}', '1/s', drawn, f'{rate:g}'),
+        Figure(f'time of the page for a picture, {work}', 's', costs, 'under 8 ms'),
+    ]
+
+
+def now(stage: Scene, page: Any) -> tuple[float, float, float]:
+    """Processor time of the server, pictures that were drawn, and the time [s]."""
+    return processor_time(stage.server), float(page.evaluate('live.drawn')), time.monotonic()
+
+
+def delay(browser: Any, nudges: int) -> list[Figure]:
+    """From a click on nudge to the first picture in which a rotor has moved."""
+    delays = []
+    with scene() as stage:
+        page = visit(browser)
+        progress = ProgressLine('nudges', nudges)
+        for number in range(nudges):
+            progress.show(number)
+            stage.reset()
+            time.sleep(0.5)
+            delays.append(1e-3 * page.evaluate(LATENCY, ['live-nudge', MOVED]))
+        progress.end(f'{nudges} nudges')
+        page.context.close()
+    return [
+        Figure(
+            'from a click on nudge to the canvas, median',
+            's',
+            [statistics.median(delays)],
+            'within 100 ms',
+        ),
+        Figure('the same, the slowest', 's', [max(delays)]),
+    ]
+
+
+def crowd(browsers: int, seconds: float) -> list[Figure]:
+    """What many browsers change for a simulator at 1000 Hz and a recorder of it."""
+    missed, lost = [], []
+    with scene(hertz=1000.0) as stage, ExitStack() as stack:
+        folder = stack.enter_context(temporary())
+        command = node_command('bag_recorder', {'output': folder / 'bag'})
+        stack.enter_context(running(command))
+        stage.spin(lambda: 'bag_recorder' in stage.reports)
+        for visitors in (0, browsers):
+            with running(
+                program_command(Path(__file__).with_name('live_watchers.py'), PORT, visitors)
+            ):
+                time.sleep(SETTLING)
+                before = [stage.fresh(*figure) for figure in COUNTED]
+                time.sleep(seconds)
+                after = [stage.fresh(*figure) for figure in COUNTED]
+            missed.append((after[0] - before[0]) / seconds)
+            lost.append(after[1] - before[1])
+    names = ('none', f'{browsers}')
+    return [
+        figure
+        for name, misses, losses in zip(names, missed, lost, strict=True)
+        for figure in (
+            Figure(
+                f'missed deadlines at 1000 Hz, {name} watching',
+                '1/s',
+                [misses],
+                '' if name == 'none' else 'as with none',
+            ),
+            Figure(f'messages lost at 1000 Hz, {name} watching', '', [losses], '0'),
+        )
+    ]
+
+
+COUNTED = (('simulator', 'missed deadlines'), ('bag_recorder', 'lost messages'))
+
+
+@contextmanager
+def temporary() -> Iterator[Path]:
+    """A folder that is gone afterwards."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
+def silent_reader(seconds: float) -> list[Figure]:
+    """Memory that a browser which stops reading costs the server."""
+    with scene() as stage:
+        time.sleep(SETTLING)
+        with socket.create_connection(('127.0.0.1', PORT)) as reader:
+            reader.sendall(
+                f'GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{PORT}\r\nUpgrade: websocket\r\n'
+                'Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
+                'Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n'.encode()
+            )
+            time.sleep(SETTLING)
+            before = memory(stage.server)
+            time.sleep(seconds)
+            grown = memory(stage.server) - before
+    return [
+        Figure(
+            f'memory for a browser that reads nothing for {seconds:g} s',
+            'MB',
+            [grown],
+            'not growing',
+        )
+    ]
+
+
+def open_long(browser: Any, seconds: float) -> list[Figure]:
+    """Memory of server and page before and after the page was open for long."""
+    with scene() as stage:
+        page = visit(browser)
+        # What is built once is built by then: the history of the plots is 20 s long.
+        time.sleep(min(25.0, seconds))
+        before = memory(stage.server), heap(page)
+        progress = ProgressLine('open', seconds)
+        begun = time.monotonic()
+        while time.monotonic() - begun < seconds:
+            progress.show(time.monotonic() - begun)
+            time.sleep(1.0)
+        after = memory(stage.server), heap(page)
+        progress.end(f'open for {seconds / 60:.1f} minutes')
+        page.context.close()
+    span = f'{seconds / 60:g} minutes open'
+    return [
+        Figure(f'growth of the server, {span}', 'MB', [after[0] - before[0]], 'flat'),
+        Figure(f'growth of the page, {span}', 'MB', [after[1] - before[1]], 'flat'),
+    ]
+
+
+def memory(process: int) -> float:
+    """That a process holds [MB]."""
+    pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def heap(page: Any) -> float:
+    """That the script of a page holds, after its garbage is gone [MB]."""
+    session = page.context.new_cdp_session(page)
+    session.send('HeapProfiler.collectGarbage')
+    return float(page.evaluate('performance.memory.usedJSHeapSize')) / 1e6
+
+
+if __name__ == '__main__':
+    main()
