@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from rclpy.node import Node
@@ -60,8 +60,10 @@ class LiveView(Node):
     and to `/diagnostics`. Publishes there `nudge`, `edge_command` and `tilt` as they are asked
     for, and calls the services of the suite's nodes and the action `move_soliton`; publishes
     `/diagnostics`. Starts a `bag_recorder` and a `bag_player`, which plays into the namespace
-    `/replay`, as they are asked for. Parameters: those of `LiveViewParameters`.
+    `/replay`, as they are asked for.
     """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
         """Listen, and serve the page."""

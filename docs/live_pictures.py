@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The picture and the film of the live page that the README shows, made with a browser.
+
+    make shell
+    python3 docs/live_pictures.py
+
+writes live.png and live.gif into docs/pictures.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+from playwright.sync_api import sync_playwright
+
+from soliton_linkage_nodes.programs.child_processes import private_domain
+
+HERE = Path(__file__).parent / 'pictures'
+CONFIGURATION = HERE.parents[1] / 'config' / 'flipper.yaml'
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
+SIZE = {'width': 1400, 'height': 1010}
+FROM, TO, SPEED = 8.5, 28.0, 5.0
+RATE, LENGTH, WIDTH = 8, 6.0, 800
+LONGEST_START = 60.0
+
+
+def main() -> None:
+    """Make them."""
+    browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser_path is None:
+        sys.exit(f'live_pictures: none of {", ".join(BROWSERS)} is installed')
+    with (
+        private_domain(),
+        tempfile.TemporaryDirectory() as folder,
+        served(Path(folder)) as address,
+        sync_playwright() as playwright,
+    ):
+        browser = playwright.chromium.launch(executable_path=browser_path, args=['--no-sandbox'])
+        page = browser.new_page(viewport=SIZE)
+        page.goto(address)
+        page.wait_for_function('() => window.live && live.drawn > 10')
+        film(page, Path(folder))
+        browser.close()
+    sys.stdout.write(f'{HERE / "live.png"}\n{HERE / "live.gif"}\n')
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The page with a chain behind it, and its address."""
+    command = ['live', str(CONFIGURATION), '--output', str(folder / 'live'), '--no-browser']
+    process = subprocess.Popen(
+        [*command, '--port', '0'], stdout=subprocess.PIPE, text=True, env=os.environ
+    )
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            found = re.search(r'http://\S+?(?=;|\s)', line)
+            if found:
+                yield found[0]
+                break
+        else:
+            raise RuntimeError('live ended without an address')
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(LONGEST_START)
+
+
+def film(page: Any, folder: Path) -> None:
+    """A soliton that is put into the chain and carried along it."""
+    page.get_by_role('tab', name='Run').click()
+    page.locator('label.q-select:visible:has-text("state")').click()
+    page.get_by_role('option', name='soliton', exact=True).click()
+    page.locator('.q-tab-panel:visible').get_by_label('place', exact=True).fill(str(FROM))
+    page.click('#live-reset')
+    page.get_by_role('tab', name='Drive').click()
+    page.wait_for_function(f'() => Math.abs(live.shown.rotor - {FROM}) < 0.1')
+    # What the picture is to show is the history of the move, not that of getting there.
+    page.wait_for_timeout(6000)
+    page.evaluate(f'live.act("move", {{rotor: {TO}, speed: {SPEED}}})')
+    begun = time.monotonic()
+    number = 0
+    while (elapsed := time.monotonic() - begun) < LENGTH:
+        page.wait_for_timeout(max(0.0, 1e3 * (number / RATE - elapsed)))
+        page.screenshot(path=folder / f'{number:03}.png')
+        number += 1
+    shutil.copy(folder / f'{number // 2:03}.png', HERE / 'live.png')
+    palette = (
+        'split[a][b];[a]palettegen=max_colors=64:stats_mode=diff[p];[b][p]paletteuse=dither=none'
+    )
+    subprocess.run(
+        [
+            *(imageio_ffmpeg.get_ffmpeg_exe(), '-loglevel', 'error', '-y'),
+            *('-framerate', f'{number / LENGTH:.3f}', '-i', str(folder / '%03d.png')),
+            *('-vf', f'scale={WIDTH}:-1:flags=lanczos,{palette}', str(HERE / 'live.gif')),
+        ],
+        check=True,
+    )
+
+
+if __name__ == '__main__':
+    main()
