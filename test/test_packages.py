@@ -106,6 +106,17 @@ def test_pip_installs_what_is_imported(package: str, monkeypatch: pytest.MonkeyP
     assert required == {project(PROJECTS.get(name, name)) for name in from_pypi}
 
 
+def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:
+    found = set()
+    for folder, subfolders, files in os.walk(ROOT):
+        if 'COLCON_IGNORE' in files:
+            subfolders.clear()
+        elif 'package.xml' in files:
+            found.add(Path(folder).name)
+        subfolders[:] = [name for name in subfolders if not name.startswith('.')]
+    assert found == OWN
+
+
 def test_one_version(monkeypatch: pytest.MonkeyPatch) -> None:
     manifests = {manifest(package).findtext('version') for package in OWN}
     (version,) = manifests
