@@ -48,7 +48,7 @@ accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
 	@$(enter) soliton-linkage accuracy --output out/accuracy $(ARGS)
 
 contraction: build  ## record walls at a dozen speeds and measure how they contract; ARGS='--quick'
-	@$(enter) contraction config/studies/accuracy.yaml --output out/contraction $(ARGS)
+	@$(enter) contraction --output out/contraction $(ARGS)
 
 moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 	@$(enter) soliton-linkage moves --output out/moves $(ARGS)

@@ -28,6 +28,7 @@ from soliton_linkage.studies.accuracy.contraction import (
     read_contraction_study,
     rest_width,
 )
+from soliton_linkage.studies.program import installed_settings
 from soliton_linkage.studies.settings import load_settings
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.programs.bag_analysis import analysed
@@ -178,7 +179,13 @@ def _given(**parameters: object) -> list[str]:
 
 def _parser() -> ProgramParser:
     parser = ProgramParser(prog='contraction', description=__doc__)
-    parser.add_argument('config', type=Path, help='settings, as config/studies/accuracy.yaml')
+    parser.add_argument(
+        'config',
+        type=Path,
+        nargs='?',
+        default=installed_settings('accuracy'),
+        help='settings, as config/studies/accuracy.yaml [those that came with the suite]',
+    )
     parser.add_argument(
         '--output',
         type=Path,
