@@ -14,7 +14,7 @@ TESTS = Path(__file__).parent
 MOST_MODULES = 15
 
 _FLOORS = (
-    'exports compiling completion progress linkage linear solitons orbit dynamics actuation '
+    'exports compiling completion command_line progress linkage linear solitons orbit dynamics actuation '
     'estimation steering studies command'
 )
 PHYSICS = {room: floor for floor, room in enumerate(_FLOORS.split())}

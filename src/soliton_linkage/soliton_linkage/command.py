@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.completion import complete, skip_word, words_before
 
 PROGRAM = 'soliton-linkage'
@@ -35,6 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(commands[words[0]], given[1:])
     parser = _parser(commands)
     complete(parser)
+    if given and not given[0].startswith('-'):
+        known = ', '.join(commands)
+        more = 'a workspace has more once its setup.bash is sourced'
+        parser.error(f'there is no command {given[0]}; there are {known}, and {more}')
     parser.parse_args(given)
     parser.print_help()
     return 0
@@ -62,10 +67,10 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
     return code
 
 
-def _parser(commands: Mapping[str, EntryPoint]) -> argparse.ArgumentParser:
+def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:
     width = max(map(len, commands), default=0)
     lines = [f'  {name:{width}}  {_summary(found)}' for name, found in commands.items()]
-    parser = argparse.ArgumentParser(
+    parser = PlainParser(
         prog=PROGRAM,
         usage=f'{PROGRAM} COMMAND ...',
         description='A topological linkage: its studies, and its nodes where ROS 2 is installed.',

@@ -69,6 +69,21 @@ def test_each_study_is_a_command(name: str, capsys: pytest.CaptureFixture[str]) 
         assert option in shown
 
 
+@pytest.mark.parametrize(
+    'wrong', [['--bogus'], ['--workers', '0'], ['a.yaml', 'b.yaml'], ['--output'], ['--only']]
+)
+def test_a_wrong_command_line_ends_in_one_line(
+    wrong: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = study_parser('figures', None, 'fewer points', selective=True)
+    with pytest.raises(SystemExit, match='2'):
+        run_study(parser, wrong, failing(RuntimeError('begun')), '')
+    said = capsys.readouterr().err
+    assert said.startswith('soliton-linkage figures: ')
+    assert said.endswith('; see soliton-linkage figures --help\n')
+    assert said.count('\n') == 1
+
+
 @pytest.mark.parametrize('name', [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram'])
 def test_each_study_has_settings_that_came_with_it(name: str) -> None:
     path = installed_settings(name)

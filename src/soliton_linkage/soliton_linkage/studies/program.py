@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.completion import complete
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.workers import local_processes, process_count
@@ -35,14 +36,14 @@ def study_parser(
     config: str = '',
     selective: bool = False,
     scheduler: bool = False,
-) -> argparse.ArgumentParser:
+) -> PlainParser:
     """Command line of a study, whose help says what `--quick` is.
 
     `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
     chooses its folder itself, where none is given, says in `output` which. Where no settings are
     given, it takes those that came with the suite under its name, or that of `config`.
     """
-    parser = argparse.ArgumentParser(
+    parser = PlainParser(
         prog=f'soliton-linkage {name}',
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -73,7 +74,7 @@ def study_parser(
 
 
 def run_study(
-    parser: argparse.ArgumentParser,
+    parser: PlainParser,
     arguments: Sequence[str] | None,
     study: Callable[[argparse.Namespace], str],
     left: str,

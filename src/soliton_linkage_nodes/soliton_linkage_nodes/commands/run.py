@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from functools import partial
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.completion import complete
 from soliton_linkage_nodes import start
 
@@ -16,7 +16,7 @@ PROGRAMS = sorted(name for name, value in vars(start).items() if isinstance(valu
 
 def main(arguments: list[str]) -> int:
     """Become the program that the first argument names; the rest of the arguments is for it."""
-    parser = argparse.ArgumentParser(
+    parser = PlainParser(
         prog='soliton-linkage run',
         usage='%(prog)s PROGRAM ...',
         description=f'Run a node or a program of the suite: {", ".join(PROGRAMS)}.',

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.completion import complete
 
 Verb = Callable[[argparse.Namespace], int]
@@ -16,9 +17,7 @@ class Verbs:
 
     def __init__(self, command: str, description: str | None) -> None:
         """Describe a command that has none so far."""
-        self._parser = argparse.ArgumentParser(
-            prog=f'soliton-linkage {command}', description=description
-        )
+        self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)
         self._verbs = self._parser.add_subparsers(metavar='VERB', required=True)
 
     def add(self, name: str, verb: Verb, summary: str) -> argparse.ArgumentParser:

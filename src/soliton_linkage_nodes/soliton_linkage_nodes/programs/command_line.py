@@ -9,10 +9,10 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
 
 from rclpy.utilities import remove_ros_args
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -22,12 +22,8 @@ _PLACE_IN_ROS = re.compile(r', at /\S+:\d+')
 _AFTER_ROS_ARGS = 'ROS arguments come after --ros-args, as --ros-args -r __ns:=/left'
 
 
-class ProgramParser(argparse.ArgumentParser):
-    """Says in one line what is wrong with a command line, and ends the program with 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """End the program."""
-        self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+class ProgramParser(PlainParser):
+    """Knows the arguments of ROS from those of the program."""
 
     def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
         """What is given, by default on the command line."""
