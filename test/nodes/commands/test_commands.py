@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -99,6 +100,19 @@ def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> N
     kind = 'rcl_interfaces/srv/GetParameters'
     shown = said(service, 'call', '/pendulum/get_parameters', kind, '{names: [length]}')
     assert yaml.safe_load(shown)['values'][0]['double_value'] == 0.5
+
+
+def test_a_list_is_complete_once_it_no_longer_grows(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    monkeypatch.setattr(visitor, '_SETTLED', 0.2)
+    begin = time.monotonic()
+    with visitor.visiting() as visiting:
+        names = visiting.settled(
+            lambda: ['a', 'b', 'c'][: 1 + int(8 * (time.monotonic() - begin))]
+        )
+    assert names == ['a', 'b', 'c']
 
 
 def test_what_is_not_there_is_named(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.visitor import SETTLED, visiting
+from soliton_linkage_nodes.commands.visitor import visiting
 from soliton_linkage_nodes.commands.words import Verbs
 
 
@@ -18,8 +18,7 @@ def main(arguments: list[str]) -> int:
 
 def _list(_: argparse.Namespace) -> int:
     with visiting() as visitor:
-        visitor.rest(SETTLED)
-        for name, namespace in sorted(visitor.node.get_node_names_and_namespaces()):
+        for name, namespace in sorted(visitor.settled(visitor.node.get_node_names_and_namespaces)):
             if name != visitor.node.get_name():
                 print(f'{namespace.rstrip("/")}/{name}')
     return 0

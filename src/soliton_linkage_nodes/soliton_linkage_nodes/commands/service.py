@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 
 from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
-from soliton_linkage_nodes.commands.visitor import SETTLED, visiting
+from soliton_linkage_nodes.commands.visitor import visiting
 from soliton_linkage_nodes.commands.words import Verbs
 
 
@@ -24,8 +24,7 @@ def main(arguments: list[str]) -> int:
 
 def _list(options: argparse.Namespace) -> int:
     with visiting() as visitor:
-        visitor.rest(SETTLED)
-        for name, types in sorted(visitor.node.get_service_names_and_types()):
+        for name, types in sorted(visitor.settled(visitor.node.get_service_names_and_types)):
             if not name.startswith(f'/{visitor.node.get_name()}/'):
                 print(f'{name} [{", ".join(types)}]' if options.show_types else name)
     return 0

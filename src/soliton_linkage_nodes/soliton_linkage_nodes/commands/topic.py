@@ -9,7 +9,7 @@ from itertools import count, pairwise
 from typing import Any
 
 from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
-from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, SETTLED, Visitor, visiting
+from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Visitor, visiting
 from soliton_linkage_nodes.commands.words import Verbs
 
 _MATCH_LIMIT = 10.0
@@ -57,8 +57,7 @@ def _positive(text: str) -> float:
 
 def _list(options: argparse.Namespace) -> int:
     with visiting() as visitor:
-        visitor.rest(SETTLED)
-        for name, types in sorted(visitor.node.get_topic_names_and_types()):
+        for name, types in sorted(visitor.settled(visitor.node.get_topic_names_and_types)):
             print(f'{name} [{", ".join(types)}]' if options.show_types else name)
     return 0
 

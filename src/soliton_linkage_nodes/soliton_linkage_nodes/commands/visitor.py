@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -17,13 +17,14 @@ from rclpy.signals import SignalHandlerOptions
 FOUND_WITHIN = 10.0
 """What is looked for by its name has to show itself within this [s]; on one machine it is there in
 a fraction, now and then in 3, on a busy one later."""
-SETTLED = 1.0
-"""Before a list is taken to be complete [s]."""
+_SETTLED = 1.0
+"""Without a change, before a list is taken to be complete [s]."""
 ANSWER_LIMIT = 10.0
 """For the answer of a service that is there [s]."""
 _SPIN = 0.05
 """How soon a condition is looked at again where nothing comes [s]."""
 
+Found = TypeVar('Found')
 NamesAndTypes = Sequence[tuple[str, list[str]]]
 
 
@@ -58,6 +59,18 @@ class Visitor:
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             self.spin(min(left, _SPIN))
+
+    def settled(self, there: Callable[[], Found]) -> Found:
+        """What is there, as soon as it has not changed for a while."""
+        deadline = time.monotonic() + FOUND_WITHIN
+        found = there()
+        since = time.monotonic()
+        while time.monotonic() < min(since + _SETTLED, deadline):
+            self.spin()
+            before, found = found, there()
+            if found != before:
+                since = time.monotonic()
+        return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
         """Type of the topic or service of a name; RuntimeError where there is none."""
