@@ -175,7 +175,9 @@ install_beside_ros() {
 [ -w . ] || fail "the folder $PWD cannot be written." 'Copy it to where you may write.'
 
 installed() {
-    [ "$ROS_DISTRO" = jazzy ] || .venv/bin/python3 -V >/dev/null 2>&1 || return 1
+    # Both names: commands that pip and colcon wrote start with the short one.
+    [ "$ROS_DISTRO" = jazzy ] || { .venv/bin/python3 -V && .venv/bin/python -V; } >/dev/null 2>&1 ||
+        return 1
     [ "$(cat "$soliton_home/installed" 2>/dev/null)" = "$(stamp "${PYTHON:-python3}")" ]
 }
 

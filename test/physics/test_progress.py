@@ -44,6 +44,15 @@ def screen(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> Screen:
     return screen
 
 
+def test_without_a_total_there_is_no_bar(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = screen(monkeypatch, terminal=False)
+    line = ProgressLine('checking my_run_0', 0)
+    line.show(0, '1000 messages')
+    clock.now += 3
+    line.show(5)
+    assert written.getvalue() == 'checking my_run_0: 1000 messages\nchecking my_run_0\n'
+
+
 def test_in_a_terminal_one_line_is_rewritten(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,14 +122,6 @@ def test_on_a_short_line_the_remark_is_kept_before_bar_and_title(
     shown = written.getvalue().split('\r\x1b[K')[1]
     assert shown == 'ay/to/the/bags/run_0 [##........]  25% 0.0 of 99.9 s, paused'
     assert len(shown) == 60
-
-
-def test_a_total_that_is_not_known_yet_is_no_error(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = screen(monkeypatch, terminal=False)
-    ProgressLine('replaying', 0).show(5)
-    assert '0%' in written.getvalue()
 
 
 def test_a_note_stays_above_the_line_which_can_be_taken_away(

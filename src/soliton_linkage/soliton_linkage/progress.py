@@ -46,8 +46,14 @@ class ProgressLine:
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
-        """Show how much is done, if that is due; on a short line the remark has precedence."""
-        share = min(max(done / self.total, 0.0), 1.0) if self.total else 0.0
+        """Show how much is done, if that is due; on a short line the remark has precedence.
+
+        There is no bar without a total.
+        """
+        if not self.total:
+            self.show_text(f'{self._title}: {remark}' if remark else self._title)
+            return
+        share = min(max(done / self.total, 0.0), 1.0)
         said = f'] {share:4.0%} {remark}'
         title, width = f'{self._title} [', _WIDTH
         if self._live:

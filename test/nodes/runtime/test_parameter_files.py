@@ -62,12 +62,15 @@ def test_names_are_joined(tmp_path: Path) -> None:
     assert read_sections(path) == {'/left/simulator': {'gravity.tilt': 0.1, 'x': []}}
 
 
-@pytest.mark.parametrize('content', ['words', 'a: 1', '', '- 1', '{', 'node: {x: 1.0}'])
+@pytest.mark.parametrize('content', ['words', 'a: 1', '', '- 1', '{', 'a\nb: c', 'node: {x: 1.0}'])
 def test_what_is_no_file_of_parameters_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / 'file.yaml'
     path.write_text(content)
-    with pytest.raises(ValueError, match=f'{re.escape(str(path))} is no file of parameters'):
+    with pytest.raises(
+        ValueError, match=f'{re.escape(str(path))} is no file of parameters'
+    ) as said:
         read_sections(path)
+    assert '\n' not in str(said.value)
 
 
 @pytest.mark.parametrize('namespace', ['', 'left', 'left/hand'])

@@ -33,7 +33,8 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
     except (UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
-        raise ValueError(f'{path} is no file of parameters: {error}') from error
+        reason = ' '.join(str(error).split())
+        raise ValueError(f'{path} is no file of parameters: {reason}') from error
     if not sections:
         raise ValueError(f'{path} is no file of parameters: it has no {_PARAMETERS}')
     return sections

@@ -100,7 +100,7 @@ A soliton crossed the chain of {summary['rotors']} rotors, {kind}, {summary['cro
   {folder / 'kymograph.png'}   the rotors' lean over space and time, and the soliton's track
   {folder / 'track.png'}       the soliton's place and velocity
   {folder / 'summary.json'}    these figures
-  {bag}/        the bag; play it again with bag_player
+  {bag}/      the bag; play it again with bag_player
 """
 
 
