@@ -35,6 +35,8 @@ KEYS = {
 """Key of rosdep by what is imported; ROS packages have their own name."""
 PROJECTS = {'backports': 'backports.zstd', 'mpl_toolkits': 'matplotlib', 'yaml': 'pyyaml'}
 """Name on PyPI where it is another than what is imported."""
+OF_THE_PAGE = {'fastapi', 'nicegui', 'uvicorn'}
+"""Imported by the live page alone, which is an extra: rosdep has no key for nicegui."""
 
 
 def imported(package: str) -> set[str]:
@@ -83,7 +85,7 @@ def project(requirement: str) -> str:
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_rosdep_installs_what_is_imported(package: str) -> None:
-    needed = {KEYS.get(name, name) for name in imported(package)}
+    needed = {KEYS.get(name, name) for name in imported(package) - OF_THE_PAGE}
     assert declared(package) == needed
 
 
@@ -104,6 +106,13 @@ def test_pip_installs_what_is_imported(package: str, monkeypatch: pytest.MonkeyP
         {'soliton_linkage'} & imported(package)
     )
     assert required == {project(PROJECTS.get(name, name)) for name in from_pypi}
+
+
+def test_the_page_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
+    assert [project(name) for name in data['extras_require']['live']] == ['nicegui']
+    brought = {project(requirement) for requirement in requires('nicegui') or []}
+    assert OF_THE_PAGE & imported('soliton_linkage_nodes') == OF_THE_PAGE <= brought | {'nicegui'}
 
 
 def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:

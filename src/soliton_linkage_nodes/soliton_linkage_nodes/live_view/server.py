@@ -12,9 +12,8 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import uvicorn
-from fastapi import FastAPI
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse, Response
-from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from soliton_linkage_nodes.live_view.gate import Gate
 
