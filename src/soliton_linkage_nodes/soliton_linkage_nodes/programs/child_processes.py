@@ -18,7 +18,7 @@ import domain_coordinator
 from ament_index_python.packages import get_package_prefix
 
 _PACKAGE = 'soliton_linkage_nodes'
-LONGEST_START = 30.0
+LONGEST_START = 60.0
 """How long nodes may take until they hear each other, on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
 """PR_SET_PDEATHSIG of prctl(2)."""
