@@ -117,7 +117,7 @@ def test_every_parameter_is_in_a_table() -> None:
 
 
 def test_each_picture_has_a_caption_and_all_are_small() -> None:
-    pictures = [*DOCS.glob('pictures/*.[pgs][niv][gf]')]
+    pictures = [path for path in DOCS.glob('pictures/*') if path.suffix != '.txt']
     assert sum(path.stat().st_size for path in pictures) < MOST_PICTURES
     for path in DOCS.glob('pictures/*.png'):
         assert path.with_suffix('.txt').read_text(encoding='utf-8').strip(), path
