@@ -25,12 +25,15 @@ settings.register_profile(
 settings.load_profile('repeatable')
 
 
-def pytest_configure() -> None:
-    """Programs hear Ctrl-C, also where the tests were started in the background of a script.
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Each test has Python's own handlers of signals, and so have the programs that it starts.
 
-    There a shell has SIGINT ignored, and who is started inherits that.
+    A program that an earlier test ran in this process leaves its own; where the tests were started
+    in the background of a script, a shell has SIGINT ignored, and who is started inherits that.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

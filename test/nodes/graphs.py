@@ -63,12 +63,15 @@ class Graph:
             self._executor.spin_once(timeout_sec=0)
         node.destroy_node()
 
-    def until(self, condition: Callable[[], Any], what: str) -> None:
-        """Spin until a condition holds."""
+    def until(
+        self, condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None
+    ) -> None:
+        """Spin until a condition holds; where it never does, tell what is found instead."""
         deadline = time.monotonic() + LONGEST_WAIT
         while not condition():
             if time.monotonic() > deadline:
-                pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}')
+                instead = '' if found is None else f' and found {found()}'
+                pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}{instead}')
             self._executor.spin_once(timeout_sec=0.05)
 
     def hear(self, topic: interfaces.Topic) -> list[Any]:
@@ -86,6 +89,7 @@ class Graph:
         self.until(
             lambda: publisher.get_subscription_count() == subscribers,
             f'{subscribers} subscribers of {topic.name}',
+            lambda: f'{publisher.get_subscription_count()}, of {self._subscribers(topic.name)}',
         )
         answers = [
             answer
@@ -98,6 +102,10 @@ class Graph:
             f'a subscriber of each of {", ".join(answer.topic_name for answer in answers)}',
         )
         return publisher
+
+    def _subscribers(self, topic: str) -> list[str]:
+        infos = self.user.get_subscriptions_info_by_topic(topic)
+        return [f'{info.node_name} ({info.qos_profile.reliability.name})' for info in infos]
 
     def call(self, service_type: Any, name: str, /, **request: Any) -> Any:
         """Return the response of a service.

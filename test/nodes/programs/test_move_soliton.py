@@ -100,6 +100,7 @@ def test_interrupted_where_nobody_answers_it_ends_at_once(graph: Graph) -> None:
     with pytest.raises(KeyboardInterrupt):
         move.result()
     mover.destroy_node()
+    graph.until(lambda: 'move_soliton' not in graph.user.get_node_names(), 'a mover that is gone')
     server.destroy()
 
 

@@ -86,6 +86,12 @@ class Mover(Node):
         self._line.end('the move is given up')
         raise ValueError(loss)
 
+    def destroy_node(self) -> None:
+        """Leave the graph, which the executor and the client would else stay on."""
+        self._spinning.shutdown()
+        self._client.destroy()
+        super().destroy_node()
+
     def _loss(self) -> str:
         """What is wrong with a steering that is gone."""
         if not self._client.server_is_ready():
