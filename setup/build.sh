@@ -53,7 +53,6 @@ build_all() {
     (compile_loops) & loops=$!
     build --packages-skip soliton_linkage "${cmake_arguments[@]}" || status=$?
     wait "$loops" || status=$?
-    python3 -m compileall -q install/lib/python3*/site-packages || status=$?
     return "$status"
 }
 

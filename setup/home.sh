@@ -3,6 +3,9 @@
 # To be sourced in bash: puts ROS 2 and Python on the path, of a full ROS 2 install where one is
 # sourced, else of the wheels in .venv.
 
+# Every program would parse all that it imports again, numba for 1.3 s.
+unset PYTHONDONTWRITEBYTECODE
+
 soliton_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
 # Logs of ROS, and the caches of others, need a home.

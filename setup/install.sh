@@ -73,15 +73,6 @@ pip_install() {
     run pip_with_progress "$@" || fail "pip could not install the packages. The end of $log:" \
         "$(tail -n 12 "$log")" '' 'It needs a connection to a Python package index: check it,' \
         'and run the same command again.'
-    compile_modules
-}
-
-# On all cores, where pip takes one; also where Python is told to write no bytecode: every program
-# would parse all that it imports again.
-compile_modules() {
-    local folders
-    folders=$(ls -d .venv/lib/python3*/site-packages .python 2>/dev/null || true)
-    "$python" -m compileall -q -j 0 $folders >>"$log" 2>&1 || true
 }
 
 pip_with_progress() {
