@@ -6,6 +6,7 @@ Hypothesis takes the same examples in every run, unless told `--hypothesis-profi
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections import Counter, defaultdict
 from itertools import chain, groupby
@@ -23,6 +24,16 @@ settings.register_profile(
     'searching', parent=settings.get_profile('repeatable'), derandomize=False, max_examples=2000
 )
 settings.load_profile('repeatable')
+
+
+def pytest_collection() -> None:
+    """What is imported stays: no search for garbage looks through it, then or later."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)

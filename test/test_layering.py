@@ -7,6 +7,7 @@ import ast
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 SOURCES = Path(__file__).parents[1] / 'src'
@@ -48,19 +49,21 @@ def sources(package: str) -> dict[str, ast.Module]:
     }
 
 
-MODULES = {**sources('soliton_linkage'), **sources('soliton_linkage_nodes')}
+@cache
+def modules() -> dict[str, ast.Module]:
+    return {**sources('soliton_linkage'), **sources('soliton_linkage_nodes')}
 
 
 def imports(module: str) -> Iterator[str]:
     """Dotted names that a module imports, down to the module where that is one of ours."""
-    for statement in ast.walk(MODULES[module]):
+    for statement in ast.walk(modules()[module]):
         if isinstance(statement, ast.Import):
             yield from (alias.name for alias in statement.names)
         elif isinstance(statement, ast.ImportFrom):
             assert not statement.level, f'{module} imports relatively, line {statement.lineno}'
             for alias in statement.names:
                 name = f'{statement.module}.{alias.name}'
-                yield name if name in MODULES else str(statement.module)
+                yield name if name in modules() else str(statement.module)
 
 
 def room(module: str) -> tuple[str, str]:
@@ -75,7 +78,7 @@ def listed(offenders: list[str]) -> str:
 
 def test_physics_imports_nothing_but_itself_and_numerics() -> None:
     offenders = []
-    for module in MODULES:
+    for module in modules():
         package, inner = room(module)
         if package == 'soliton_linkage':
             allowed = IMPORTED_BY_PHYSICS | sys.stdlib_module_names
@@ -89,11 +92,11 @@ def test_physics_imports_nothing_but_itself_and_numerics() -> None:
 
 def test_packages_import_downwards_only() -> None:
     offenders = []
-    for module in MODULES:
+    for module in modules():
         package, inner = room(module)
         floors = NODES if package == 'soliton_linkage_nodes' else PHYSICS
         assert inner in floors or not inner, f'{module} is on no floor'
-        for name in set(imports(module)) & set(MODULES):
+        for name in set(imports(module)) & set(modules()):
             other, below = room(name)
             if inner in floors and other == package and below not in (inner, ''):
                 is_below = floors[below] < floors[inner]
@@ -106,7 +109,7 @@ def test_packages_import_downwards_only() -> None:
 def test_bags_know_no_linkage_and_no_message_of_it() -> None:
     offenders = [
         f'{module} imports {name}'
-        for module in MODULES
+        for module in modules()
         if room(module) == ('soliton_linkage_nodes', 'bags')
         for name in sorted(set(imports(module)) - KNOWN_TO_BAGS)
         if name.startswith(('soliton_linkage.', 'soliton_linkage_msgs', 'soliton_linkage_nodes.m'))
@@ -115,7 +118,7 @@ def test_bags_know_no_linkage_and_no_message_of_it() -> None:
 
 
 def test_no_circle_of_imports() -> None:
-    graph = {module: set(imports(module)) & set(MODULES) - {module} for module in MODULES}
+    graph = {module: set(imports(module)) & set(modules()) - {module} for module in modules()}
     outside = True
     while outside:
         imported = set().union(*graph.values())
@@ -152,7 +155,7 @@ def test_each_package_says_what_lives_there() -> None:
 
 def test_a_name_of_a_class_means_one_thing() -> None:
     homes = defaultdict(list)
-    for module, syntax in MODULES.items():
+    for module, syntax in modules().items():
         for statement in ast.walk(syntax):
             if isinstance(statement, ast.ClassDef):
                 homes[statement.name.lstrip('_')].append(module)
@@ -165,7 +168,7 @@ def test_a_name_of_a_class_means_one_thing() -> None:
 def test_a_number_has_its_reason() -> None:
     offenders = [
         f'{module}:{line} {name}'
-        for module, syntax in MODULES.items()
+        for module, syntax in modules().items()
         for name, line in unexplained(syntax.body)
     ]
     assert not offenders, (
