@@ -213,21 +213,27 @@ def assert_it_stops(
 
 
 def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
-    """To the last bit, without any node, from the frames that the live one was in time for."""
+    """To the last bit, without any node, from the frames that the live one was in time for.
+
+    It analysed those too whose states went out before the recorder heard of it: the first ones.
+    """
     with open_bag(bag) as reader:
         live = {str(state.header.stamp): state for _, state in read_topic(reader, 'soliton_state')}
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         analysis = JointStateAnalysis()
         analysis.learn(read_chain(reader))
     assert len(live) > 100
+    recorded = False
     for frame in frames:
         stamp = str(frame.header.stamp)
-        if stamp not in live:
+        recorded = recorded or stamp in live
+        if recorded and stamp not in live:
             continue
         joints = joint_states_from_msg(frame)
         found = analysis.analyse(joints)
         assert found is not None
-        assert repr(live.pop(stamp)) == repr(state_to_msg(found, joints))
+        if recorded:
+            assert repr(live.pop(stamp)) == repr(state_to_msg(found, joints))
     assert not live
 
 
