@@ -15,8 +15,8 @@ TESTS = Path(__file__).parent
 MOST_MODULES = 15
 
 _FLOORS = (
-    'exports compiling completion command_line progress linkage linear solitons orbit dynamics '
-    'actuation estimation steering studies command'
+    'exports compiling completion colours command_line progress linkage linear solitons orbit '
+    'dynamics actuation estimation steering studies command'
 )
 PHYSICS = {room: floor for floor, room in enumerate(_FLOORS.split())}
 ROS_NODES = {'simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'}

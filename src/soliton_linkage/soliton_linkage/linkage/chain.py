@@ -78,6 +78,12 @@ class Chain:
         return self._deviating(self.spacing, self.deviations.spacing, self.number_of_springs)
 
     @cached_property
+    def pivots(self) -> Array:
+        """Place of each pivot along the chain, from that of rotor 0 on [m], shape (N,)."""
+        between = self.spacings[: self.number_of_rotors - 1]
+        return np.concatenate([[0.0], np.cumsum(between)])
+
+    @cached_property
     def rotor_lengths(self) -> Array:
         """Length of each rotor [m], shape (N,)."""
         deviations = self.deviations.rotor_length

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of all pictures: one thing has one of them in every figure and film.
-
-They are those of Okabe and Ito, which the colour-blind can tell apart.
-"""
+"""Colours of all pictures: one thing has one of them in every figure and film."""
 
 from __future__ import annotations
 
@@ -12,19 +9,19 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex, to_rgb
 
+from soliton_linkage.colours import BLACK as BLACK
+from soliton_linkage.colours import BLUE as BLUE
+from soliton_linkage.colours import DARK as DARK
+from soliton_linkage.colours import GREEN as GREEN
+from soliton_linkage.colours import GREY as GREY
+from soliton_linkage.colours import ORANGE as ORANGE
+from soliton_linkage.colours import PALE as PALE
+from soliton_linkage.colours import PURPLE as PURPLE
+from soliton_linkage.colours import RED as RED
+from soliton_linkage.colours import SKY as SKY
+from soliton_linkage.colours import WHITE as WHITE
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 
-BLACK = '#000000'
-GREY = '#7f7f7f'
-PALE = '#d9d9d9'
-DARK = '#3a3a3a'
-BLUE = '#0072b2'
-SKY = '#56b4e9'
-RED = '#d55e00'
-ORANGE = '#e69f00'
-GREEN = '#009e73'
-PURPLE = '#cc79a7'
-WHITE = '#ffffff'
 NAMES = {
     BLACK: 'black',
     GREY: 'grey',

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A chain in the Unified Robot Description Format (URDF) of ROS, Gazebo and MuJoCo.
+
+A tree of rigid bodies: URDF has no springs, which are left to who simulates them. The joints turn
+by the actual angles phi, on even and odd rotors alike, as `joint_states` tells them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree as Xml
+
+from soliton_linkage.colours import BLUE, DARK, GREY, PALE, shares
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+
+BASE = 'linkage'
+"""The link at rest: the frame in which the pivots stand along x."""
+_THICKNESS = 1 / 12
+"""Diameter of the rod of a rotor over the smaller of rotor length and spacing [1]."""
+_POINT = 1e-6
+"""Moment of inertia of a mass about its own centre, over that about the pivot [1]: the masses are
+points, and readers of URDF refuse a moment of 0."""
+
+
+@with_fields
+@dataclass(frozen=True)
+class JointLimits:
+    """What a rotor is not to exceed; it may turn as far as it will."""
+
+    torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0)
+    speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse limits below 0."""
+        check_quantities(self)
+
+
+def robot_description(
+    chain: Chain, joint_names: Sequence[str] = (), limits: JointLimits | None = None
+) -> str:
+    """URDF of a chain: one continuous joint about +y a rotor, named as given, or `rotor_n`.
+
+    The mass of the link of joint J, `J_link`, is at its (0, 0, r). Raises ValueError unless there
+    is one name a rotor, each once.
+    """
+    rotors = chain.number_of_rotors
+    names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
+    if len(set(names)) != rotors:
+        raise ValueError(
+            f'{len(set(names))} different names of joints do not fit a chain of {rotors} rotors; '
+            'give one a rotor'
+        )
+    robot = Xml.Element('robot', name='soliton_linkage')
+    for name, colour in (('rod', DARK), ('odd_rod', GREY), ('mass', BLUE), ('base', PALE)):
+        material = Xml.SubElement(robot, 'material', name=name)
+        Xml.SubElement(
+            material, 'color', rgba=' '.join(f'{share:.4g}' for share in (*shares(colour), 1))
+        )
+    width = _THICKNESS * min(chain.spacing, chain.rotor_length)
+    _add_base(robot, chain, width)
+    for rotor, name in enumerate(names):
+        _add_link(robot, chain, rotor, name, width)
+        _add_joint(robot, chain, rotor, name, limits or JointLimits())
+    Xml.indent(robot)
+    return Xml.tostring(robot, encoding='unicode')
+
+
+def link_name(joint: str) -> str:
+    """Name of the link that a joint turns, which is that of its frame."""
+    return f'{joint}_link'
+
+
+def _add_base(robot: Xml.Element, chain: Chain, width: float) -> None:
+    base = Xml.SubElement(robot, 'link', name=BASE)
+    length = chain.pivots[-1] + chain.spacing
+    size = _row(length, width / 2, width)
+    _add_visual(base, (chain.pivots[-1] / 2, width, 0), 'base', 'box', size=size)
+
+
+def _add_link(robot: Xml.Element, chain: Chain, rotor: int, joint: str, width: float) -> None:
+    length, moment = chain.rotor_lengths[rotor], _POINT * chain.moments_of_inertia[rotor]
+    link = Xml.SubElement(robot, 'link', name=link_name(joint))
+    inertial = Xml.SubElement(link, 'inertial')
+    Xml.SubElement(inertial, 'origin', xyz=_row(0, 0, length), rpy='0 0 0')
+    Xml.SubElement(inertial, 'mass', value=_number(chain.masses[rotor]))
+    moments = dict.fromkeys(('ixx', 'iyy', 'izz'), _number(moment))
+    Xml.SubElement(inertial, 'inertia', moments, ixy='0', ixz='0', iyz='0')
+    rod = 'odd_rod' if rotor % 2 else 'rod'
+    sizes = {'radius': _number(width / 2), 'length': _number(length)}
+    _add_visual(link, (0, 0, length / 2), rod, 'cylinder', **sizes)
+    _add_visual(link, (0, 0, length), 'mass', 'sphere', radius=_number(width))
+
+
+def _add_joint(
+    robot: Xml.Element, chain: Chain, rotor: int, name: str, limits: JointLimits
+) -> None:
+    joint = Xml.SubElement(robot, 'joint', name=name, type='continuous')
+    Xml.SubElement(joint, 'origin', xyz=_row(chain.pivots[rotor], 0, 0), rpy='0 0 0')
+    Xml.SubElement(joint, 'parent', link=BASE)
+    Xml.SubElement(joint, 'child', link=link_name(name))
+    Xml.SubElement(joint, 'axis', xyz='0 1 0')
+    Xml.SubElement(joint, 'limit', effort=_number(limits.torque), velocity=_number(limits.speed))
+    Xml.SubElement(joint, 'dynamics', damping=_number(chain.dampings[rotor]), friction='0')
+
+
+def _add_visual(
+    link: Xml.Element, place: tuple[float, float, float], material: str, shape: str, **sizes: str
+) -> None:
+    visual = Xml.SubElement(link, 'visual')
+    Xml.SubElement(visual, 'origin', xyz=_row(*place), rpy='0 0 0')
+    Xml.SubElement(Xml.SubElement(visual, 'geometry'), shape, sizes)
+    Xml.SubElement(visual, 'material', name=material)
+
+
+def _row(*values: float) -> str:
+    return ' '.join(map(_number, values))
+
+
+def _number(value: float) -> str:
+    """A number in as many digits as it takes to read it back exactly."""
+    return repr(float(value))

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the URDF: read back by others, it has the places, masses and names of the chain."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from chains import EXAMPLES, FLIPPER, chain_of
+from urdf_parser_py.urdf import URDF
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.linkage.robot_description import BASE, JointLimits, robot_description
+
+PRECISION = 1e-12
+
+
+def deviating(chain: Chain) -> Chain:
+    drawn = drawn_deviations(
+        chain.number_of_rotors, 3, spacing=0.05, rotor_length=0.05, mass=0.1, damping=0.2
+    )
+    return dataclasses.replace(chain, damping=1e-5, deviations=drawn)
+
+
+CHAIN = chain_of(FLIPPER, 7)
+CHAINS = [*(chain_of(example, 7) for example in EXAMPLES), deviating(CHAIN)]
+
+
+def angles_of(chain: Chain) -> Array:
+    """Angles of some turns, as spinners have them."""
+    return np.random.default_rng(19).uniform(-20, 20, chain.number_of_rotors)
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """Rotation about a unit vector by the formula of Rodrigues, shape (3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def places(robot: URDF, angles: dict[str, float]) -> dict[str, Array]:
+    """Place of the centre of mass of each link but the base, by the name of its joint [m]."""
+    found = {}
+    for joint in robot.joints:
+        assert (joint.parent, joint.type) == (BASE, 'continuous')
+        assert joint.origin.rpy == [0, 0, 0]
+        centre = np.array(robot.link_map[joint.child].inertial.origin.xyz)
+        rotation = turn(np.array(joint.axis), angles[joint.name])
+        found[joint.name] = np.array(joint.origin.xyz) + rotation @ centre
+    return found
+
+
+@pytest.mark.parametrize('chain', CHAINS)
+def test_forward_kinematics_are_the_positions_of_the_chain(chain: Chain) -> None:
+    robot = URDF.from_xml_string(robot_description(chain))
+    angles = angles_of(chain)
+    names = [f'rotor_{rotor}' for rotor in range(chain.number_of_rotors)]
+    found = places(robot, dict(zip(names, angles, strict=True)))
+    horizontal, vertical = chain.positions(angles)
+    expected = np.array([chain.pivots + horizontal, 0 * vertical, vertical]).T
+    np.testing.assert_allclose([found[name] for name in names], expected, atol=PRECISION)
+
+
+@pytest.mark.parametrize('chain', CHAINS)
+def test_masses_moments_and_damping_are_those_of_the_rotors(chain: Chain) -> None:
+    robot = URDF.from_xml_string(robot_description(chain))
+    inertials = [robot.link_map[joint.child].inertial for joint in robot.joints]
+    masses = [inertial.mass for inertial in inertials]
+    moments = [i.inertia.iyy + i.mass * i.origin.xyz[2] ** 2 for i in inertials]
+    assert masses == chain.masses.tolist()
+    np.testing.assert_allclose(moments, chain.moments_of_inertia, rtol=2e-6)
+    assert min(inertial.inertia.ixx for inertial in inertials) > 0
+    assert [joint.dynamics.damping for joint in robot.joints] == chain.dampings.tolist()
+
+
+def test_joints_have_the_names_and_limits_that_are_given() -> None:
+    names = [f'encoder {rotor}' for rotor in range(CHAIN.number_of_rotors)]
+    text = robot_description(CHAIN, names, JointLimits(torque=0.25, speed=30.0))
+    robot = URDF.from_xml_string(text)
+    assert [joint.name for joint in robot.joints] == names
+    assert {(joint.limit.effort, joint.limit.velocity) for joint in robot.joints} == {(0.25, 30.0)}
+    assert robot.get_root() == BASE
+
+
+@pytest.mark.parametrize('names', [['one'], ['same'] * CHAIN.number_of_rotors])
+def test_names_that_do_not_fit_are_refused(names: list[str]) -> None:
+    with pytest.raises(ValueError, match='give one a rotor'):
+        robot_description(CHAIN, names)
+
+
+@pytest.mark.parametrize('chain', CHAINS)
+def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
+    mujoco = pytest.importorskip('mujoco')
+    model = mujoco.MjModel.from_xml_string(robot_description(chain))
+    data = mujoco.MjData(model)
+    angles = angles_of(chain)
+    data.qpos[:] = angles
+    mujoco.mj_forward(model, data)
+    horizontal, vertical = chain.positions(angles)
+    expected = np.array([chain.pivots + horizontal, 0 * vertical, vertical]).T
+    np.testing.assert_allclose(data.xipos[1:], expected, atol=PRECISION)
+    data.qvel[:] = rates = angles[::-1]
+    mujoco.mj_energyVel(model, data)
+    assert data.energy[1] == pytest.approx(chain.kinetic_energy(rates), rel=2e-6)
