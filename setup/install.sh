@@ -164,6 +164,7 @@ install_beside_ros() {
     add numba llvmlite numba
     add mpmath mpmath
     add xdist execnet pytest-xdist
+    add urdf_parser_py lxml urdf-parser-py
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
     echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
     pip_install --no-deps --target .python "${packages[@]}"
