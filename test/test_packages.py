@@ -37,6 +37,8 @@ PROJECTS = {'backports': 'backports.zstd', 'mpl_toolkits': 'matplotlib', 'yaml':
 """Name on PyPI where it is another than what is imported."""
 OF_THE_PAGE = {'fastapi', 'nicegui', 'uvicorn'}
 """Imported by the live page alone, which is an extra: rosdep has no key for nicegui."""
+EXTRAS = {*OF_THE_PAGE, 'foxglove'}
+"""Imported by what is an extra; a ROS install has a bridge of its own to Foxglove."""
 
 
 def imported(package: str) -> set[str]:
@@ -85,7 +87,7 @@ def project(requirement: str) -> str:
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_rosdep_installs_what_is_imported(package: str) -> None:
-    needed = {KEYS.get(name, name) for name in imported(package) - OF_THE_PAGE}
+    needed = {KEYS.get(name, name) for name in imported(package) - EXTRAS}
     assert declared(package) == needed
 
 
@@ -113,6 +115,12 @@ def test_the_page_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [project(name) for name in data['extras_require']['live']] == ['nicegui']
     brought = {project(requirement) for requirement in requires('nicegui') or []}
     assert OF_THE_PAGE & imported('soliton_linkage_nodes') == OF_THE_PAGE <= brought | {'nicegui'}
+
+
+def test_the_server_for_foxglove_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
+    assert data['extras_require']['foxglove'] == ['foxglove-sdk']
+    assert 'foxglove' in imported('soliton_linkage_nodes')
 
 
 def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:

@@ -18,6 +18,8 @@ NODES = [
     'bag_recorder',
     'bag_player',
     'live_view',
+    'visualisation',
+    'foxglove_server',
 ]
 PROGRAMS = [
     'analyse_bag',
@@ -28,6 +30,7 @@ PROGRAMS = [
     'move_soliton',
     'nudge',
     'recover_bag',
+    'robot_description',
     'watch_soliton',
 ]
 COMMANDS = ['node', 'param', 'run', 'service', 'topic']
@@ -70,7 +73,7 @@ setup(
         'rosbags>=0.11',
         'soliton_linkage[studies]',
     ],
-    extras_require={'live': ['nicegui>=3']},
+    extras_require={'foxglove': ['foxglove-sdk'], 'live': ['nicegui>=3']},
     entry_points={
         'console_scripts': [f'{name} = {PACKAGE}.start:{name}' for name in EXECUTABLES],
         'soliton_linkage.commands': [

@@ -20,6 +20,8 @@ NODES = (
     'bag_recorder',
     'bag_player',
     'live_view',
+    'visualisation',
+    'foxglove_server',
 )
 TOOLS = (
     'analyse_bag',
@@ -30,6 +32,7 @@ TOOLS = (
     'move_soliton',
     'nudge',
     'recover_bag',
+    'robot_description',
     'watch_soliton',
 )
 

@@ -26,10 +26,12 @@ from soliton_linkage.linkage.deviations import Deviations, Disorder
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage.linkage.robot_description import JointLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
+from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
 from soliton_linkage_nodes.live_view.node import LiveViewParameters
 from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
@@ -42,6 +44,7 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
+from soliton_linkage_nodes.visualisation.node import VisualisationParameters
 
 CONFIG = Path(__file__).parents[3] / 'config'
 OF_NODE = {
@@ -57,6 +60,12 @@ OF_NODE = {
     'bag_recorder': {'': BagRecorderParameters},
     'bag_player': {'': BagPlayerParameters},
     'live_view': {'': LiveViewParameters},
+    'visualisation': {
+        '': VisualisationParameters,
+        'limits.': JointLimits,
+        'source': ChainSourceParameters,
+    },
+    'foxglove_server': {'': FoxgloveServerParameters},
     'experiment': {'': ExperimentParameters},
 }
 

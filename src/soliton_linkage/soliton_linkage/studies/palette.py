@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex, to_rgb
+from numpy.typing import NDArray
 
 from soliton_linkage.colours import BLACK as BLACK
 from soliton_linkage.colours import BLUE as BLUE
@@ -107,6 +108,14 @@ def lean_shares(chain: Chain) -> tuple[Array, Array]:
         np.concatenate([-places[::-1], [0.0], places]),
         np.concatenate([0.5 - offs[::-1], [0.5], 0.5 + offs]),
     )
+
+
+def lean_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
+    """Red, green and blue of displacements from -r to r, evenly spaced, shape (levels, 3)."""
+    places, shares = lean_shares(chain)
+    largest = float(lean_marks(chain)[4])
+    offs = np.interp(np.linspace(-largest, largest, levels), places, shares)
+    return np.asarray(colormaps[LEAN_COLOURS](offs, bytes=True)[:, :3], dtype=np.uint8)
 
 
 def lean_marks(chain: Chain) -> Array:

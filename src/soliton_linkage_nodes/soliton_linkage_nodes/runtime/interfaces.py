@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from sensor_msgs.msg import Image, JointState
+from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from soliton_linkage_msgs.msg import (
     Chain,
@@ -41,6 +43,11 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
 def command_qos() -> QoSProfile:
     """Reliable and volatile: a late joiner must not replay a kick."""
     return QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def picture_qos() -> QoSProfile:
+    """Reliable and shallow: who shows a picture wants the newest."""
+    return QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched_qos() -> QoSProfile:
@@ -89,6 +96,10 @@ SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
 CHAIN = Topic('chain', Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
 CLOCK = Topic('/clock', Clock, stream_qos())
+ROBOT_DESCRIPTION = Topic('robot_description', String, latched_qos())
+MARKERS = Topic('markers', MarkerArray, picture_qos())
+SOLITON_POSE = Topic('soliton_pose', PoseWithCovarianceStamped, picture_qos())
+KYMOGRAPH = Topic('kymograph', Image, picture_qos())
 MOVE_SOLITON = 'move_soliton'
 """Name of the action."""
 
@@ -108,3 +119,6 @@ SUITE = (
     SOLITON_STATE,
     DIAGNOSTICS,
 )
+"""What the nodes say and hear, and bags hold."""
+DRAWN = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
+"""What is drawn of that for viewers; bags need not hold it."""

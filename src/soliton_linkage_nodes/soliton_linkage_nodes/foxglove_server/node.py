@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The server: Foxglove and Lichtblick see the graph, and publish on it."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.process import run
+
+_PERIOD = 0.02
+"""Between two looks at what clients want [s]: what they publish waits no longer."""
+_SEARCH_PERIOD = 0.5
+"""Between two looks at the topics of the graph [s]."""
+_LOOPBACK = ('127.0.0.1', '::1', 'localhost')
+
+
+@dataclass(frozen=True)
+class FoxgloveServerParameters:
+    """Parameters of the server."""
+
+    host: str = quantity('127.0.0.1', 'address to serve at')
+    port: int = quantity(8765, 'port to serve at, 0 for any that is free', '', 0, 65535)
+    read_only: bool = quantity(False, 'whether clients may only look, and publish nothing')
+
+
+class FoxgloveServer(Node):
+    """Serves the graph to Foxglove and Lichtblick, as foxglove_bridge does in a ROS install.
+
+    Subscribes to whatever topics its clients want, and publishes what they do. Publishes
+    `/diagnostics`.
+    """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {FoxgloveServerParameters: ''}
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Listen for clients."""
+        super().__init__('foxglove_server', **kwargs)
+        self.settings = settings = declare(self, FoxgloveServerParameters)
+        refuse_unknown(self)
+        try:
+            from soliton_linkage_nodes.foxglove_server.serving import Serving
+        except ImportError as error:
+            raise ValueError(
+                f'foxglove_server needs the Python package {error.name}, which is not installed; '
+                'run: pip install foxglove-sdk'
+            ) from error
+        self.diagnostics = Diagnostics(self, 'serving', self._report)
+        self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.serving = Serving(
+            self, (settings.host, settings.port), settings.read_only, self._asked.put, self._refuse
+        )
+        self._searched = 0.0
+        self._reported = (time.monotonic(), 0)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_PERIOD, self._tick, clock=steady)
+        self.get_logger().info(f'open {self.address} in Foxglove or Lichtblick')
+        if settings.host not in _LOOPBACK and not settings.read_only:
+            self.get_logger().warning(
+                f'whoever reaches {settings.host} can drive the chain; set read_only to prevent it'
+            )
+
+    @property
+    def address(self) -> str:
+        """Of the server, for a client."""
+        return f'ws://{self.settings.host}:{self.serving.port}'
+
+    def destroy_node(self) -> None:
+        """End the connections, then go."""
+        self.serving.close()
+        super().destroy_node()
+
+    def _tick(self) -> None:
+        while not self._asked.empty():
+            self._asked.get()()
+        searching = time.monotonic() - self._searched >= _SEARCH_PERIOD
+        if searching:
+            self._searched = time.monotonic()
+        self.serving.look(searching)
+
+    def _refuse(self, topic: str, reason: str) -> None:
+        self.diagnostics.refuse(topic, reason)
+
+    def _report(self) -> Report:
+        now = time.monotonic()
+        before, sent_before = self._reported
+        outgoing = self.serving.outgoing
+        self._reported = (now, outgoing.sent)
+        wanted = sum(topic.subscribed for topic in outgoing.topics.values())
+        return Report(
+            f'{wanted} of {len(outgoing.topics)} topics are looked at',
+            {
+                'address': self.address,
+                'topics': len(outgoing.topics),
+                'topics looked at': wanted,
+                'messages sent [1/s]': (outgoing.sent - sent_before) / (now - before),
+                'messages from clients': self.serving.published,
+            },
+        )
+
+
+def main() -> None:
+    """Serve until it is told to stop."""
+    run(FoxgloveServer)

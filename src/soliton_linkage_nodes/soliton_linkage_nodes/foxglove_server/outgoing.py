@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics of the graph as channels, each subscribed to while a client wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from foxglove import Channel, Context, Schema
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
+
+from soliton_linkage_nodes.bags.read.reading import message_class
+from soliton_linkage_nodes.bags.stored_topic import type_definition
+from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
+
+_DEPTH = 1000
+"""Messages that a queue holds while none is taken: a second of a topic at 1000 Hz."""
+
+
+class OutgoingTopic:
+    """A topic as clients see it: its messages as they are, with the definition of their type."""
+
+    def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
+        """Offer it to clients; raises ValueError where its type is not installed."""
+        self.name, self.type = name, type_
+        self.sent = 0
+        """How many messages clients were given."""
+        self._message_type = message_class(type_)
+        definition, _ = type_definition(type_)
+        schema = Schema(name=type_, encoding='ros2msg', data=definition.encode())
+        self._channel = Channel(name, schema=schema, message_encoding='cdr', context=context)
+        self._node = node
+        self._subscription: Subscription | None = None
+        self._qos = QoSProfile(depth=_DEPTH)
+
+    @property
+    def subscribed(self) -> bool:
+        """Whether clients want it."""
+        return self._subscription is not None
+
+    def look(self, renewed: bool, adapting: bool) -> None:
+        """Subscribe, or no longer, as clients do; anew where publishers offer something else.
+
+        What is latched is asked for again where another client has come: `renewed`. What is
+        offered is looked at while `adapting`.
+        """
+        if not self._channel.has_sinks():
+            self._unsubscribe()
+            return
+        if self._subscription and not (renewed or adapting):
+            return
+        offered = [i.qos_profile for i in self._node.get_publishers_info_by_topic(self.name)]
+        qos = heard_by_all(offered, _DEPTH) if offered else self._qos
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if self._subscription and same_offer(qos, self._qos) and not (renewed and latched):
+            return
+        self._unsubscribe()
+        self._qos = qos
+        self._subscription = self._node.create_subscription(
+            self._message_type,
+            self.name,
+            self._send,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    def close(self) -> None:
+        """Offer it no longer."""
+        self._unsubscribe()
+        self._channel.close()
+
+    def _send(self, serialized: bytes) -> None:
+        self._channel.log(serialized)
+        self.sent += 1
+
+    def _unsubscribe(self) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+
+class OutgoingTopics:
+    """All topics of the graph."""
+
+    def __init__(self, node: Node, context: Context, complain: Callable[[str, str], None]) -> None:
+        """Offer them to the clients of a context; `complain` is told of a topic and why not."""
+        self.topics: dict[str, OutgoingTopic] = {}
+        self.sent_before = 0
+        self._node, self._context, self._complain = node, context, complain
+        self._refused: dict[str, Sequence[str]] = {}
+
+    @property
+    def sent(self) -> int:
+        """How many messages clients were given."""
+        return self.sent_before + sum(topic.sent for topic in self.topics.values())
+
+    def search(self) -> None:
+        """Offer topics that are new, and those no longer that are gone."""
+        found: dict[str, list[str]] = dict(self._node.get_topic_names_and_types())
+        for name, topic in list(self.topics.items()):
+            if topic.type not in found.get(name, ()) or self._is_deserted(name):
+                self.sent_before += topic.sent
+                topic.close()
+                del self.topics[name]
+        for name, types in found.items():
+            if name in self.topics or self._refused.get(name) == types or self._is_deserted(name):
+                continue
+            try:
+                self.topics[name] = OutgoingTopic(self._node, name, types[0], self._context)
+            except ValueError as error:
+                self._refused[name] = types
+                self._complain(name, str(error))
+
+    def look(self, renewed: set[str], adapting: bool) -> None:
+        """Follow the clients; those of some topics have become more."""
+        for name, topic in self.topics.items():
+            topic.look(name in renewed, adapting)
+
+    def close(self) -> None:
+        """Offer nothing."""
+        for topic in self.topics.values():
+            topic.close()
+        self.topics.clear()
+
+    def _is_deserted(self, name: str) -> bool:
+        """Whether nobody but this node has to do with a topic."""
+        own = name in self.topics and self.topics[name].subscribed
+        others: Any = self._node.count_subscribers(name) - own
+        return not (others or self._node.count_publishers(name))

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Print the chain of a parameter file as URDF, for MuJoCo, Gazebo or robot_state_publisher."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.linkage.robot_description import JointLimits, robot_description
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.runtime.parameter_files import read_sections
+
+
+def main() -> None:
+    """Print it."""
+    parser = ProgramParser(prog='robot_description', description=__doc__)
+    parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
+    with plain_failures('robot_description'):
+        print(description_of_file(parser.parse().config))
+
+
+def description_of_file(path: Path) -> str:
+    """URDF of the chain of a parameter file; ValueError where it describes none."""
+    named = chain_of_file(path)
+    given = {name: value for held in read_sections(path).values() for name, value in held.items()}
+    limits = {
+        name: given[f'limits.{name}']
+        for name in described_fields(JointLimits)
+        if f'limits.{name}' in given
+    }
+    return robot_description(named.chain, named.joint_names, JointLimits(**limits))

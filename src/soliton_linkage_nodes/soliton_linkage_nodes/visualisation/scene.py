@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is drawn of a chain in space: lines, points and boxes with their colours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from soliton_linkage.colours import BLUE, DARK, GREEN, GREY, PURPLE, RED, shares
+from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
+from soliton_linkage.linkage.chain import Array, Chain
+
+_LONGEST = 1.2
+"""Length of an arrow of size 1 over the larger of rotor length and spacing [1]."""
+_LEAST = 0.02
+"""Arrows that are shorter than this share of the longest one are left out [1]."""
+_HEAD = (0.3, 0.15)
+"""Length and half the width of an arrow's head, over its length [1]."""
+_OVER = 2.5
+"""Height of a wall over the length of a rotor [1]: it is seen above and below."""
+_AT_REST = 1e-4
+"""Extension over length at rest below which a spring is at rest to the eye [1]."""
+_FADING = 0.98
+"""By which the end of the scale of extensions follows a smaller one, from picture to picture [1]:
+about a second at 30 Hz."""
+
+
+class Shape(NamedTuple):
+    """Lines, each from an even point to the next, or else balls at the points."""
+
+    name: str
+    points: Array
+    """Places [m], shape (K, 3)."""
+    colours: Array
+    """Red, green, blue and opacity of each point [1], shape (K, 4)."""
+    width: float
+    """Of lines, or diameter of balls [m]."""
+    balls: bool = False
+
+
+class WallBox(NamedTuple):
+    """A wall from two standard deviations before to two after it."""
+
+    place: float
+    """Along the chain [m]."""
+    length: float
+    """Along the chain [m]: four standard deviations, or just visible where that is less."""
+    height: float
+    """Across the chain [m]."""
+
+
+class ChainScene:
+    """Draws configurations of a chain."""
+
+    def __init__(self, chain: Chain) -> None:
+        """Draw this chain."""
+        self.chain = chain
+        self.width = min(chain.spacing, chain.rotor_length) / 12
+        """Of the rods [m]."""
+        self._size = _LONGEST * max(chain.rotor_length, chain.spacing)
+        self._largest = 0.0
+
+    def masses(self, angles: Array) -> Array:
+        """Places of the masses [m], shape (N, 3)."""
+        horizontal, vertical = self.chain.positions(angles)
+        return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
+
+    def shapes(self, angles: Array) -> list[Shape]:
+        """The chain at these angles [rad]; what hangs on an angle that is NaN is left out."""
+        masses = self.masses(angles)
+        known = np.isfinite(angles)
+        return [
+            self._rods(masses, known),
+            Shape('masses', masses[known], _of(BLUE, int(known.sum())), 2 * self.width, True),
+            self._springs(masses, angles),
+            self._mode(masses, angles),
+        ]
+
+    def kick(self, angles: Array, impulses: Array) -> Shape:
+        """Impulses of rotors [N m s], shape (N,), as arrows at their masses."""
+        return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
+
+    def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
+        """Walls by their place [m] and its standard deviation [m]."""
+        height = _OVER * float(self.chain.rotor_lengths.max())
+        return [
+            WallBox(place, max(4 * deviation, self.width), height)
+            for place, deviation in walls
+            if math.isfinite(place) and math.isfinite(deviation)
+        ]
+
+    def _rods(self, masses: Array, known: Array) -> Shape:
+        pivots = np.zeros_like(masses)
+        pivots[:, 0] = self.chain.pivots
+        ends = np.stack([pivots, masses], axis=1)[known].reshape(-1, 3)
+        colours = _of(DARK, len(masses))
+        colours[1::2] = _of(GREY, 1)
+        return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
+
+    def _springs(self, masses: Array, angles: Array) -> Shape:
+        """Red where they are longer than at rest, blue where shorter, grey between."""
+        extensions = self.chain.spring_extensions(angles)
+        known = np.isfinite(extensions)
+        largest = float(np.abs(extensions[known]).max(initial=0.0))
+        least = _AT_REST * self.chain.rest_length
+        self._largest = max(largest, _FADING * self._largest, least)
+        share = (extensions / self._largest)[known, None]
+        ends = np.where(share > 0, _of(RED, 1), _of(BLUE, 1))
+        colours = np.abs(share) * ends + (1 - np.abs(share)) * _of(GREY, 1)
+        to = np.roll(masses, -1, axis=0)
+        to[-1, 0] += self.chain.pivots[-1] + float(self.chain.spacings[-1])
+        lines = np.stack([masses, to], axis=1)[: len(extensions)][known].reshape(-1, 3)
+        return Shape('springs', lines, np.repeat(colours, 2, axis=0), 0.7 * self.width)
+
+    def _mode(self, masses: Array, angles: Array) -> Shape:
+        mode = np.zeros(len(angles))
+        if not self.chain.periodic and np.isfinite(angles).all():
+            mode = resolved_edge_mode(self.chain, angles, Edge.NEAREST)[1]
+        return self._arrows('zero_mode', masses, angles, mode, GREEN)
+
+    def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
+        """Arrows along the way of the masses, the longest of them of the same length."""
+        largest = float(np.abs(sizes).max(initial=0.0))
+        shown = np.isfinite(angles) & (np.abs(sizes) > _LEAST * largest)
+        ahead = np.array([np.cos(angles), np.zeros_like(angles), -np.sin(angles)]).T[shown]
+        aside = ahead[:, [2, 1, 0]] * [1, 1, -1]
+        scale = (self._size * sizes[shown] / (largest or 1.0))[:, None]
+        tail, (length, half) = masses[shown], _HEAD
+        tip = tail + scale * ahead
+        left, right = (tip - scale * (length * ahead + side * half * aside) for side in (1, -1))
+        lines = np.stack([tail, tip, tip, left, tip, right], axis=1).reshape(-1, 3)
+        return Shape(name, lines, _of(colour, len(lines)), self.width)
+
+
+def _of(colour: str, count: int) -> Array:
+    return np.tile([*shares(colour), 1.0], (count, 1))

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The visualisation between a test that plays the chain and one that looks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from graphs import Graph, values
+from std_msgs.msg import Header
+from urdf_parser_py.urdf import URDF
+from visualization_msgs.msg import Marker
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_msgs.msg import LastKick, Soliton, SolitonState
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    frame_to_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.visualisation.node import Visualisation
+
+
+class Stage:
+    """The topics of a chain, played by the test."""
+
+    def __init__(self, graph: Graph, named: NamedChain, parameters: dict[str, Any]) -> None:
+        self.graph, self.named = graph, named
+        self.node = graph.start(Visualisation, parameters)
+        self.chain = graph.speak(interfaces.CHAIN)
+        self.joints = graph.speak(interfaces.JOINT_STATES)
+        self.states = graph.speak(interfaces.SOLITON_STATE)
+        self.kicks = graph.speak(interfaces.LAST_KICK)
+        self.number = 0
+
+    def learn(self, named: NamedChain) -> None:
+        self.named = named
+        self.chain.publish(chain_to_msg(named, Time()))
+        self.graph.until(lambda: self.node.heard.named == named, 'the chain')
+
+    def move(self, angles: Array) -> Time:
+        """Publish a frame, 0.1 s after the last one, and wait until it is taken."""
+        self.number += 1
+        stamp = Time(sec=self.number // 10, nanosec=self.number % 10 * 10**8)
+        frame = frame_to_msg(self.named, Frame(angles, None), 0 * angles, stamp)
+        taken = self.node.heard.frames
+        self.joints.publish(frame)
+        self.graph.until(lambda: self.node.heard.frames > taken, 'a frame')
+        return stamp
+
+    def tell(self, stamp: Time, *places: float) -> None:
+        """Publish a state with walls at these places [m], wait until it is taken."""
+        solitons = [
+            Soliton(position=at, position_deviation=0.01, rotor=at / 0.1, charge=1)
+            for at in places
+        ]
+        taken = self.node.heard.states
+        self.states.publish(SolitonState(header=Header(stamp=stamp), solitons=solitons))
+        self.graph.until(lambda: self.node.heard.states > taken, 'a state')
+
+
+@pytest.fixture
+def stage(graph: Graph, named: NamedChain) -> Stage:
+    made = Stage(graph, named, {})
+    made.learn(named)
+    return made
+
+
+def by_name(message: Any) -> dict[tuple[str, int], Marker]:
+    return {(marker.ns, marker.id): marker for marker in message.markers}
+
+
+def test_the_description_is_that_of_the_chain_and_late_joiners_get_it(stage: Stage) -> None:
+    heard = stage.graph.hear(interfaces.ROBOT_DESCRIPTION)
+    stage.graph.until(lambda: heard, 'a description')
+    robot = URDF.from_xml_string(heard[0].data)
+    assert tuple(joint.name for joint in robot.joints) == stage.named.joint_names
+    assert len(heard) == 1
+
+
+def test_markers_have_the_stamp_of_the_frame_and_walls_go(stage: Stage) -> None:
+    angles = stage.named.chain.uniform_state(1)
+    heard = stage.graph.hear(interfaces.MARKERS)
+    stage.tell(stage.move(angles), 0.25, 0.5)
+    stamp = stage.move(angles)
+    stage.graph.until(
+        lambda: any(('solitons', 1) in by_name(message) for message in heard), 'two walls'
+    )
+    markers = by_name(heard[-1])
+    assert {marker.header.frame_id for marker in heard[-1].markers} == {'linkage'}
+    assert markers['springs', 0].header.stamp == stamp
+    assert markers['springs', 0].type == Marker.LINE_LIST
+    assert len(markers['springs', 0].points) == len(markers['springs', 0].colors) == 14
+    wall = markers['solitons', 0]
+    assert (wall.pose.position.x, wall.scale.x) == (0.25, pytest.approx(0.04))
+    stage.tell(stage.move(angles), 0.3)
+    stage.move(angles)
+    stage.graph.until(lambda: by_name(heard[-1])['solitons', 0].pose.position.x == 0.3, 'one wall')
+    gone = [by_name(message).get(('solitons', 1)) for message in heard]
+    assert [marker.action for marker in gone if marker][-1] == Marker.DELETE
+
+
+def test_the_last_kick_is_shown_for_a_while(stage: Stage) -> None:
+    angles = stage.named.chain.uniform_state(1)
+    heard = stage.graph.hear(interfaces.MARKERS)
+    kick = LastKick(header=Header(stamp=stage.move(angles)), name=['rotor_2'], impulse=[1e-4])
+    stage.kicks.publish(kick)
+
+    def is_shown() -> bool:
+        stage.move(angles)
+        return bool(heard and by_name(heard[-1])['last_kick', 0].action == Marker.ADD)
+
+    stage.graph.until(is_shown, 'a kick')
+    shaft = by_name(heard[-1])['last_kick', 0].points[0]
+    horizontal, vertical = stage.named.chain.positions(angles)
+    assert (shaft.x, shaft.z) == pytest.approx((0.2 + horizontal[2], vertical[2]))
+    begin = stage.number
+    stage.graph.until(lambda: not is_shown(), 'the end of the kick')
+    assert 20 < stage.number - begin < 60
+
+
+def test_another_chain_clears_what_was_drawn(stage: Stage) -> None:
+    heard = stage.graph.hear(interfaces.MARKERS)
+    stage.move(stage.named.chain.uniform_state(1))
+    stage.graph.until(lambda: heard, 'markers')
+    fewer = type(stage.named.chain)(number_of_rotors=4)
+    stage.learn(NamedChain(fewer, ('a', 'b', 'c', 'd')))
+    stage.move(fewer.uniform_state(1))
+    stage.graph.until(lambda: len(by_name(heard[-1])['rotors', 0].points) == 8, 'another chain')
+    actions = [message.markers[0].action for message in heard]
+    assert actions.count(Marker.DELETEALL) == 1
+
+
+def test_the_pose_is_that_of_the_first_wall(stage: Stage) -> None:
+    heard = stage.graph.hear(interfaces.SOLITON_POSE)
+    stage.graph.until(
+        lambda: stage.node.count_subscribers(interfaces.SOLITON_POSE.name), 'a subscription'
+    )
+    stamp = stage.move(stage.named.chain.uniform_state(1))
+    stage.tell(stamp, 0.25, 0.5)
+    stage.graph.until(lambda: heard, 'a pose')
+    pose = heard[0].pose
+    assert (heard[0].header.stamp, heard[0].header.frame_id) == (stamp, 'linkage')
+    assert (pose.pose.position.x, pose.pose.orientation.w) == (0.25, 1.0)
+    assert pose.covariance[0] == pytest.approx(1e-4)
+    assert not pose.covariance[1:].any()
+
+
+def test_the_kymograph_begins_before_somebody_looks(stage: Stage) -> None:
+    for _ in range(4):
+        stage.move(stage.named.chain.uniform_state(1))
+    heard = stage.graph.hear(interfaces.KYMOGRAPH)
+    stage.graph.until(lambda: heard, 'a kymograph')
+    picture = heard[0]
+    assert (picture.encoding, picture.width, picture.height) == ('rgb8', 600, 400)
+    assert picture.step == 3 * picture.width
+    assert len(picture.data) == picture.step * picture.height
+    pixels = np.frombuffer(picture.data, np.uint8).reshape(400, 600, 3)
+    assert (pixels[0, -9:] != 217).any(axis=1).all()
+
+
+@pytest.mark.usefixtures('often')
+def test_nothing_is_drawn_while_nobody_looks(graph: Graph, named: NamedChain) -> None:
+    stage = Stage(graph, named, {})
+    reports = graph.reports('visualisation')
+    graph.until(lambda: reports, 'a report')
+    assert reports[-1].message == 'waiting for the topic chain'
+    stage.learn(named)
+    stage.move(named.chain.uniform_state(1))
+    graph.until(lambda: values(reports[-1])['frames'] == '1', 'a report of a frame')
+    told = values(reports[-1])
+    assert {told[f'{name} [Hz]'] for name in ('markers', 'soliton_pose', 'kymograph')} == {'0'}
+
+
+def test_joints_of_another_chain_are_refused(stage: Stage) -> None:
+    other = NamedChain(stage.named.chain, tuple('abcdefgh'))
+    angles = stage.named.chain.uniform_state(1)
+    stage.joints.publish(frame_to_msg(other, Frame(angles, None), angles, Time()))
+    stage.graph.until(lambda: stage.node.diagnostics.refused, 'a refusal')
+    assert stage.move(angles)
