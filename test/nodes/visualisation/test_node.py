@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graphs import Graph, values
 from std_msgs.msg import Header
 from urdf_parser_py.urdf import URDF
@@ -102,6 +103,28 @@ def test_markers_have_the_stamp_of_the_frame_and_walls_go(stage: Stage) -> None:
     stage.graph.until(lambda: by_name(heard[-1])['solitons', 0].pose.position.x == 0.3, 'one wall')
     gone = [by_name(message).get(('solitons', 1)) for message in heard]
     assert [marker.action for marker in gone if marker][-1] == Marker.DELETE
+
+
+def test_figures_tell_phase_energies_and_how_nodes_do(stage: Stage) -> None:
+    diagnostics = stage.graph.speak(interfaces.DIAGNOSTICS, subscribers=1)
+    status = DiagnosticStatus(level=b'\x01', name='pump: air', message='leaks')
+    diagnostics.publish(DiagnosticArray(status=[status]))
+    heard = stage.graph.hear(interfaces.MARKERS)
+    stamp = stage.move(stage.named.chain.uniform_state(1))
+    state = SolitonState(header=Header(stamp=stamp))
+    state.cycle.phase, state.cycle.leg, state.cycle.completed = 1.25, 2, 3
+    state.energies.kinetic, state.energies.elastic = 0.002, 5e-5
+    stage.states.publish(state)
+
+    def figures() -> list[str]:
+        stage.move(stage.named.chain.uniform_state(1))
+        return by_name(heard[-1])['figures', 0].text.splitlines() if heard else []
+
+    stage.graph.until(lambda: len(figures()) >= 3, 'figures')
+    told = figures()
+    assert told[0] == 'phase 1.25 rad, leg 2, 3 cycles'
+    assert told[1] == 'kinetic 2.000 mJ, elastic 0.050 mJ'
+    assert 'WARN pump: leaks' in told[2:]
 
 
 def test_the_last_kick_is_shown_for_a_while(stage: Stage) -> None:

@@ -73,6 +73,20 @@ def box_to_msg(
     )
 
 
+def lettering_to_msg(
+    header: Header,
+    name: str,
+    place: Sequence[float],
+    size: float,
+    colour: Sequence[float],
+    text: str,
+) -> Marker:
+    """A text of a size [m] at its place [m], in red, green, blue and opacity [1]."""
+    marker = box_to_msg(header, name, 0, place, (0.0, 0.0, size), colour)
+    marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
+    return marker
+
+
 def deletion_to_msg(header: Header, name: str, number: int) -> Marker:
     """Have viewers take a marker away."""
     return Marker(header=header, ns=name, id=number, action=Marker.DELETE)

@@ -19,17 +19,27 @@ from soliton_linkage_nodes.messages.marker_conversions import (
     kick_from_msg,
     walls_from_msg,
 )
+from soliton_linkage_nodes.messages.view_conversions import (
+    NodeReport,
+    Numbers,
+    reports_from_msg,
+    state_numbers,
+)
 from soliton_linkage_nodes.runtime.newest import Newest
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
 _FRESH = 1.0
 """Age beyond which walls are not those of the angles any more [s], in the time of the stamps."""
+_SILENT = 3.0
+"""Age beyond which a node is not heard any more [s]: it reports once a second."""
+_MOST_REPORTS = 100
+"""Diagnostics that are taken at a time: those of a second of many nodes."""
 
 
 class HeardChain:
     """The newest angles, walls and kick of a chain."""
 
-    def __init__(self, joints: Newest, states: Newest, kicks: Newest) -> None:
+    def __init__(self, joints: Newest, states: Newest, kicks: Newest, diagnostics: Newest) -> None:
         """Know nothing yet."""
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
@@ -44,7 +54,11 @@ class HeardChain:
         """How many states of the analyser came."""
         self.state_stamp = Time()
         """Of the walls."""
+        self.numbers: Numbers = {}
+        """What the latest state of the analyser says."""
         self._joints, self._states, self._kicks = joints, states, kicks
+        self._diagnostics = diagnostics
+        self._reports: dict[str, tuple[float, NodeReport]] = {}
         self._decoder = JointStateDecoder()
         self._reader: FrameReader | None = None
         self._walls: list[Wall] = []
@@ -78,7 +92,9 @@ class HeardChain:
         state, kick = self._states.take(), self._kicks.take()
         if state is not None:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
+            self.numbers = state_numbers(state)
             self.states += 1
+        self._take_reports()
         self._kick = kick or self._kick
         if self._reader is None:
             return
@@ -89,6 +105,20 @@ class HeardChain:
             self.stamp, self.frame = time_to_msg(joints.stamp), joints.frame_id or FRAME
             self._came = time.monotonic()
             self.frames += 1
+
+    def reports(self) -> list[NodeReport]:
+        """What the nodes of the graph say of themselves, the worst first."""
+        heard = time.monotonic() - _SILENT
+        fresh = [report for came, report in self._reports.values() if came > heard]
+        return sorted(fresh, key=lambda report: -report.level)
+
+    def _take_reports(self) -> None:
+        for _ in range(_MOST_REPORTS):
+            message = self._diagnostics.take()
+            if message is None:
+                return
+            for report in reports_from_msg(message):
+                self._reports[report.node] = (time.monotonic(), report)
 
     def kick(self, shown: float) -> Array | None:
         """Impulses of the last kick [N m s], shape (N,), unless it has been over for longer [s].

@@ -49,8 +49,8 @@ class VisualisationParameters:
 class Visualisation(Node):
     """Draws a chain for RViz, Foxglove and the like: what nobody subscribes to is not drawn.
 
-    Subscribes to `joint_states`, `soliton_state`, `last_kick` and, unless told the chain by
-    parameters, to `chain`. Publishes `robot_description` (URDF, latched), `markers`,
+    Subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless told the
+    chain by parameters, to `chain`. Publishes `robot_description` (URDF, latched), `markers`,
     `soliton_pose` of the first wall, `kymograph` of the last seconds, and `/diagnostics`.
     """
 
@@ -149,7 +149,12 @@ class Visualisation(Node):
         super().destroy_node()
 
 
-_HEARD = (interfaces.JOINT_STATES, interfaces.SOLITON_STATE, interfaces.LAST_KICK)
+_HEARD = (
+    interfaces.JOINT_STATES,
+    interfaces.SOLITON_STATE,
+    interfaces.LAST_KICK,
+    interfaces.DIAGNOSTICS,
+)
 
 
 def main() -> None:

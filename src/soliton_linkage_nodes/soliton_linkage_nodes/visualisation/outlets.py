@@ -10,18 +10,20 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from soliton_linkage.colours import RED, shares
+from soliton_linkage.colours import GREY, RED, shares
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.marker_conversions import (
     box_to_msg,
     clearance_to_msg,
     deletion_to_msg,
     header_of,
+    lettering_to_msg,
     lines_to_msg,
     markers_to_msg,
     picture_to_msg,
     pose_to_msg,
 )
+from soliton_linkage_nodes.visualisation.figures import figures_of
 from soliton_linkage_nodes.visualisation.heard_chain import HeardChain
 from soliton_linkage_nodes.visualisation.kymograph import Kymograph
 from soliton_linkage_nodes.visualisation.scene import ChainScene
@@ -94,6 +96,11 @@ class MarkerOutlet(Outlet):
         shapes.append(self._scene.kick(heard.angles, impulses))
         markers = [lines_to_msg(header, *shape) for shape in shapes]
         markers += self._solitons(header, self._scene, heard)
+        scene, figures = self._scene, '\n'.join(figures_of(heard))
+        colour = (*shares(GREY), 1.0)
+        markers.append(
+            lettering_to_msg(header, 'figures', scene.above, scene.lettering, colour, figures)
+        )
         if self._clear:
             markers.insert(0, clearance_to_msg(header))
             self._clear = False

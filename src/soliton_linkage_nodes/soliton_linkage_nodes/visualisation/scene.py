@@ -21,6 +21,8 @@ _HEAD = (0.3, 0.15)
 """Length and half the width of an arrow's head, over its length [1]."""
 _OVER = 2.5
 """Height of a wall over the length of a rotor [1]: it is seen above and below."""
+_LETTERS = 40
+"""Length of a chain over the height of letters [1]: a line of figures is as long as half of it."""
 _AT_REST = 1e-4
 """Extension over length at rest below which a spring is at rest to the eye [1]."""
 _FADING = 0.98
@@ -60,6 +62,11 @@ class ChainScene:
         self.chain = chain
         self.width = min(chain.spacing, chain.rotor_length) / 12
         """Of the rods [m]."""
+        middle, length = float(chain.pivots[-1]) / 2, float(chain.pivots[-1]) + chain.spacing
+        self.lettering = length / _LETTERS
+        """Height of letters [m]."""
+        self.above = middle, 0.0, _OVER * float(chain.rotor_lengths.max()) + 2 * self.lettering
+        """Place of what is written [m]."""
         self._size = _LONGEST * max(chain.rotor_length, chain.spacing)
         self._largest = 0.0
 
