@@ -161,6 +161,7 @@ def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> N
     ('package', 'share', 'sources'),
     [
         ('soliton_linkage_nodes', 'config', 'config/*.yaml'),
+        ('soliton_linkage_nodes', 'config/views', 'config/views/*'),
         ('soliton_linkage_nodes', 'bags', 'bags/*/*'),
         ('soliton_linkage_nodes', 'launch', 'src/soliton_linkage_nodes/launch/*'),
         ('soliton_linkage', 'studies', 'config/studies/*'),

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated chain with actuator, analyser and steering, and a recorder if asked for."""
+"""The simulated chain with actuator, analyser, steering and pictures; a recorder if asked for."""
 
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.conditions import IfCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitution import Substitution
 from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
@@ -53,6 +54,27 @@ def generate_launch_description():
                 'record',
                 default_value='',
                 description='bag to record, _0 is added; empty for none',
+            ),
+            DeclareLaunchArgument(
+                'view',
+                default_value='none',
+                choices=['rviz', 'foxglove', 'plotjuggler', 'rqt', 'none'],
+                description='viewer to open',
+            ),
+            DeclareLaunchArgument(
+                'draw',
+                default_value='true',
+                choices=['true', 'false'],
+                description='whether to draw the chain for viewers',
+            ),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(str(Path(__file__).with_name('view.launch.py'))),
+                launch_arguments={
+                    'config': ConfigurationFile(),
+                    'namespace': LaunchConfiguration('namespace'),
+                    'view': LaunchConfiguration('view'),
+                }.items(),
+                condition=IfCondition(LaunchConfiguration('draw')),
             ),
             *(
                 Node(executable=name, **common)

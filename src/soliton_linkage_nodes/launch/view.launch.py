@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What draws a chain, its frames where robot_state_publisher is installed, and a viewer."""
+
+import re
+import shutil
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_prefix,
+    get_package_share_directory,
+)
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, LogInfo, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from launch import LaunchDescription
+from soliton_linkage_nodes.programs.robot_description import description_of_file
+from soliton_linkage_nodes.runtime.interfaces import DRAWN, SUITE
+
+PACKAGE = 'soliton_linkage_nodes'
+CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
+NAMES = sorted(path.stem for path in CONFIGURATIONS.glob('*.yaml'))
+LAYOUTS = {
+    'rviz': 'linkage.rviz',
+    'foxglove': 'foxglove.json',
+    'plotjuggler': 'plotjuggler.xml',
+    'rqt': 'rqt.perspective',
+    'none': '',
+}
+TOPICS = '|'.join(re.escape(t.name) for t in (*SUITE, *DRAWN) if not t.name.startswith('/'))
+# Each chain has a tree of frames of its own, in its namespace.
+FRAMES = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
+ADDRESS, PORT = '127.0.0.1', 8765
+
+
+def installed(package):
+    """Whether a ROS package is installed."""
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def layout_in(namespace, view):
+    """Return the path of a viewer's layout whose topics are those of a namespace."""
+    path = CONFIGURATIONS / 'views' / LAYOUTS[view]
+    prefix = namespace.strip('/')
+    if not prefix:
+        return str(path)
+    text = path.read_text(encoding='utf-8')
+    text = re.sub(rf'(?<![\w/])/(?=({TOPICS})\b)', f'/{prefix}/', text)
+    folder = Path(tempfile.mkdtemp(prefix=f'{prefix.replace("/", "_")}_view_'))
+    (folder / path.name).write_text(text, encoding='utf-8')
+    return str(folder / path.name)
+
+
+def frames(namespace, config):
+    """Return what publishes the frames of the links, where it is installed."""
+    if not installed('robot_state_publisher'):
+        return []
+    return [
+        Node(
+            package='robot_state_publisher',
+            executable='robot_state_publisher',
+            namespace=namespace,
+            parameters=[{'robot_description': description_of_file(config)}],
+            # The visualisation publishes the description, of the chain that there is.
+            remappings=[*FRAMES, ('robot_description', '~/robot_description')],
+        )
+    ]
+
+
+def rviz(namespace, layout):
+    """Return RViz."""
+    if not installed('rviz2'):
+        return [LogInfo(msg='view:=rviz needs RViz; run: sudo apt install ros-jazzy-rviz2')]
+    arguments = ['-d', layout]
+    return [
+        Node(
+            package='rviz2',
+            executable='rviz2',
+            namespace=namespace,
+            arguments=arguments,
+            remappings=FRAMES,
+        )
+    ]
+
+
+def foxglove(namespace, layout):
+    """Return a server, of this suite where there is no foxglove_bridge."""
+    if installed('foxglove_bridge'):
+        served = {'package': 'foxglove_bridge', 'executable': 'foxglove_bridge'}
+        served['parameters'] = [{'address': ADDRESS, 'port': PORT}]
+    elif find_spec('foxglove'):
+        served = {'package': PACKAGE, 'executable': 'foxglove_server', 'namespace': namespace}
+        served['parameters'] = [{'host': ADDRESS, 'port': PORT}]
+    else:
+        return [
+            LogInfo(
+                msg='view:=foxglove needs a server; run: '
+                'sudo apt install ros-jazzy-foxglove-bridge, or: pip install foxglove-sdk'
+            )
+        ]
+    told = f'open ws://{ADDRESS}:{PORT} in Foxglove or Lichtblick, with the layout {layout}'
+    return [Node(output='screen', **served), LogInfo(msg=told)]
+
+
+def plotjuggler(namespace, layout):
+    """Return PlotJuggler, version 4 where there are two."""
+    arguments = ['--layout', layout]
+    if shutil.which('plotjuggler4'):
+        return [ExecuteProcess(cmd=['plotjuggler4', *arguments])]
+    if installed('plotjuggler'):
+        return [Node(package='plotjuggler', executable='plotjuggler', arguments=arguments)]
+    return [
+        LogInfo(
+            msg='view:=plotjuggler needs PlotJuggler; install the package plotjuggler4 of its '
+            'releases, or run: sudo apt install ros-jazzy-plotjuggler-ros'
+        )
+    ]
+
+
+def rqt(namespace, layout):
+    """Return rqt."""
+    if not installed('rqt_gui'):
+        return [
+            LogInfo(
+                msg='view:=rqt needs rqt; run: sudo apt install ros-jazzy-rqt '
+                'ros-jazzy-rqt-common-plugins ros-jazzy-rqt-robot-monitor'
+            )
+        ]
+    arguments = ['--perspective-file', layout]
+    # The monitor hears an aggregator where there is one; here it hears the nodes.
+    heard = [('/diagnostics_agg', '/diagnostics')]
+    return [Node(package='rqt_gui', executable='rqt_gui', arguments=arguments, remappings=heard)]
+
+
+VIEWERS = {'rviz': rviz, 'foxglove': foxglove, 'plotjuggler': plotjuggler, 'rqt': rqt}
+
+
+def view_of(context):
+    """Return the nodes; raises ValueError where the parameter file is none."""
+    config, namespace, view = (
+        context.perform_substitution(LaunchConfiguration(name))
+        for name in ('config', 'namespace', 'view')
+    )
+    path = CONFIGURATIONS / f'{config}.yaml' if config in NAMES else Path(config)
+    if not path.is_file():
+        raise ValueError(
+            f'config:={config} is no file and none of {", ".join(NAMES)}; '
+            f'files are looked for from {Path.cwd()}'
+        )
+    drawing = Node(
+        package=PACKAGE,
+        executable='visualisation',
+        namespace=namespace,
+        output='screen',
+        ros_arguments=['--params-file', str(path)],
+    )
+    shown = VIEWERS[view](namespace, layout_in(namespace, view)) if view in VIEWERS else []
+    return [drawing, *frames(namespace, path), *shown]
+
+
+def generate_launch_description():
+    """Return the arguments and what comes of them."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'config',
+                default_value='flipper',
+                description=f'parameters: {", ".join(NAMES)}, or the path of a file like them',
+            ),
+            DeclareLaunchArgument('namespace', default_value='', description='of the chain'),
+            DeclareLaunchArgument(
+                'view',
+                default_value='none',
+                choices=list(LAYOUTS),
+                description='viewer to open',
+            ),
+            OpaqueFunction(function=view_of),
+        ]
+    )
