@@ -30,6 +30,8 @@ from soliton_linkage_nodes.visualisation.outlets import KymographOutlet, MarkerO
 
 _MOST_BUSY = 0.5
 """Share of the time that drawing may take [1]: a chain of thousands is drawn less often."""
+_LONGEST_REST = 1.0
+"""After a picture that took long [s]: the first one has to import what it needs."""
 _SEARCH_PERIOD = 0.5
 """Between two looks at who publishes [s]."""
 
@@ -124,7 +126,7 @@ class Visualisation(Node):
             outlet.draw(self.heard)
         took = time.monotonic() - begin
         self._busy += took
-        self._rest_until = begin + took / _MOST_BUSY
+        self._rest_until = begin + min(took / _MOST_BUSY, took + _LONGEST_REST)
 
     def _report(self) -> Report:
         now = time.monotonic()

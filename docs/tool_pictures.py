@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of the pages about viewers: what the topics hold, laid out as the layouts say.
+
+    make shell
+    python3 docs/tool_pictures.py
+
+runs a chain for 15 s and writes rviz.png, foxglove.png, plotjuggler.png and rqt.png into
+docs/pictures. The viewers are not needed: matplotlib draws what they are sent.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import matplotlib.pyplot as plt
+import numpy as np
+import rclpy
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpecFromSubplotSpec, SubplotSpec
+from PIL import Image
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from visualization_msgs.msg import Marker
+
+from soliton_linkage_nodes.programs.child_processes import private_domain
+from soliton_linkage_nodes.runtime import interfaces
+
+PICTURES = Path(__file__).parent / 'pictures'
+CONFIG = PICTURES.parents[1] / 'config'
+VIEWS = CONFIG / 'views'
+NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'visualisation')
+HEARD = (
+    interfaces.MARKERS,
+    interfaces.KYMOGRAPH,
+    interfaces.SOLITON_STATE,
+    interfaces.JOINT_STATES,
+    interfaces.DIAGNOSTICS,
+)
+NUDGES = ((2.0, 10.0), (15.0, 0.0))
+"""When [s], and how strong [rad/s]; the last one only ends the recording."""
+COLOURS, DPI = 32, 65
+Series = dict[str, list[tuple[float, float]]]
+
+
+def main() -> None:
+    """Run a chain and draw what came of it."""
+    with private_domain():
+        heard = run()
+    series = numbers(heard)
+    save(rviz(heard), 'rviz')
+    save(foxglove(heard, series), 'foxglove')
+    save(plotjuggler(series), 'plotjuggler')
+    save(rqt(heard, series), 'rqt')
+
+
+@contextmanager
+def running(*programs: str) -> Iterator[None]:
+    """Nodes of the suite as processes."""
+    parameters = ['--ros-args', '--params-file', str(CONFIG / 'flipper.yaml')]
+    start = 'from soliton_linkage_nodes import start; start.{}()'
+    processes = [
+        subprocess.Popen([sys.executable, '-c', start.format(name), *parameters])
+        for name in programs
+    ]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        for process in processes:
+            process.wait()
+
+
+def run() -> dict[str, list[tuple[float, Any]]]:
+    """Messages of each topic with the time at which they came [s]."""
+    rclpy.init()
+    user, executor = Node('user'), EventsExecutor()
+    executor.add_node(user)
+    heard = defaultdict(list)
+    begin = [0.0]
+
+    def hear(topic: interfaces.Topic) -> None:
+        def take(message: Any) -> None:
+            heard[topic.name].append((time.monotonic() - begin[0], message))
+
+        user.create_subscription(topic.type, topic.name, take, topic.qos)
+
+    for topic in HEARD:
+        hear(topic)
+    nudge = interfaces.NUDGE.publisher(user)
+    with running(*NODES):
+        while not (heard['markers'] and nudge.get_subscription_count()):
+            executor.spin_once(timeout_sec=0.05)
+        heard.clear()
+        begin[0] = time.monotonic()
+        for moment, value in NUDGES:
+            while time.monotonic() - begin[0] < moment:
+                executor.spin_once(timeout_sec=0.05)
+            nudge.publish(interfaces.NUDGE.type(data=value))
+    rclpy.shutdown()
+    return {name: list(messages) for name, messages in heard.items()}
+
+
+def numbers(heard: dict[str, list[tuple[float, Any]]]) -> dict[str, list[tuple[float, Any]]]:
+    """Messages by the full name of their topic."""
+    return {f'/{name.lstrip("/")}': messages for name, messages in heard.items()}
+
+
+def values(
+    series: dict[str, list[tuple[float, Any]]], path: str
+) -> tuple[list[float], list[float]]:
+    """Times and values of a number, by a path such as /soliton_state.solitons[0].rotor."""
+    topic, *fields = path.split('.')
+    times, found = [], []
+    for moment, message in series[topic]:
+        value: Any = message
+        for field in fields:
+            name, index = re.fullmatch(r'(\w+)(?:\[(\d+)\])?', field).groups()
+            value = getattr(value, name, None)
+            if index is not None:
+                value = (
+                    value[int(index)] if value is not None and len(value) > int(index) else None
+                )
+        times.append(moment)
+        found.append(np.nan if value is None else float(value))
+    return times, found
+
+
+def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, str]]) -> None:
+    """Draw numbers by path, label and colour."""
+    for path, label, colour in curves:
+        axes.plot(*values(series, path), color=colour, label=label, linewidth=1)
+    axes.set_title(title, fontsize=8, loc='left', pad=2)
+    axes.tick_params(labelsize=6)
+    axes.grid(color='#d9d9d9', linewidth=0.5)
+    if len(curves) > 1:
+        axes.legend(fontsize=6, loc='upper left', frameon=False, ncols=len(curves))
+
+
+def draw_markers(axes: Axes, heard: Any) -> None:
+    """Draw the last message with a wall in it and a kick."""
+    message = next(
+        message
+        for _, message in reversed(heard['markers'])
+        if any(m.ns == 'last_kick' and m.action == Marker.ADD for m in message.markers)
+        and any(m.ns == 'solitons' for m in message.markers)
+    )
+    for marker in message.markers:
+        points = np.array([[p.x, p.z] for p in marker.points])
+        colours = [(c.r, c.g, c.b, c.a) for c in marker.colors]
+        own = marker.color
+        if marker.type == Marker.LINE_LIST and len(points):
+            lines = LineCollection(list(points.reshape(-1, 2, 2)), colors=colours[::2])
+            lines.set_linewidth(1.5)
+            axes.add_collection(lines)
+        elif marker.type == Marker.SPHERE_LIST:
+            axes.scatter(*points.T, c=colours, s=12, zorder=3)
+        elif marker.type == Marker.CUBE:
+            x, z = marker.pose.position.x, marker.pose.position.z
+            size = marker.scale
+            corner = (x - size.x / 2, z - size.z / 2)
+            axes.add_patch(
+                plt.Rectangle(corner, size.x, size.z, color=(own.r, own.g, own.b), alpha=own.a)
+            )
+        elif marker.type == Marker.TEXT_VIEW_FACING:
+            place = marker.pose.position
+            axes.text(place.x, place.z, marker.text, fontsize=7, ha='center', color='#7f7f7f')
+    axes.set_aspect('equal')
+    axes.set_xlim(-0.1, 4.0)
+    axes.set_ylim(-0.2, 0.6)
+    axes.axis('off')
+
+
+def draw_image(axes: Axes, heard: Any) -> None:
+    """Draw the last picture."""
+    picture = heard['kymograph'][-1][1]
+    axes.imshow(np.frombuffer(picture.data, np.uint8).reshape(picture.height, picture.width, 3))
+    axes.set_aspect('auto')
+    axes.axis('off')
+
+
+def draw_diagnostics(axes: Axes, heard: Any) -> None:
+    """List what nodes say of themselves."""
+    told = {s.name: s.message for _, array in heard['/diagnostics'] for s in array.status}
+    axes.text(0, 1, '\n'.join(f'{n}: {m}' for n, m in told.items()), fontsize=6, va='top')
+    axes.axis('off')
+
+
+def rviz(heard: Any) -> Figure:
+    """The markers above, the image below."""
+    figure = plt.figure(figsize=(9, 4.2), layout='constrained')
+    above, below = figure.subplots(2, 1, height_ratios=(1, 1.2))
+    draw_markers(above, heard)
+    draw_image(below, heard)
+    return figure
+
+
+def foxglove(heard: Any, series: Any) -> Figure:
+    """The panels of the layout in their places."""
+    held = json.loads((VIEWS / 'foxglove.json').read_text(encoding='utf-8'))
+    figure = plt.figure(figsize=(10, 6))
+    panels = held['configById']
+
+    def place(tree: Any, spot: SubplotSpec) -> None:
+        if not isinstance(tree, str):
+            share = tree['splitPercentage']
+            shares = (share, 100 - share)
+            row = tree['direction'] == 'row'
+            shape = {'ncols': 2, 'width_ratios': shares} if row else {'nrows': 2}
+            shape |= {} if row else {'height_ratios': shares}
+            shape = {'nrows': 1, 'ncols': 1, **shape}
+            grid = GridSpecFromSubplotSpec(subplot_spec=spot, wspace=0.14, hspace=0.3, **shape)
+            place(tree['first'], grid[0])
+            place(tree['second'], grid[1])
+            return
+        axes, panel = figure.add_subplot(spot), panels[tree]
+        kind = tree.partition('!')[0]
+        if kind == 'Plot':
+            curves = [(p['value'], p['label'], p['color']) for p in panel['paths']]
+            draw_plot(axes, series, panel['foxglovePanelTitle'], curves)
+        elif kind == '3D':
+            draw_markers(axes, heard)
+        elif kind == 'Image':
+            draw_image(axes, heard)
+        elif kind == 'Publish':
+            box = {'facecolor': panel['buttonColor'], 'pad': 6, 'edgecolor': 'none'}
+            axes.text(0.1, 0.5, panel['buttonText'], color='white', bbox=box, fontsize=8)
+            axes.axis('off')
+        else:
+            draw_diagnostics(axes, heard)
+
+    outer = figure.add_gridspec(1, 1, left=0.04, right=0.99, top=0.99, bottom=0.05)
+    place(held['layout'], outer[0])
+    return figure
+
+
+def plotjuggler(series: Any) -> Figure:
+    """The plots of the first tab."""
+    tab = Xml.parse(VIEWS / 'plotjuggler.xml').find('.//Tab')
+    areas = list(tab.iter('DockArea'))
+    figure = plt.figure(figsize=(8, 4.2), layout='constrained')
+    for axes, area in zip(figure.subplots(len(areas), 1, sharex=True), areas, strict=True):
+        curves = [
+            (c.get('topic') + c.get('field').replace('/', '.'), c.get('field')[1:], c.get('color'))
+            for c in area.iter('curve')
+        ]
+        draw_plot(axes, series, area.get('name'), curves)
+    return figure
+
+
+def rqt(heard: Any, series: Any) -> Figure:
+    """The plugins of the perspective."""
+    held = json.loads((VIEWS / 'rqt.perspective').read_text(encoding='utf-8'))
+    plugins = held['groups']['pluginmanager']['groups'].items()
+    figure = plt.figure(figsize=(9, 4), layout='constrained')
+    spots = iter(figure.subplots(2, 3).ravel())
+    colours = [f'C{number}' for number in range(10)]
+    for name, plugin in plugins:
+        keys = plugin['groups']['plugin']['keys']
+        if 'ImageView' in name:
+            draw_image(next(spots), heard)
+        elif 'RobotMonitor' in name:
+            draw_diagnostics(next(spots), heard)
+        else:
+            paths = [p[1:].replace('/', '.') for p in ast.literal_eval(keys['topics']['repr'])]
+            shown = [
+                (f'/{path}', path.rpartition('.')[2], colour)
+                for path, colour in zip(paths, colours, strict=False)
+            ]
+            draw_plot(next(spots), series, paths[0].partition('.')[2].rpartition('.')[0], shown)
+    return figure
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a small picture."""
+    path = PICTURES / f'{name}.png'
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+    with Image.open(path) as picture:
+        small = picture.convert('RGB').quantize(COLOURS, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
+    sys.stdout.write(f'{path}\n')
+
+
+if __name__ == '__main__':
+    main()
