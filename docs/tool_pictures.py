@@ -52,7 +52,7 @@ HEARD = (
 )
 NUDGES = ((2.0, 10.0), (15.0, 0.0))
 """When [s], and how strong [rad/s]; the last one only ends the recording."""
-COLOURS, DPI = 32, 65
+COLOURS, DPI = 64, 65
 Series = dict[str, list[tuple[float, float]]]
 
 
@@ -148,7 +148,7 @@ def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, 
     axes.tick_params(labelsize=6)
     axes.grid(color='#d9d9d9', linewidth=0.5)
     if len(curves) > 1:
-        axes.legend(fontsize=6, loc='upper left', frameon=False, ncols=len(curves))
+        axes.legend(fontsize=5, loc='upper left', frameon=False, ncols=3)
 
 
 def draw_markers(axes: Axes, heard: Any) -> None:
@@ -291,7 +291,9 @@ def save(figure: Figure, name: str) -> None:
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
     with Image.open(path) as picture:
-        small = picture.convert('RGB').quantize(COLOURS, dither=Image.Dither.NONE)
+        small = picture.convert('RGB').quantize(
+            COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+        )
     small.save(path, optimize=True)
     sys.stdout.write(f'{path}\n')
 
