@@ -104,3 +104,25 @@ def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
     data.qvel[:] = rates = angles[::-1]
     mujoco.mj_energyVel(model, data)
     assert data.energy[1] == pytest.approx(chain.kinetic_energy(rates), rel=2e-6)
+
+
+@pytest.mark.parametrize('chain', CHAINS)
+def test_tendons_of_mujoco_pull_as_the_springs_do(chain: Chain) -> None:
+    mujoco = pytest.importorskip('mujoco')
+    specification = mujoco.MjSpec.from_string(robot_description(chain))
+    for rotor, length in enumerate(chain.rotor_lengths):
+        body = specification.body(f'rotor_{rotor}_link')
+        body.add_site(name=f'mass_{rotor}', pos=[0, 0, length])
+    for spring, (stiffness, length) in enumerate(
+        zip(chain.stiffnesses, chain.rest_lengths, strict=True)
+    ):
+        tendon = specification.add_tendon(springlength=[length, length])
+        tendon.stiffness[0] = stiffness
+        tendon.wrap_site(f'mass_{spring}')
+        tendon.wrap_site(f'mass_{spring + 1}')
+    model = specification.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = angles = angles_of(chain)
+    mujoco.mj_forward(model, data)
+    expected = chain.spring_torques(angles)
+    np.testing.assert_allclose(data.qfrc_passive, expected, atol=1e-13 * np.abs(expected).max())
