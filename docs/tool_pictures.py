@@ -5,13 +5,15 @@
     python3 docs/tool_pictures.py
 
 runs a chain for 15 s and writes rviz.png, foxglove.png, plotjuggler.png and rqt.png into
-docs/pictures. The viewers are not needed: matplotlib draws what they are sent.
+docs/pictures. The viewers are not needed: matplotlib draws what they are sent. With the argument
+`urdf` it writes urdf.png alone, with MuJoCo.
 """
 
 from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import signal
 import subprocess
@@ -36,6 +38,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from visualization_msgs.msg import Marker
 
+import soliton_linkage as sl
+from soliton_linkage.linkage import robot_description
 from soliton_linkage_nodes.programs.child_processes import private_domain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -53,11 +57,15 @@ HEARD = (
 NUDGES = ((2.0, 10.0), (15.0, 0.0))
 """When [s], and how strong [rad/s]; the last one only ends the recording."""
 COLOURS, DPI = 64, 65
+URDF_SIZE = (800, 130)
 Series = dict[str, list[tuple[float, float]]]
 
 
 def main() -> None:
     """Run a chain and draw what came of it."""
+    if sys.argv[1:] == ['urdf']:
+        urdf()
+        return
     with private_domain():
         heard = run()
     series = numbers(heard)
@@ -285,11 +293,43 @@ def rqt(heard: Any, series: Any) -> Figure:
     return figure
 
 
+def urdf() -> None:
+    """The URDF as MuJoCo draws it, with a soliton in the chain, without a display."""
+    os.environ |= {'MUJOCO_GL': 'egl', 'PYOPENGL_PLATFORM': 'egl'}
+    try:
+        import mujoco
+    except ImportError:
+        sys.exit('tool_pictures: urdf.png needs MuJoCo; run: pip install mujoco')
+    chain = sl.Chain(number_of_rotors=12)
+    model = mujoco.MjModel.from_xml_string(robot_description(chain))
+    model.vis.headlight.ambient[:] = 0.6
+    model.vis.global_.fovy = 15
+    model.vis.rgba.haze[:] = 1.0
+    data = mujoco.MjData(model)
+    data.qpos[:] = sl.with_soliton(chain, 5.5, 0.0).angles
+    mujoco.mj_forward(model, data)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = chain.pivots[-1] / 2, 0.0, 0.0
+    camera.distance, camera.azimuth, camera.elevation = 0.75, 90.0, -12.0
+    model.vis.global_.offwidth, model.vis.global_.offheight = URDF_SIZE
+    with mujoco.Renderer(model, URDF_SIZE[1], URDF_SIZE[0]) as renderer:
+        renderer.update_scene(data, camera)
+        pixels = renderer.render()
+    path = PICTURES / 'urdf.png'
+    Image.fromarray(np.where(pixels.any(axis=2, keepdims=True), pixels, 255)).save(path)
+    shrink(path)
+
+
 def save(figure: Figure, name: str) -> None:
-    """Write a small picture."""
+    """Write a picture."""
     path = PICTURES / f'{name}.png'
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
+    shrink(path)
+
+
+def shrink(path: Path) -> None:
+    """Keep the colours that it takes."""
     with Image.open(path) as picture:
         small = picture.convert('RGB').quantize(
             COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE

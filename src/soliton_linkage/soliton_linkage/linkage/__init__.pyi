@@ -11,5 +11,5 @@ from soliton_linkage.linkage.encoders import EncoderErrors as EncoderErrors
 from soliton_linkage.linkage.encoders import Encoders as Encoders
 from soliton_linkage.linkage.gravity import Gravity as Gravity
 from soliton_linkage.linkage.recording import Recording as Recording
-from soliton_linkage.linkage.robot_description import JointLimits as JointLimits
-from soliton_linkage.linkage.robot_description import robot_description as robot_description
+from soliton_linkage.linkage.urdf import JointLimits as JointLimits
+from soliton_linkage.linkage.urdf import robot_description as robot_description

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from soliton_linkage.linkage.quantities import described_fields
-from soliton_linkage.linkage.robot_description import JointLimits, robot_description
+from soliton_linkage.linkage.urdf import JointLimits, robot_description
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 from soliton_linkage_nodes.runtime.parameter_files import read_sections

@@ -12,7 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage.linkage.robot_description import JointLimits, robot_description
+from soliton_linkage.linkage.urdf import JointLimits, robot_description
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
     ChainSource,

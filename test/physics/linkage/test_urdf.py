@@ -12,7 +12,7 @@ from urdf_parser_py.urdf import URDF
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
-from soliton_linkage.linkage.robot_description import BASE, JointLimits, robot_description
+from soliton_linkage.linkage.urdf import BASE, JointLimits, robot_description
 
 PRECISION = 1e-12
 
@@ -101,6 +101,7 @@ def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
     horizontal, vertical = chain.positions(angles)
     expected = np.array([chain.pivots + horizontal, 0 * vertical, vertical]).T
     np.testing.assert_allclose(data.xipos[1:], expected, atol=PRECISION)
+    assert model.ngeom == 2 * chain.number_of_rotors + 1
     data.qvel[:] = rates = angles[::-1]
     mujoco.mj_energyVel(model, data)
     assert data.energy[1] == pytest.approx(chain.kinetic_energy(rates), rel=2e-6)

@@ -53,6 +53,8 @@ def robot_description(
             'give one a rotor'
         )
     robot = Xml.Element('robot', name='soliton_linkage')
+    # MuJoCo would show nothing otherwise; others pass it over.
+    Xml.SubElement(Xml.SubElement(robot, 'mujoco'), 'compiler', discardvisual='false')
     for name, colour in (('rod', DARK), ('odd_rod', GREY), ('mass', BLUE), ('base', PALE)):
         material = Xml.SubElement(robot, 'material', name=name)
         Xml.SubElement(
