@@ -26,7 +26,7 @@ from soliton_linkage.linkage.deviations import Deviations, Disorder
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage.linkage.robot_description import JointLimits
+from soliton_linkage.linkage.urdf import JointLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
