@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Without the Foxglove SDK the server says in one line what to install."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from graphs import Graph
+
+from soliton_linkage_nodes.foxglove_server.node import FoxgloveServer
+
+
+def test_the_line_names_the_package(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'foxglove', None)
+    for name in ('serving', 'outgoing'):
+        monkeypatch.delitem(sys.modules, f'soliton_linkage_nodes.foxglove_server.{name}', False)
+    with pytest.raises(ValueError, match=r'package foxglove.*pip install foxglove-sdk') as raised:
+        graph.start(FoxgloveServer)
+    assert '\n' not in str(raised.value)
