@@ -56,12 +56,6 @@ def generate_launch_description():
                 description='bag to record, _0 is added; empty for none',
             ),
             DeclareLaunchArgument(
-                'view',
-                default_value='none',
-                choices=['rviz', 'foxglove', 'plotjuggler', 'rqt', 'none'],
-                description='viewer to open',
-            ),
-            DeclareLaunchArgument(
                 'draw',
                 default_value='true',
                 choices=['true', 'false'],
@@ -69,11 +63,6 @@ def generate_launch_description():
             ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(str(Path(__file__).with_name('view.launch.py'))),
-                launch_arguments={
-                    'config': ConfigurationFile(),
-                    'namespace': LaunchConfiguration('namespace'),
-                    'view': LaunchConfiguration('view'),
-                }.items(),
                 condition=IfCondition(LaunchConfiguration('draw')),
             ),
             *(
