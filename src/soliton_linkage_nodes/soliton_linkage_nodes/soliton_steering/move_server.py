@@ -46,15 +46,19 @@ class MoveServer(ActionServer):
         """The goal that is under way."""
         self.begun = 0
         """How many goals were."""
+        self.start = math.nan
+        """Where the soliton was when the last began [rotor spacings]."""
+        self.ended: Ended | None = None
+        """How the last ended that was under way."""
         self._of = node
         self._told_at = -math.inf
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
         """Leave a goal that executes to the callbacks of its node."""
 
-    def begin(self, handle: ServerGoalHandle) -> None:
-        """Have a goal under way."""
-        self.goal = handle
+    def begin(self, handle: ServerGoalHandle, place: float) -> None:
+        """Have a goal under way, from a place on [rotor spacings]."""
+        self.goal, self.start = handle, place
         self.begun += 1
 
     def tell(self, wall: WallState | None, phonon_energy: float) -> None:
@@ -68,6 +72,7 @@ class MoveServer(ActionServer):
         """End the goal that is under way, if any."""
         handle, self.goal = self.goal, None
         if handle is not None:
+            self.ended = ended
             self.end(handle, ended)
 
     def end(self, handle: ServerGoalHandle, ended: Ended) -> None:

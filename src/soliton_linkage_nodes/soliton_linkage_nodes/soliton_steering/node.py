@@ -128,7 +128,7 @@ class SolitonSteering(Node):
             f'soliton was at rotor {place:.3f}'
         )
         self.server.conclude(Ended(Outcome.PREEMPTED, message, place))
-        self.server.begin(handle)
+        self.server.begin(handle, place)
 
     def _refusal(self, request: MoveSoliton.Goal) -> Ended | None:
         """Begin the move of a request, or tell why not."""
@@ -181,8 +181,7 @@ class SolitonSteering(Node):
             self.torques.publish(torques_to_msg(self.chain.named, torques, now))
 
     def _report(self) -> Report:
-        moving = self.server.goal is not None
-        return report(self.chain, self.freshness.stale, moving, self.server.begun)
+        return report(self.chain, self.freshness.stale, self.server)
 
 
 def main() -> None:
