@@ -56,14 +56,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return
     kinds: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
-        kinds[item.path.relative_to(HERE).parts[0]].append(item)
+        parts = item.path.relative_to(HERE).parts
+        kinds['in_browser' if 'in_browser' in parts else parts[0]].append(item)
     workers = config.workerinput['workercount']
     shares: list[list[pytest.Item]] = [[] for _ in range(workers)]
     for number, item in enumerate(kinds.pop('system', [])):
         shares[number % workers].append(item)
-    # The tests of a benchmark share its one run.
-    for number, (_, group) in enumerate(groupby(kinds.pop('benchmark', []), lambda i: i.path)):
+    # The tests of a benchmark share its one run, and those in a browser its one page.
+    together = groupby(kinds.pop('benchmark', []), lambda item: item.path)
+    for number, (_, group) in enumerate(together):
         shares[number % workers].extend(group)
+    shares[-1].extend(kinds.pop('in_browser', []))
     places = {
         path: number / len(members)
         for members in kinds.values()

@@ -87,7 +87,7 @@ def test_another_number_of_rotors_begins_anew() -> None:
         model.take_joints(joints(names, np.zeros(rotors)))
         assert shown(model)[0]['rotors'] == rotors
         assert model.version > version
-        assert len(model.history[-1][2]) == rotors
+        assert len(model.history[-1].overview) == rotors
     model.learn(named(5))
     model.take_joints(joints(default_joint_names(5), np.zeros(5)))
     assert shown(model)[0]['rotors'] == 5
@@ -146,7 +146,7 @@ def test_memory_of_the_past_is_bounded_however_long_it_runs() -> None:
     for second in range(400):
         clock.now += 1.0
         model.take_joints(joints(chain.joint_names, frame, second))
-    assert sum(len(values) for _, _, values in model.history) <= 400_000
+    assert sum(len(column.overview) for column in model.history) <= 400_000
 
 
 def test_the_rate_is_told_from_the_numbers_of_messages() -> None:

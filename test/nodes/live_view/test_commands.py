@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -54,3 +55,50 @@ def test_progress_is_the_share_of_the_way() -> None:
     assert move.progress == pytest.approx(0.5)
     move.rotor = 11.0
     assert move.progress == 1.0
+
+
+def reported(
+    begun: int, ended: str = '', way: tuple[float, float] | None = None
+) -> dict[str, str]:
+    start, goal = way or (math.nan, math.nan)
+    told = {'moves begun': begun, 'move from rotor': start, 'move to rotor': goal}
+    return {name: str(value) for name, value in told.items()} | {'last move': ended}
+
+
+@pytest.fixture
+def commands(graph: Graph) -> Iterator[ChainCommands]:
+    made = ChainCommands(graph.user, '/', read_only=True)
+    yield made
+    made.close()
+
+
+def test_a_move_that_was_asked_for_elsewhere_is_followed(commands: ChainCommands) -> None:
+    commands.follow(1.0, reported(3, 'reached: there'))
+    assert commands.move.state == ''
+    commands.follow(2.0, reported(4, 'reached: there', (2.0, 10.0)))
+    assert (commands.move.state, commands.move.elsewhere) == ('under way', True)
+    commands.move.rotor = 4.0
+    assert commands.move.progress == pytest.approx(0.25)
+    commands.follow(2.0, reported(9, '', (0.0, 1.0)))
+    assert commands.move.goal == 10.0
+    commands.follow(3.0, reported(4, 'stopped: at rotor 6'))
+    assert (commands.move.state, commands.move.message) == ('stopped', 'at rotor 6')
+    commands.follow(4.0, reported(6, 'reached: at rotor 7'))
+    assert (commands.move.state, commands.move.message) == ('reached', 'at rotor 7')
+
+
+def test_a_move_of_this_page_is_not_taken_for_one_of_others(commands: ChainCommands) -> None:
+    commands.follow(1.0, reported(3))
+    commands.move = Move('under way', goal=5.0, begun=1.0)
+    commands.follow(2.0, reported(4, '', (1.0, 5.0)))
+    assert not commands.move.elsewhere
+    commands.move.state = 'reached'
+    commands.follow(3.0, reported(4, '', (1.0, 5.0)))
+    assert (commands.move.state, commands.move.elsewhere) == ('reached', False)
+
+
+@pytest.mark.parametrize('text', ['', 'nan', 'inf', 'nonsense'])
+def test_reports_that_say_nothing_change_nothing(commands: ChainCommands, text: str) -> None:
+    commands.follow(1.0, {})
+    commands.follow(2.0, {'moves begun': text, 'move to rotor': text, 'move from rotor': text})
+    assert commands.move == Move()

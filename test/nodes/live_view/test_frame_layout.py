@@ -9,6 +9,7 @@ import numpy as np
 from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     FIELDS,
+    Column,
     pack,
     pack_history,
     unpack,
@@ -43,13 +44,15 @@ def test_fields_are_little_endian_doubles_in_their_order() -> None:
 
 def test_a_history_tells_its_chain_by_a_number_that_no_frame_has() -> None:
     column = np.array([1.0, 2.0], dtype=np.float32)
-    packed = pack_history(3, [(10.0, 0.5, column), (11.0, math.nan, 2 * column)])
-    head = struct.unpack_from('<7d', packed)
-    assert head[:6] == (-4.0, 2.0, 2.0, 10.0, 0.5, 11.0)
-    assert math.isnan(head[6])
-    assert struct.unpack('<4f', packed[56:]) == (1.0, 2.0, 2.0, 4.0)
+    numbers = ((10.0, 0.5, 1.0, 2.0, 3.0, 4.0), (11.0, math.nan, 5.0, 6.0, 7.0, 8.0))
+    packed = pack_history(3, [Column(numbers[0], column), Column(numbers[1], 2 * column)])
+    head = struct.unpack_from('<16d', packed)
+    assert head[:11] == (-4.0, 2.0, 2.0, 6.0, *numbers[0], 11.0)
+    assert math.isnan(head[11])
+    assert head[12:] == numbers[1][2:]
+    assert struct.unpack('<4f', packed[128:]) == (1.0, 2.0, 2.0, 4.0)
 
 
 def test_columns_of_another_height_are_left_out_of_a_history() -> None:
-    columns = [(t, math.nan, np.zeros(n, dtype=np.float32)) for t, n in ((1.0, 5), (2.0, 3))]
+    columns = [Column((0.0,) * 6, np.zeros(n, dtype=np.float32)) for n in (5, 3)]
     assert struct.unpack_from('<3d', pack_history(0, columns)) == (-1.0, 1.0, 3.0)

@@ -77,6 +77,8 @@ class BagRecording:
 
     async def stop(self) -> str:
         """Finish the bag."""
+        if self._read_only:
+            raise ValueError(READ_ONLY)
         if self._processes is None or not self._running:
             raise ValueError('nothing is recorded by this page')
         processes = self._processes
@@ -210,6 +212,8 @@ class BagReplay:
 
     async def set_loop(self, loop: bool) -> str:
         """Begin again at the end, or not; a player that runs is started anew for that."""
+        if self._read_only:
+            raise ValueError(READ_ONLY)
         self.loop = loop
         if self.bag is not None and not self.ended:
             return await self.play(self.bag.name, self.position or 0.0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage_nodes.live_view.frame_layout import Floats, pack
+from soliton_linkage_nodes.live_view.frame_layout import ENERGIES, Column, Floats, pack
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -46,8 +46,8 @@ class ChainModel:
         """How many joint_states were shown."""
         self.goal = math.nan
         """Of the move that is under way [rotor spacings]."""
-        self.history: deque[tuple[float, float, Floats]] = deque(maxlen=_HISTORY_COLUMNS)
-        """Stamp of a column [s], place of the wall and the overview."""
+        self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
+        """What a page that opens later is told of the past."""
         self._clock = clock
         self._reader: FrameReader | None = None
         self._angles = np.zeros(0)
@@ -178,7 +178,8 @@ class ChainModel:
                 'rest_length': chain.rest_length,
                 'motion': chain.motion.value,
                 'periodic': chain.periodic,
-                'largest_lean': chain.rotor_length * math.sin(chain.rest_angle),
+                'rest_lean': chain.rotor_length * math.sin(chain.rest_angle),
+                'longest_rotor': float(chain.rotor_lengths.max()),
                 'rotor_lengths': chain.rotor_lengths.tolist() if deviating else [],
                 'pivots': np.append(0, np.cumsum(chain.spacings)).tolist() if deviating else [],
             }
@@ -216,7 +217,8 @@ class ChainModel:
         if now - self._kept >= _HISTORY_PERIOD:
             self._kept = now
             place = self._walls[0] if self._walls else math.nan
-            self.history.append((self._stamp, place, self._overview))
+            energies = [self._numbers.get(name, math.nan) for name in ENERGIES]
+            self.history.append(Column((self._stamp, place, *energies), self._overview))
             while len(self.history) * len(self._overview) > _HISTORY_NUMBERS:
                 self.history.popleft()
 

@@ -83,6 +83,7 @@ class ChainFinder:
         """Full names of nodes."""
         self._node = node
         self._searched = 0.0
+        self._awaited = awaited
         self._add(awaited)
         self._diagnostics = Newest(node, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS.name)
 
@@ -114,8 +115,10 @@ class ChainFinder:
                 new = namespace not in self.chains and len(self.chains) < _MOST_CHAINS
                 if new and self._node.count_publishers(topic):
                     self._add(namespace)
-        for chain in self.chains.values():
+        for namespace, chain in list(self.chains.items()):
             chain.adapt()
+            if not (chain.publishers or chain.model.frames or namespace == self._awaited):
+                self.forget(namespace)
         self.nodes = [
             f'{space.rstrip("/")}/{node}'
             for node, space in self._node.get_node_names_and_namespaces()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from action_msgs.srv import CancelGoal
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.action import ActionClient
@@ -42,7 +43,7 @@ _SERVICES = {
 
 @dataclass
 class Move:
-    """The move that this page asked for last."""
+    """The move that was asked for last, by this page or elsewhere."""
 
     state: str = ''
     """Empty before the first, then 'under way', or how it ended."""
@@ -53,6 +54,8 @@ class Move:
     rotor: float = math.nan
     """Where the soliton is [rotor spacings]."""
     message: str = ''
+    elsewhere: bool = False
+    """Whether this page did not ask for it."""
     handle: Any = field(default=None, repr=False)
 
     @property
@@ -79,6 +82,9 @@ class ChainCommands:
         """Talk to the nodes of a namespace, which ends in a slash, by the names of the suite."""
         self.namespace = namespace
         self.move = Move()
+        self._asked = False
+        self._begun = ''
+        self._followed = 0.0
         self._node = node
         self.read_only = read_only
         self._clients: dict[str, Client] = {}
@@ -174,17 +180,37 @@ class ChainCommands:
         if sent is None or not sent.accepted:
             self.move = previous
             raise ValueError('move_soliton did not take the goal')
+        self._asked = True
         return move.message
+
+    def follow(self, came: float, figures: Mapping[str, str]) -> None:
+        """Show a move that was asked for elsewhere, by a report of the steering and its time."""
+        if came <= self._followed or 'moves begun' not in figures:
+            return
+        self._followed = came
+        goal, start = (views.figure(figures, f'move {way} rotor') for way in ('to', 'from'))
+        own = self._asked or (self.move.under_way and not self.move.elsewhere)
+        before, self._begun = self._begun, figures['moves begun']
+        self._asked = False
+        if not own and before != self._begun and (before or math.isfinite(goal)):
+            self.move = Move('under way', goal, start, start, elsewhere=True)
+        if self.move.elsewhere and self.move.under_way and not math.isfinite(goal):
+            self.move.state, _, self.move.message = figures.get('last move', '').partition(': ')
 
     async def cancel(self) -> str:
         """Cancel the move that is under way."""
         self.check_writable()
         move = self.move
+        if move.elsewhere and move.under_way:
+            # A request that names no goal is for all of them.
+            name = f'{self.namespace}{interfaces.MOVE_SOLITON}/_action/cancel_goal'
+            await self.call(name, CancelGoal, CancelGoal.Request())
+            return 'cancelling'
         while move.handle is None and move.under_way:
             # It has been asked for and will be taken, or not, in a moment.
             await asyncio.sleep(_POLL_INTERVAL)
         if not move.under_way:
-            raise ValueError('no move of this page is under way')
+            raise ValueError('no move is under way')
         await self._answered(move.handle.cancel_goal_async)
         return 'cancelling'
 

@@ -8,6 +8,7 @@ arrays as floats of 32 bits, one after the other; all little-endian.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ FIELDS = (
     'completed',
     'leg',
     'cycle_rotor',
-    'kinetic',
+    'kinetic',  # energies [J]
     'elastic',
     'wall_energy',
     'wake_energy',
@@ -58,6 +59,8 @@ FIELDS = (
     'unseen',
     'goal',  # of the move that is under way [rotor spacings]
 )
+ENERGIES = ('kinetic', 'elastic', 'wall_energy', 'wake_energy')
+"""Those of the fields that a page draws over time [J]."""
 ARRAYS = (
     'overview',  # u of each rotor [m], or the least and the largest of each of equal groups
     'angles',  # phi of each rotor of the part that is shown [rad]; empty where it is too long
@@ -65,6 +68,14 @@ ARRAYS = (
     'mode',  # component of the zero mode of each of these rotors [1]
     'places',  # place [rotor spacings], deviation [m] and charge of each wall, in a row
 )
+
+
+class Column(NamedTuple):
+    """A chain at an instant of the past."""
+
+    numbers: tuple[float, ...]
+    """Stamp [s], place of the wall [rotor spacings], and `ENERGIES`."""
+    overview: Floats
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
@@ -88,16 +99,16 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
     return numbers, arrays
 
 
-def pack_history(chain: int, columns: Iterable[tuple[float, float, Floats]]) -> bytes:
+def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Bytes of what a chain of a number in the list showed before, a column an instant.
 
-    Doubles: -1 less the number, how many columns there are and of how many values each; of each
-    column its time and the place of the wall; then floats of 32 bits, one column after the other.
+    Doubles: -1 less the number, how many columns there are, of how many values each, and of how
+    many numbers; of each column these numbers; then floats of 32 bits, one column after the other.
     """
     kept = list(columns)
-    height = kept[-1][2].size if kept else 0
-    kept = [column for column in kept if column[2].size == height]
-    head = [-1.0 - chain, len(kept), height]
-    head += [value for stamp, place, _ in kept for value in (stamp, place)]
-    data = [np.asarray(values, dtype='<f4').tobytes() for _, _, values in kept]
+    height = kept[-1].overview.size if kept else 0
+    kept = [column for column in kept if column.overview.size == height]
+    head = [-1.0 - chain, len(kept), height, 2 + len(ENERGIES)]
+    head += [value for column in kept for value in column.numbers]
+    data = [np.asarray(column.overview, dtype='<f4').tobytes() for column in kept]
     return b''.join([np.array(head, dtype='<f8').tobytes(), *data])

@@ -29,6 +29,8 @@ from soliton_linkage_nodes.runtime.process import run
 
 _STATUS_PERIOD = 0.25
 """Between two looks at how the nodes do [s]; they report once a second."""
+_NOTHING = (0.0, None)
+"""Of a node that has said nothing yet."""
 _IDLE_PERIOD = 0.1
 """Between two looks at the chains while nobody watches [s]."""
 
@@ -224,7 +226,13 @@ class LiveView(Node):
         begin = time.perf_counter()
         self.finder.take()
         for namespace, chain in self.finder.chains.items():
-            move = self.commands(namespace).move
+            commands = self.commands(namespace)
+            came, report = self.finder.reports.get(f'{namespace}soliton_steering', _NOTHING)
+            if report is not None:
+                commands.follow(came, report.figures)
+            move = commands.move
+            if move.elsewhere:
+                move.rotor = chain.model.numbers.get('rotor', float('nan'))
             chain.model.goal = move.goal if move.under_way else float('nan')
         now = time.monotonic()
         if now - self._told_at >= _STATUS_PERIOD:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -21,6 +22,10 @@ from soliton_linkage_nodes.live_view.stream import ALL
 
 _REFRESH_PERIOD = 0.25
 """Of what is greyed [s]: soon for a person, seldom for a server of ten browsers."""
+_LONGEST_BUILD = 60.0
+"""For a page on a machine that has much else to do [s]."""
+_LONGEST_ABSENCE = 15.0
+"""Of a browser on a busy machine, after which its page begins anew [s]."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
@@ -28,9 +33,9 @@ def add(made: FastAPI, view: View) -> None:
     """Have an application serve the page."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
-    @ui.page('/')
-    def index() -> None:
-        Page(view, plots)
+    @ui.page('/', response_timeout=_LONGEST_BUILD)
+    async def index() -> None:
+        await Page(view).build(plots)
 
     ui.run_with(
         made,
@@ -40,6 +45,7 @@ def add(made: FastAPI, view: View) -> None:
         language='en-US',
         binding_refresh_interval=None,
         show_welcome_message=False,
+        reconnect_timeout=_LONGEST_ABSENCE,
         gzip_middleware_factory=None,
     )
 
@@ -47,23 +53,26 @@ def add(made: FastAPI, view: View) -> None:
 class Page:
     """One browser's page, with the chain that is chosen there."""
 
-    def __init__(self, view: View, plots: str) -> None:
-        """Build it."""
+    def __init__(self, view: View) -> None:
+        """Choose the first chain."""
         self._view = view
         self.namespace = next(iter(view.finder.chains), '')
         self._options: dict[str, str] = {}
         self._replaying = False
+        self._dark = ui.dark_mode(None)
+
+    async def build(self, plots: str) -> None:
+        """Build it, in steps between which other browsers get their pictures."""
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'
         )
         ui.colors(primary='#0072b2', positive='#00785a', negative='#b00020')
-        self._dark = ui.dark_mode(None)
         with ui.element('main').classes('live'):
             self._header()
             ui.html(plots, sanitize=False).classes('live-plots')
             with ui.element('aside').classes('live-controls'):
-                self._controls()
+                await self._controls()
         ui.on('live-chosen', lambda event: self._choose(str(event.args)))
         ui.timer(_REFRESH_PERIOD, self._refresh)
 
@@ -83,7 +92,7 @@ class Page:
                 'flat dense round aria-label="light or dark" id=live-dark'
             )
 
-    def _controls(self) -> None:
+    async def _controls(self) -> None:
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
             names = ('Drive', 'Run', 'Settings', 'Bags')
             for name in names:
@@ -93,12 +102,15 @@ class Page:
         ):
             with ui.tab_panel('Drive'):
                 self._drive = DriveControls(self._view, self)
+                await asyncio.sleep(0)
             with ui.tab_panel('Run'):
                 self._run = RunControls(self._view, self)
+                await asyncio.sleep(0)
             with ui.tab_panel('Settings'):
                 self._parameters = ParameterControls(self._view, self)
             with ui.tab_panel('Bags'):
                 self._record = RecordControls(self._view, self)
+                await asyncio.sleep(0)
                 self._bags = BagControls(self._view, self)
         ui.timer(0.1, self._bags.list_bags, once=True)
 

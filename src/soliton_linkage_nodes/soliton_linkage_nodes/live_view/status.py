@@ -11,7 +11,7 @@ from typing import Any
 
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
-from soliton_linkage_nodes.messages.view_conversions import NodeReport
+from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
 _REPORTS_LAST = 3.5
 """After which a node that reports once a second is silent [s]."""
@@ -69,7 +69,8 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
     """Rate, deadlines, losses, and what nodes complain of."""
     told = reports_of(finder, chain.namespace)
     figures: Mapping[str, str] = {}
-    lost, warnings, paused, replay = 0, [], False, ''
+    lost: int | None = None
+    warnings, paused, replay = [], False, ''
     for age, report in told:
         name = report.node.rpartition('/')[2]
         if 'missed deadlines' in report.figures:
@@ -77,7 +78,8 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
             paused = report.message.startswith('paused') and age < _REPORTS_LAST
         if name == 'bag_player' and age < _REPORTS_LAST:
             replay = report.figures.get('bag', '').rpartition('/')[2]
-        lost += int(report.figures.get('lost messages', 0))
+        losses = figure(report.figures, 'lost messages')
+        lost = lost if math.isnan(losses) else (lost or 0) + int(losses)
         if age > _REPORTS_LAST:
             warnings.append(f'{name} has not reported for {age:.0f} s')
         elif report.level:
@@ -89,7 +91,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
         'rate': None if math.isnan(rate) else round(rate),
         'factor': figures.get('real-time factor', ''),
         'missed': figures.get('missed deadlines', ''),
-        'lost': lost if any('lost messages' in r.figures for _, r in told) else None,
+        'lost': lost,
         'paused': paused,
         'replay': replay,
         'warnings': warnings,
@@ -102,7 +104,7 @@ def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures
-            return float(figures['gravity [m/s^2]']), float(figures.get('tilt [rad]', 'nan'))
+            return figure(figures, 'gravity [m/s^2]'), figure(figures, 'tilt [rad]')
     return math.nan, math.nan
 
 
@@ -123,6 +125,7 @@ def status(
                 'reasons': reasons(chain, commands[namespace]),
                 'move': {
                     'state': move.state,
+                    'elsewhere': move.elsewhere,
                     'message': move.message,
                     'goal': _number(move.goal),
                     'progress': round(move.progress, 3),

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
-from soliton_linkage_nodes.live_view.frame_layout import ARRAYS, FIELDS, pack_history
+from soliton_linkage_nodes.live_view.frame_layout import ARRAYS, ENERGIES, FIELDS, pack_history
 
 ALL = '*'
 """In place of a namespace: all chains, small, side by side."""
@@ -84,7 +84,7 @@ class BrowserStream:
 
     async def run(self) -> None:
         """Go on until the browser is gone, which raises what the socket raises then."""
-        layout = {'fields': FIELDS, 'arrays': ARRAYS}
+        layout = {'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
         await self._socket.send_text(json.dumps({'layout': layout}))
         sending, receiving = (
             asyncio.ensure_future(task) for task in (self._send_for_ever(), self._take_for_ever())

@@ -153,6 +153,15 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
     ]
 
 
+def figure(figures: Mapping[str, str], name: str) -> float:
+    """A figure that a node reported, NaN where it told none."""
+    try:
+        value = float(figures.get(name, 'nan'))
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
 def number_to_msg(value: float) -> Float64:
     """A single number as a message, of a nudge [rad/s] or a tilt [rad]."""
     return Float64(data=_finite('value', value))

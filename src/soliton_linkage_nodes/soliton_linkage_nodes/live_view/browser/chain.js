@@ -25,7 +25,7 @@ export class ChainView {
   get rotors() { return this.frame ? this.frame.rotors : 0; }
 
   show(frame, chain) {
-    const margin = Math.max(0.9, (chain.rotor_length || 0) / (chain.spacing || 1) + 0.5);
+    const margin = Math.max(0.9, (chain.rotor_length || 0.5) / (chain.spacing || 1) + 0.5);
     if (this.name !== chain.name || this.known !== frame.rotors || this.margin !== margin) {
       Object.assign(this, { name: chain.name, known: frame.rotors, margin, mark: NaN });
       this.all();
@@ -126,7 +126,7 @@ export class ChainView {
         c.lineWidth = width + 2;
         c.stroke(bars);
       }
-      c.strokeStyle = odd ? '#7f7f7f' : look.ink;
+      c.strokeStyle = odd ? look.grey : look.ink;
       c.lineWidth = width;
       c.stroke(bars);
     });
@@ -200,14 +200,13 @@ export class ChainView {
     const values = frame.overview;
     const groups = values.length / 2;
     const high = 0.35 * canvas.height;
-    const largest = chain.largest_lean || 1;
+    const largest = chain.longest_rotor || 1;
     for (let x = 0; x < canvas.width; x += 2) {
       const g = Math.floor((this.rotorAt(x) / frame.rotors) * groups);
       if (g < 0 || g >= groups) continue;
-      const low = values[2 * g] / largest;
-      const top = values[2 * g + 1] / largest;
-      c.fillStyle = leanColour((low + top) / 2.6);
-      c.fillRect(x, middle - (top * high) / 1.3, 2, Math.max(2, ((top - low) * high) / 1.3));
+      const [low, top] = values.subarray(2 * g, 2 * g + 2);
+      c.fillStyle = leanColour(chain.lean((low + top) / 2));
+      c.fillRect(x, middle - (top / largest) * high, 2, Math.max(2, ((top - low) / largest) * high));
     }
     c.fillStyle = look.soft;
     c.textAlign = 'center';

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What all plots share: a canvas as sharp as the screen, the colours of the figures, axes.
 
-export const BLUE = '#0072b2';
-export const RED = '#d55e00';
-export const GREEN = '#009e73';
-export const PURPLE = '#cc79a7';
+// The colours of the figures, palette.py.
+export const COLOURS = {
+  grey: '#7f7f7f', blue: '#0072b2', sky: '#56b4e9', red: '#d55e00', green: '#009e73', purple: '#cc79a7',
+};
 // The colour map PuOr of the figures: orange where rotors lean left, purple where right.
 const LEAN = ['#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
   '#b2abd2', '#8073ac', '#542788', '#2d004b']
@@ -30,14 +30,35 @@ export function leanColour(share) {
   return `rgb(${TABLE[level(share)].join(',')})`;
 }
 
+// Leans over that at rest, and how far from the middle of the colours they are, as palette.py has
+// them: a uniform state has the same colours in all chains, and swings about it are stretched.
+export const REST = 0.6;
+const NEAR_REST = [[0.95, 0.48], [1.0, REST], [1.02, 0.72], [1.05, 0.82], [1.2, 0.92]];
+
+// The function from a lean [m] to its share of the colours, -1 to 1, for a chain whose rotors lean
+// so far at rest and at most.
+export function leanScale(rest, largest) {
+  const near = NEAR_REST.filter(([lean]) => lean * rest < 0.99 * largest)
+    .map(([lean, share]) => [lean * rest, share]);
+  const stops = [[0, 0], ...near, [largest, 1]];
+  return (lean) => {
+    const size = Math.abs(lean);
+    const n = stops.findIndex(([stop]) => size <= stop);
+    if (n <= 0) return n ? Math.sign(lean) : 0;
+    const [[from, low], [to, high]] = [stops[n - 1], stops[n]];
+    return Math.sign(lean) * (low + ((high - low) * (size - from)) / (to - from));
+  };
+}
+
 export function theme() {
   const style = getComputedStyle(document.body);
   const dark = document.body.classList.contains('body--dark');
   const get = (name) => style.getPropertyValue(name).trim();
   return {
     dark, ink: get('--ink'), soft: get('--soft'), line: get('--line'), panel: get('--panel'),
-    blue: dark ? '#56b4e9' : BLUE, red: dark ? '#ff8a3c' : RED, green: dark ? '#2fd3a4' : GREEN,
-    purple: PURPLE,
+    ...COLOURS,
+    // The others stand out from black as they do from white.
+    blue: dark ? COLOURS.sky : COLOURS.blue,
   };
 }
 

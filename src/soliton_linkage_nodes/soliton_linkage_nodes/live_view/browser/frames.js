@@ -4,12 +4,10 @@
 export const SPAN = 20; // seconds that the kymograph and the energies show
 const COLUMNS = 600;
 const STEP = SPAN / COLUMNS;
-const SERIES = ['kinetic', 'elastic', 'wall_energy', 'wake_energy'];
 
 export class Layout {
-  constructor({ fields, arrays }) {
-    this.fields = fields;
-    this.arrays = arrays;
+  constructor({ fields, arrays, energies }) {
+    Object.assign(this, { fields, arrays, energies });
   }
 
   // A frame as an object of its fields and arrays, or the history of a chain.
@@ -30,15 +28,16 @@ export class Layout {
 }
 
 function readHistory(buffer) {
-  const [chain, columns, height] = new Float64Array(buffer, 0, 3);
-  const pairs = new Float64Array(buffer, 24, 2 * columns);
-  const data = new Float32Array(buffer, 24 + 16 * columns, columns * height);
-  return { history: true, chain: -1 - chain, columns, height, pairs, data };
+  const [chain, columns, height, count] = new Float64Array(buffer, 0, 4);
+  const numbers = new Float64Array(buffer, 32, count * columns);
+  const data = new Float32Array(buffer, 32 + 8 * numbers.length, columns * height);
+  return { history: true, chain: -1 - chain, columns, height, count, numbers, data };
 }
 
 // The last seconds of a chain by the stamps of its frames: one column a thirtieth of a second.
 export class Track {
-  constructor() {
+  constructor(series) {
+    this.series = series;
     this.reset(0);
   }
 
@@ -47,14 +46,12 @@ export class Track {
     this.newest = -Infinity; // number of the newest column since the epoch
     this.image = new Float32Array(COLUMNS * height).fill(NaN);
     this.places = new Float32Array(COLUMNS).fill(NaN);
-    this.energies = SERIES.map(() => new Float32Array(COLUMNS).fill(NaN));
+    this.energies = this.series.map(() => new Float32Array(COLUMNS).fill(NaN));
     this.written = []; // columns that were written since they were last drawn
     this.whole = true;
   }
 
   static get columns() { return COLUMNS; }
-
-  static get series() { return SERIES; }
 
   // Place of a column in the rings.
   at(column) {
@@ -63,13 +60,16 @@ export class Track {
 
   add(frame) {
     if (!(frame.age < Infinity) || !frame.overview.length) return;
-    this.put(frame.stamp, frame.rotor, frame.overview, SERIES.map((name) => frame[name]));
+    this.put(frame.stamp, frame.rotor, frame.overview, this.series.map((name) => frame[name]));
   }
 
   put(stamp, place, column, energies) {
     const number = Math.floor(stamp / STEP);
-    const gap = number - this.newest;
-    if (column.length !== this.height || gap < -1 || gap > COLUMNS) this.reset(column.length);
+    let gap = number - this.newest;
+    if (column.length !== this.height || gap < -1 || gap > COLUMNS) {
+      this.reset(column.length);
+      gap = Infinity;
+    }
     if (gap < 0) return;
     const first = gap > 0 && gap <= 24 ? this.newest + 1 : number;
     for (let n = Math.max(this.newest + 1, number - COLUMNS + 1); n < first; n += 1) this.clear(n);
@@ -77,7 +77,7 @@ export class Track {
       const at = this.at(n);
       this.image.set(column, at * this.height);
       this.places[at] = place;
-      SERIES.forEach((_, i) => { this.energies[i][at] = energies ? energies[i] : NaN; });
+      this.energies.forEach((series, i) => { series[at] = energies[i]; });
       this.written.push(n);
     }
     this.newest = number;
@@ -91,10 +91,11 @@ export class Track {
     this.written.push(number);
   }
 
-  recall({ columns, height, pairs, data }) {
+  recall({ columns, height, count, numbers, data }) {
     this.reset(height);
     for (let n = 0; n < columns; n += 1) {
-      this.put(pairs[2 * n], pairs[2 * n + 1], data.subarray(n * height, (n + 1) * height), null);
+      const [stamp, place, ...energies] = numbers.subarray(n * count, (n + 1) * count);
+      this.put(stamp, place, data.subarray(n * height, (n + 1) * height), energies);
     }
   }
 }

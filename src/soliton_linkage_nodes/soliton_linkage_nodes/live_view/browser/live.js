@@ -2,6 +2,7 @@
 // The stream of the page: draws what comes, and tells how it is.
 
 import { ChainView } from './chain.js';
+import { leanScale } from './drawing.js';
 import { Layout, Track } from './frames.js';
 import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from './plots.js';
 
@@ -67,7 +68,7 @@ class Live {
   hear(message) {
     this.connected = performance.now();
     if (message.layout) this.layout = new Layout(message.layout);
-    if (message.chains) this.chains = message.chains;
+    if (message.chains) this.chains = message.chains.map(scaleOf);
     if (message.track) this.time.track = message.track;
     if (message.status) this.status = message.status;
     if ('answer' in message) this.answer(message.answer, message.good);
@@ -78,7 +79,7 @@ class Live {
     this.said.push(text);
     this.said = this.said.slice(-20);
     if (text && window.Quasar) {
-      window.Quasar.Notify.create({ message: text, color: good ? 'positive' : 'negative', position: 'bottom-left', timeout: good ? 2000 : 6000 });
+      window.Quasar.Notify.create({ message: text, type: good ? 'positive' : 'negative', position: 'bottom-right', timeout: good ? 2000 : 6000 });
     }
   }
 
@@ -95,7 +96,7 @@ class Live {
 
   track(number) {
     const name = this.chains[number] ? this.chains[number].name : String(number);
-    if (!this.tracks.has(name)) this.tracks.set(name, new Track());
+    if (!this.tracks.has(name)) this.tracks.set(name, new Track(this.layout.energies));
     return this.tracks.get(name);
   }
 
@@ -104,6 +105,7 @@ class Live {
     this.watched = name;
     this.frames.clear();
     this.pending.clear();
+    this.acknowledge();
     this.send({ watch: name });
     document.querySelector('.live-plots').classList.toggle('several', name === ALL);
     element('small').hidden = name !== ALL;
@@ -115,7 +117,7 @@ class Live {
 
   // What is known of a chain by its number: how it is made and how it is doing.
   known(number) {
-    const chain = this.chains[number] || { name: '' };
+    const chain = this.chains[number] || scaleOf({ name: '' });
     const status = this.status.chains.find((s) => s.name === chain.name) || {};
     const able = status.reasons ? !status.reasons.drive : true;
     return { ...chain, status, able, paused: this.status.replay && status.replay ? this.status.replay.paused : status.health && status.health.paused };
@@ -131,11 +133,16 @@ class Live {
       else if (this.known(number).name === this.watched) this.single(number, frame);
     });
     this.pending.clear();
-    for (; this.owed; this.owed -= 1) this.send('drawn');
+    this.acknowledge();
     this.drawn += 1;
     this.cost = performance.now() - begun;
     this.costs.push(this.cost);
     if (this.costs.length > 600) this.costs.shift();
+  }
+
+  // The next pictures come when those before are dealt with.
+  acknowledge() {
+    for (; this.owed; this.owed -= 1) this.send('drawn');
   }
 
   // The chain with each picture; what is slower to read, in turn.
@@ -203,7 +210,8 @@ class Live {
     const add = (text, kind = '') => parts.push([text, kind]);
     const health = status && status.health;
     if (health) {
-      if (health.replay && !status.replay) add(`replay of ${health.replay}`, 'badge');
+      if (status.replay) add(`replay of ${this.status.replay ? this.status.replay.bag : 'a bag'}`, 'badge');
+      else if (health.replay) add(`replay of ${health.replay}`, 'badge');
       if (health.rate) add(`${health.rate} Hz`);
       if (health.factor) add(`${Number(health.factor).toFixed(2)} × real time`);
       if (health.missed !== '') add(`${health.missed} deadlines missed`);
@@ -259,7 +267,8 @@ class Live {
     if (place.dataset.key === key) return;
     place.dataset.key = key;
     place.replaceChildren();
-    place.append(under ? `carrying to rotor ${Number(move.goal).toFixed(2)} ` : `${move.state}: ${move.message}`);
+    const whose = move.elsewhere ? ', as asked for elsewhere ' : ' ';
+    place.append(under ? `carrying to rotor ${Number(move.goal).toFixed(2)}${whose}` : `${move.state}: ${move.message}`);
     if (under) {
       const bar = document.createElement('progress');
       bar.value = move.progress;
@@ -278,6 +287,11 @@ class Live {
     const state = replay.ended ? 'at its end' : replay.paused ? 'paused' : `${replay.rate} × as fast as recorded`;
     setText(element('time-note'), `of ${replay.bag}, ${(replay.position || 0).toFixed(1)} s of ${replay.duration.toFixed(1)} s, ${state}`);
   }
+}
+
+// A chain with the function that gives the leans of its rotors their colours.
+function scaleOf(chain) {
+  return { ...chain, lean: leanScale(chain.rest_lean || NaN, chain.longest_rotor || 1) };
 }
 
 function setText(place, text) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The plots beside the chain: lean, kymograph, cycle, energies, topology and the time line.
 
-import { Canvas, axes, finite, leanColour, leanPixel, line, scaled, theme, ticks } from './drawing.js';
+import { Canvas, REST, axes, finite, leanColour, leanPixel, line, scaled, theme, ticks } from './drawing.js';
 import { SPAN, Track } from './frames.js';
 
 const NO_STATE = 'no soliton_state: start soliton_analyser';
@@ -19,8 +19,8 @@ export class LeanPlot {
     const look = theme();
     if (!frame.rotors || !frame.overview.length) { canvas.absent(look, 'no joint_states yet'); return; }
     const c = canvas.begin();
-    const largest = 1.3 * (chain.largest_lean || 1);
-    const unit = chain.largest_lean ? 1e3 : 1;
+    const largest = chain.rest_lean ? Math.max(1.3 * chain.rest_lean, 1.05 * chain.longest_rotor) : 1.1;
+    const unit = chain.rest_lean ? 1e3 : 1;
     const grouped = frame.overview.length !== frame.rotors;
     const frameOf = axes(canvas, look, {
       x: [-0.5, frame.rotors - 0.5], y: [-largest * unit, largest * unit],
@@ -49,11 +49,11 @@ export class LeanPlot {
   }
 
   title(chain) {
-    return chain.largest_lean ? 'Lean u of each rotor [mm]' : 'Lean of each rotor, sin φ';
+    return chain.rest_lean ? 'Lean u of each rotor [mm]' : 'Lean of each rotor, sin φ';
   }
 
   note(frame, chain) {
-    if (!analysed(frame)) return frame.rotors ? NO_STATE : '';
+    if (!analysed(frame)) return frame.rotors ? 'no soliton_state' : '';
     if (!(frame.walls > 0)) return 'no wall';
     return `wall at ${finite(frame.rotor)}, band of ± ${finite((2 * frame.position_deviation) / (chain.spacing || 1), 3)}`;
   }
@@ -66,24 +66,24 @@ export class Kymograph {
   }
 
   // Brings the columns that are new into the picture, which is a ring.
-  paint(track, largest) {
+  paint(track, lean) {
     const { buffer } = this;
     const context = buffer.getContext('2d', { willReadFrequently: false });
-    if (track.whole || buffer.height !== track.height || this.track !== track || this.largest !== largest) {
+    if (track.whole || buffer.height !== track.height || this.track !== track || this.lean !== lean) {
       buffer.width = Track.columns;
       buffer.height = Math.max(track.height, 1);
       track.written = [];
       for (let n = 0; n < Track.columns; n += 1) track.written.push(track.newest - n);
       track.whole = false;
       this.track = track;
-      this.largest = largest;
+      this.lean = lean;
     }
     if (!Number.isFinite(track.newest) || !track.height) { track.written = []; return; }
     const column = context.createImageData(1, track.height);
     const pixels = new Uint32Array(column.data.buffer);
     [...new Set(track.written.map((n) => track.at(n)))].forEach((at) => {
       for (let i = 0; i < track.height; i += 1) {
-        pixels[track.height - 1 - i] = leanPixel(track.image[at * track.height + i] / largest);
+        pixels[track.height - 1 - i] = leanPixel(lean(track.image[at * track.height + i]));
       }
       context.putImageData(column, at, 0);
     });
@@ -93,7 +93,7 @@ export class Kymograph {
   draw(frame, chain, track) {
     const { canvas } = this;
     const look = theme();
-    this.paint(track, 1.3 * (chain.largest_lean || 1));
+    this.paint(track, chain.lean);
     if (!track.height || !Number.isFinite(track.newest)) { canvas.absent(look, 'no joint_states yet'); return; }
     const c = canvas.begin();
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
@@ -119,8 +119,8 @@ export class Kymograph {
   }
 
   note(frame, chain) {
-    const mm = chain.largest_lean ? `${(1.3e3 * chain.largest_lean).toFixed(0)} mm` : '1.3';
-    return `orange left, purple right, ±${mm}`;
+    const mm = chain.longest_rotor ? `${(1e3 * chain.longest_rotor).toFixed(0)} mm` : '1';
+    return `orange left, purple right, to ±${mm}`;
   }
 }
 
@@ -229,7 +229,8 @@ export class EnergyPlot {
   }
 
   note(frame) {
-    const sum = frame.kinetic + frame.elastic;
+    // An estimate from noisy readings may lie a little below zero.
+    const sum = Math.max(0, frame.kinetic + frame.elastic);
     return Number.isFinite(sum) ? `${scaled(sum, 'J')} in all` : '';
   }
 }
@@ -249,7 +250,7 @@ export class TopologyPlot {
     const walls = [];
     for (let i = 0; i + 2 < frame.places.length; i += 3) walls.push(frame.places.subarray(i, i + 3));
     // A side that winds once leans left, one that does not leans right.
-    const colour = (winding) => leanColour(winding ? -0.55 : 0.55);
+    const colour = (winding) => leanColour(winding ? -REST : REST);
     const ends = [left, ...walls.map(([rotor]) => toX(rotor)), left + w];
     for (let n = 0; n + 1 < ends.length; n += 1) {
       const winding = n === 0 ? frame.winding_before

@@ -95,6 +95,7 @@ class BagControls:
     def __init__(self, view: View, chosen: Chosen) -> None:
         """List them when they are asked for."""
         self._view, self._chosen = view, chosen
+        self._listings = 0
         with ui.element('div').classes('live-row'):
             ui.label('Bags').classes('live-title')
             ui.button('Look again', icon='refresh', on_click=self.list_bags).props(
@@ -128,11 +129,17 @@ class BagControls:
 
     async def list_bags(self) -> None:
         """Show what the folders hold now."""
+        self._listings += 1
+        listing = self._listings
         bags = await asyncio.to_thread(self._view.shelf.bags)
         self._list.clear()
         with self._list:
             for bag in bags:
                 self._row(bag)
+                # Many take long, in which browsers want their pictures.
+                await asyncio.sleep(0)
+                if listing != self._listings:
+                    return
             if not bags:
                 folders = ', '.join(map(str, self._view.shelf.folders))
                 ui.label(
@@ -145,11 +152,10 @@ class BagControls:
         with ui.element('div').classes('live-bag'):
             with ui.element('div'):
                 ui.label(bag.name).classes('live-bag-name')
-                topics = ', '.join(sorted(name.lstrip('/') for name in bag.topics))
+                topics = sorted((name.lstrip('/'), n) for name, n in bag.topics.items() if n)
+                held = ', '.join(f'{count} {name}' for name, count in topics)
                 lost = f', {bag.lost} lost' if bag.lost else ''
-                ui.label(f'{bag.duration:.1f} s, {bag.messages} messages{lost}').classes(
-                    'live-hint'
-                ).tooltip(topics)
+                ui.label(f'{bag.duration:.1f} s{lost}: {held}').classes('live-hint')
             play = button('Play', partial(self._view.replay.play, bag.name), 'play_arrow')
             play.set_enabled(bool(bag.played) and not self._view.read_only)
 

@@ -58,17 +58,16 @@ async def attempt(action: Action) -> bool:
         done = action()
         said = done if isinstance(done, str) else await done
     except (ValueError, OSError) as error:
-        ui.notify(
-            str(error),
-            type='negative',
-            multi_line=True,
-            timeout=6000,
-            position='bottom-left',
-        )
+        complain(error)
         return False
     if said:
-        ui.notify(said, type='positive', timeout=2000, position='bottom-left')
+        ui.notify(said, type='positive', timeout=2000, position='bottom-right')
     return True
+
+
+def complain(error: Exception) -> None:
+    """Show for a while what is wrong."""
+    ui.notify(str(error), type='negative', multi_line=True, timeout=6000, position='bottom-right')
 
 
 def button(text: str, action: Action, icon: str = '', marker: str = '') -> ui.button:
@@ -199,7 +198,7 @@ class DriveControls:
                 try:
                     self._commands.tilt(float(slider.value))
                 except ValueError as error:
-                    ui.notify(str(error), type='negative')
+                    complain(error)
 
             slider.on('change', turn, throttle=0.1)
             slider.on('update:model-value', turn, throttle=0.1)

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from soliton_linkage_nodes.live_view.controls.drive_controls import Chosen, View, attempt
+from soliton_linkage_nodes.live_view.controls.drive_controls import Chosen, View, attempt, complain
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter
 
 
@@ -45,7 +45,7 @@ class ParameterControls:
         try:
             found = await self._view.commands(self._chosen.namespace).parameters(node)
         except ValueError as error:
-            ui.notify(str(error), type='negative')
+            complain(error)
             return
         self._fields.clear()
         with self._fields:

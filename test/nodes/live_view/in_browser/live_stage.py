@@ -26,8 +26,15 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
-PICTURES = Path(__file__).parents[3] / 'out' / 'live'
+PICTURES = Path(__file__).parents[4] / 'out' / 'live'
 LONGEST_WAIT = 60.0
+ROTORS, PLACE = 12, 5.5
+SIMULATED = {
+    'chain.number_of_rotors': ROTORS,
+    'publish_rate': 50.0,
+    'initial_state': 'soliton',
+    'initial_place': PLACE,
+}
 
 
 def until(condition: Callable[[], Any], what: str) -> Any:
@@ -50,6 +57,7 @@ class Stage:
         rclpy.init(context=self.context, domain_id=domain)
         self.executor = EventsExecutor(context=self.context)
         self._nodes: list[Node] = []
+        self._heard: dict[str, list[Any]] = {}
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
@@ -65,13 +73,27 @@ class Stage:
         self.executor.add_node(node)
         return node
 
-    def hear(self, topic: interfaces.Topic, namespace: str = '/') -> list[Any]:
-        """Return a list to which every message of a topic is added from now on."""
+    def listen(self, topic: interfaces.Topic, namespace: str = '/') -> Any:
+        """Keep what is published on a topic for `hear`, and return the subscription."""
         heard: list[Any] = []
-        name = namespace + topic.name
-        self.user.create_subscription(topic.type, name, heard.append, topic.qos)
-        until(lambda: self.user.count_publishers(name), f'a publisher of {name}')
+        self._heard[topic.name] = heard
+        name = f'{namespace}{topic.name}'
+        return self.user.create_subscription(topic.type, name, heard.append, topic.qos)
+
+    def hear(self, topic: interfaces.Topic) -> list[Any]:
+        """Return a list to which every message of a topic is added from now on."""
+        heard = self._heard[topic.name]
+        heard.clear()
         return heard
+
+    def call(self, name: str, service_type: Any, request: Any) -> Any:
+        """Answer of a service."""
+        client = self.user.create_client(service_type, name)
+        until(client.service_is_ready, name)
+        answer = client.call_async(request)
+        until(answer.done, f'the answer of {name}')
+        self.user.destroy_client(client)
+        return answer.result()
 
     def close(self) -> None:
         """End all of it."""
@@ -100,7 +122,11 @@ class Visit:
         self.page.on('pageerror', lambda error: self.console.append(str(error)))
         self.page.on('request', self._check)
         self.address = address
-        self.page.goto(address)
+        self.begin()
+
+    def begin(self) -> None:
+        """Open the page anew."""
+        self.page.goto(self.address)
         self.wait('window.live && live.drawn > 2 && live.status.chains.length')
 
     def wait(self, condition: str) -> None:
@@ -115,34 +141,68 @@ class Visit:
     def tab(self, name: str) -> None:
         self.page.get_by_role('tab', name=name).click()
 
+    def field(self, label: str) -> Any:
+        return self.page.locator('.q-tab-panel:visible').get_by_label(label, exact=True)
+
     def fill(self, label: str, value: object) -> None:
-        panel = self.page.locator('.q-tab-panel:visible')
-        panel.get_by_label(label, exact=True).fill(str(value))
-        panel.get_by_label(label, exact=True).press('Tab')
+        self.field(label).fill(str(value))
+        self.field(label).press('Tab')
+
+    def shows(self, label: str, value: str) -> None:
+        """Wait until a field shows what the server has put there."""
+        field = self.field(label)
+        until(lambda: field.input_value() == value, f'{label} to be {value}')
 
     def choose(self, label: str, option: str) -> None:
-        self.page.locator(f'label.q-select:visible:has-text("{label}")').first.click()
-        self.page.get_by_role('option', name=option, exact=True).click()
+        select = self.page.locator(f'label.q-select:visible:has-text("{label}")').first
+        wanted = self.page.get_by_role('option', name=option, exact=True)
+        # A list closes where the page moves under it.
+        until(lambda: select.click() or _appears(wanted), f'{option} in the list of {label}')
+        wanted.click()
 
     def panel_says(self, text: str) -> None:
         """Wait until the controls that are open say something."""
         self.page.locator('.q-tab-panel:visible', has_text=text).first.wait_for()
+
+    def says(self, name: str, text: str) -> None:
+        """Wait until an element has a text."""
+        self.wait(f'document.getElementById("live-{name}").textContent.includes({text!r})')
+
+    def told(self, text: str) -> None:
+        """Wait until the page tells what became of something."""
+        self.page.locator('.q-notification', has_text=text).first.wait_for()
 
     def text(self, name: str) -> str:
         return self.page.locator(f'#live-{name}').inner_text()
 
     def painted(self, name: str) -> int:
         """How many colours a canvas has."""
+        plot = 'view' if name == 'chain' else f'plots.{name}'
         return self.js(
-            f"""(() => {{
-            const c = document.getElementById('live-{name}');
-            const data = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-            return new Set(new Uint32Array(data.buffer)).size; }})()"""
+            """(() => {
+            const { canvas } = live.PLOT;
+            const { width, height } = canvas.element;
+            const c = new OffscreenCanvas(width, height).getContext('2d');
+            c.drawImage(canvas.element, 0, 0);
+            const { data } = c.getImageData(0, 0, width, height);
+            return new Set(new Uint32Array(data.buffer)).size; })()""".replace('PLOT', plot)
         )
 
     def shot(self, name: str) -> None:
         PICTURES.mkdir(parents=True, exist_ok=True)
         self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
+
+    def mass(self, rotor: int) -> tuple[float, float]:
+        """Pixels of the mass of a rotor."""
+        box = self.page.locator('#live-chain').bounding_box()
+        _, x, y, _ = self.js(f'live.view.places()[{rotor}]')
+        return box['x'] + x, box['y'] + y
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the window another size, and wait until all is drawn for that."""
+        self.page.set_viewport_size({'width': width, 'height': height})
+        before = self.js('live.drawn')
+        self.wait(f'live.drawn > {before + 4}')
 
     def place(self, rotor: float) -> tuple[float, float]:
         """Pixels of a place on the chain, well away from all masses."""
@@ -158,23 +218,48 @@ class Visit:
             self.console.append(f'asked {request.url}')
 
 
+def _appears(element: Any) -> bool:
+    try:
+        element.wait_for(timeout=3000)
+    except Exception as error:
+        if type(error).__name__ != 'TimeoutError':
+            raise
+        return False
+    return True
+
+
 class Rig:
     """Joints of a chain that the test publishes, in a namespace of their own."""
 
     def __init__(self, stage: Stage, namespace: str) -> None:
-        self.stage, self.namespace = stage, namespace
+        self.user = stage.user
         self.second = 1
         topic = interfaces.JOINT_STATES
-        self.joints: Publisher = stage.user.create_publisher(
+        self.joints: Publisher = self.user.create_publisher(
             topic.type, f'{namespace}joint_states', topic.qos
         )
+        self._rotors = 0
+        self._timer = self.user.create_timer(0.1, self._publish)
 
-    def publish(self, rotors: int) -> None:
+    def go(self, rotors: int) -> None:
+        """Publish so many again and again."""
+        self._rotors = rotors
+
+    def stop(self) -> None:
+        """Publish no more."""
+        self._rotors = 0
+
+    def close(self) -> None:
+        self.user.destroy_timer(self._timer)
+        self.user.destroy_publisher(self.joints)
+
+    def _publish(self) -> None:
+        if not self._rotors:
+            return
         self.second += 1
-        names = default_joint_names(rotors)
-        named = NamedChain(Chain(number_of_rotors=rotors), names)
+        named = NamedChain(Chain(number_of_rotors=self._rotors), default_joint_names(self._rotors))
         angles = named.chain.uniform_state(1)
         frame = Frame(angles, 0 * angles)
         self.joints.publish(
-            frame_to_msg(named, frame, 0 * angles, time_to_msg(self.second * 10**9))
+            frame_to_msg(named, frame, 0 * angles, time_to_msg(self.second * 10**8))
         )

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One graph, one browser and one page for all tests of the page."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import domain_coordinator
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+
+from live_stage import PLACE, SIMULATED, Stage, Visit, until
+
+from soliton_linkage_msgs.srv import Reset
+from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.live_view.node import LiveView
+from soliton_linkage_nodes.runtime import diagnostics, interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
+BAGS = Path(__file__).parents[4] / 'bags'
+COMMANDS = (interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT)
+_domains = itertools.count(101 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]), 20)
+
+
+@pytest.fixture(scope='package')
+def browser() -> Iterator[Any]:
+    pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+    sync = pytest.importorskip('playwright.sync_api', reason='Playwright is not installed')
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f'no browser for the page: none of {", ".join(BROWSERS)} is installed')
+    with sync.sync_playwright() as playwright:
+        started = playwright.chromium.launch(
+            executable_path=path, args=['--no-sandbox', '--disable-gpu']
+        )
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope='package')
+def domains() -> Iterator[Callable[[], int]]:
+    """Domains that nobody else is on."""
+    with ExitStack() as stack:
+        yield lambda: stack.enter_context(domain_coordinator.domain_id(lambda: next(_domains)))
+
+
+@pytest.fixture(scope='package')
+def stage(
+    browser: Any, domains: Callable[[], int], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Stage]:
+    made = Stage(domains(), tmp_path_factory.mktemp('live'))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope='package')
+def view(stage: Stage) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnostics, '_PERIOD', 0.2)
+        stage.start(Simulator, SIMULATED)
+        for node in (EdgeActuator, SolitonAnalyser, SolitonSteering):
+            stage.start(node)
+    for topic in (*COMMANDS, interfaces.LAST_KICK):
+        stage.listen(topic)
+    folders = [str(stage.folder / 'bags'), str(BAGS)]
+    made = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
+    chain = made.finder.chains['/'].model
+    until(lambda: chain.numbers.get('walls') == 1, 'the soliton')
+    commands = made.commands('/')
+    until(lambda: all(commands.listeners(t.name) == 2 for t in COMMANDS), 'who hears the page')
+    return made
+
+
+@pytest.fixture(scope='package')
+def open_page(browser: Any, view: Any) -> Iterator[Callable[..., Visit]]:
+    visits: list[Visit] = []
+
+    def visit(address: str = '', **options: Any) -> Visit:
+        visits.append(Visit(browser, address or view.address, **options))
+        return visits[-1]
+
+    yield visit
+    for each in visits:
+        each.close()
+
+
+@pytest.fixture(scope='package')
+def shared(open_page: Callable[..., Visit]) -> Visit:
+    return open_page()
+
+
+@pytest.fixture
+def visit(shared: Visit, stage: Stage, monkeypatch: pytest.MonkeyPatch) -> Iterator[Visit]:
+    """The page of all tests, which shows all of its chain and says nothing in the console."""
+    # That of the programs which the page starts.
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(stage.domain))
+    shared.page.bring_to_front()
+    if shared.js('live.watched') != '/':
+        # What an earlier test left that failed.
+        shared.begin()
+    shared.js('live.view.all()')
+    yield shared
+    console, shared.console = shared.console, []
+    assert console == []
+
+
+@pytest.fixture
+def at_rest(view: Any, visit: Visit, stage: Stage) -> Visit:
+    """The same, with the chain at rest and its soliton in its place."""
+    visit.tab('Drive')
+    assert stage.call('simulator/reset', Reset, Reset.Request()).success
+    model, reports = view.finder.chains['/'].model, view.finder.reports
+    until(lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1, 'the reset')
+    reports.pop('/soliton_steering', None)
+    until(
+        lambda: (
+            '/soliton_steering' in reports
+            and abs(float(reports['/soliton_steering'][1].figures['rotor']) - PLACE) < 0.1
+        ),
+        'the steering to see the soliton',
+    )
+    return visit

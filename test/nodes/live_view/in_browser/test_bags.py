@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recording, and playing what was recorded, by the page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from live_stage import Visit, until
+
+
+def test_a_recording_is_made_split_and_finished(visit: Visit, view: Any) -> None:
+    visit.tab('Bags')
+    visit.click('record')
+    until(lambda: view.recording.report, 'the recorder')
+    visit.says('health', '● recorder: recording')
+    until(lambda: int(view.recording.report.figures['messages']) > 20, 'messages')
+    for name, done in (('pause', 'pause'), ('resume', 'resume'), ('split', 'split bagfile')):
+        visit.page.locator(f'#live-record-{name}:enabled').click()
+        visit.told(done)
+    visit.click('record-snapshot')
+    visit.told('snapshot_duration of bag_recorder = 0')
+    visit.shot('recording')
+    visit.click('record-stop')
+    visit.told('the bag is finished')
+    (bag,) = [bag for bag in view.shelf.bags() if bag.name.startswith('recording_')]
+    assert bag.lost == 0
+    assert bag.topics['/joint_states'] > 10
+    assert len(list(bag.path.glob('*.mcap*'))) == 2
+
+
+def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: Any) -> None:
+    visit.tab('Bags')
+    visit.fill('only keep the last', 2)
+    visit.click('record')
+    until(lambda: view.recording.report, 'the recorder')
+    visit.page.locator('#live-record-snapshot:enabled').click()
+    visit.told('snapshot')
+    visit.click('record-stop')
+    visit.told('the bag is finished')
+    bag = view.shelf.bags()[0]
+    assert bag.topics['/joint_states'] > 0
+    assert bag.duration < 3.0
+    visit.fill('only keep the last', 0)
+
+
+def test_a_bag_is_played_beside_the_chain_and_sought(visit: Visit, view: Any) -> None:
+    visit.tab('Bags')
+    visit.click('bags-look')
+    bag = visit.page.locator('.live-bag:has-text("flipper_0")')
+    bag.get_by_text('joint_states').wait_for()
+    bag.get_by_role('button').click()
+    visit.wait('live.watched.startsWith("/replay/")')
+    visit.wait('live.shown && live.shown.rotors > 2 && live.status.replay.position > 0.2')
+    visit.wait(
+        '!document.getElementById("live-time-figure").hidden && live.time.track.length > 50'
+    )
+    visit.says('health', 'replay of flipper_0')
+    assert 'of flipper_0' in visit.text('time-note')
+    visit.shot('replay')
+    visit.click('replay-pause')
+    until(lambda: view.replay.paused, 'the pause')
+    box = visit.page.locator('#live-time').bounding_box()
+    visit.page.mouse.click(box['x'] + 10 + 0.9 * (box['width'] - 20), box['y'] + 30)
+    visit.click('replay-play')
+    whole = view.replay.bag.duration
+    until(lambda: view.replay.position > 0.85 * whole, 'the end of the bag')
+    visit.page.focus('#live-time')
+    visit.page.keyboard.press('PageDown')
+    until(lambda: view.replay.position < 0.8 * whole, 'an earlier place')
+    visit.choose('rate', '10 ×')
+    until(lambda: view.replay.rate == 10.0, 'the rate')
+    until(lambda: view.replay.ended, 'the end of it')
+    visit.says('stale', 'the replay is at its end')
+    visit.click('replay-loop')
+    until(lambda: view.replay.loop, 'the loop')
+    visit.click('replay-play')
+    until(lambda: not view.replay.ended and view.replay.position < 0.3 * whole, 'the beginning')
+    until(lambda: view.replay.position > 0.7 * whole, 'the end')
+    until(lambda: view.replay.position < 0.3 * whole, 'the beginning again')
+    assert not view.replay.ended
+    visit.tab('Drive')
+    visit.panel_says('this is a replay')
+    visit.tab('Bags')
+    visit.click('replay-loop')
+    visit.click('replay-end')
+    visit.wait('live.watched === "/" && live.shown.rotors === 12')

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A page for others: who is let in, and that they can change nothing."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_stage import Rig, Stage, Visit, until
+
+pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+
+RUN = 'from soliton_linkage_nodes.start import live_view; live_view()'
+BAGS = Path(__file__).parents[4] / 'bags'
+PARAMETERS = ('host:=0.0.0.0', 'port:=0', 'read_only:=true', f'bag_folders:=[{BAGS}]')
+
+
+class Served:
+    """The page as a process."""
+
+    def __init__(self, domain: int, log: Path) -> None:
+        self._log = log
+        arguments = [part for each in PARAMETERS for part in ('-p', each)]
+        with log.open('wb') as stream:
+            self.process = subprocess.Popen(
+                [sys.executable, '-c', RUN, '--ros-args', *arguments],
+                env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+                cwd=log.parent,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+            )
+
+    @property
+    def said(self) -> str:
+        return self._log.read_text()
+
+    @property
+    def address(self) -> str:
+        """Of the page as this machine reaches it."""
+        found = until(lambda: re.search(r'open http://.*:(\d+)/(.*)', self.said), 'the address')
+        return f'http://127.0.0.1:{found[1]}/{found[2]}'
+
+
+@pytest.fixture(scope='module')
+def domain(domains: Callable[[], int]) -> int:
+    return domains()
+
+
+@pytest.fixture(scope='module')
+def served(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    made = Served(domain, tmp_path_factory.mktemp('read_only') / 'log')
+    yield made
+    made.process.send_signal(signal.SIGINT)
+    try:
+        assert made.process.wait(20) == 0
+    finally:
+        made.process.kill()
+    assert 'Traceback' not in made.said
+
+
+def ask(address: str, **headers: str) -> tuple[int, str]:
+    request = urllib.request.Request(address, headers=headers)
+    opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    try:
+        with opener.open(request, timeout=30) as answer:
+            return int(answer.status), answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def test_a_host_that_others_reach_needs_the_token_that_it_prints(served: Served) -> None:
+    here, _, token = served.address.partition('?token=')
+    assert len(token) >= 32
+    status, page = ask(f'{here}?token={token}')
+    assert status == 200
+    assert 'Soliton, live' in page
+    for path in ('', 'live/live.js', f'?token={token[:-1]}', '_nicegui_ws/socket.io/?EIO=4'):
+        status, said = ask(f'{here}{path}')
+        assert status == 403, path
+        assert 'the token is missing or wrong' in said
+    status, said = ask(f'{here}?token={token}', Origin='http://evil.example')
+    assert status == 403
+    assert 'is not this page' in said
+    assert served.said.count(token) == 1
+
+
+def test_a_page_that_is_read_only_shows_and_changes_nothing(
+    served: Served, browser: Any, domain: int, tmp_path: Path
+) -> None:
+    stage = Stage(domain, tmp_path)
+    rig = Rig(stage, '/')
+    rig.go(7)
+    visit = Visit(browser, served.address)
+    assert 'token' not in visit.page.url
+    visit.wait('live.shown && live.shown.rotors === 7')
+    assert visit.page.locator('.live-badge').inner_text() == 'read-only'
+    for tab in ('Drive', 'Run', 'Bags'):
+        visit.tab(tab)
+        visit.panel_says('this page is read-only')
+        buttons = visit.page.locator('.q-tab-panel:visible fieldset button')
+        assert buttons.count() > 2
+        assert all(button.is_disabled() for button in buttons.all())
+    plays = visit.page.locator('.live-bag button')
+    plays.first.wait_for()
+    assert all(button.is_disabled() for button in plays.all())
+    acts = (
+        "'nudge', {speed: 5}",
+        "'move', {rotor: 3}",
+        "'pause', {paused: true}",
+        "'seek', {at: 0}",
+    )
+    for number, act in enumerate(acts, 1):
+        visit.js(f'live.act({act})')
+        visit.wait(f'live.said.length === {number}')
+    assert all('read-only' in said for said in visit.js('live.said'))
+    for topic in ('/nudge', '/edge_command', '/tilt'):
+        assert not stage.user.count_publishers(topic)
+    visit.close()
+    stage.close()
+    assert visit.console == []

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from recordings import run_of, write_bag
+
+from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
+from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
+from soliton_linkage_nodes.live_view.commands import READ_ONLY
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.view_conversions import NodeReport
+
+
+class Readers:
+    """A page that is read-only, with a bag."""
+
+    namespace = '/'
+
+    async def call(self, *_: Any) -> None:
+        raise AssertionError('a read-only page called a service')
+
+    def check_writable(self) -> None:
+        raise ValueError(READ_ONLY)
+
+
+def finder(*reports: str) -> Any:
+    told = {name: (time.monotonic(), NodeReport(name, 0, 'recording', {})) for name in reports}
+    return SimpleNamespace(reports=told, chains={})
+
+
+RECORDER: dict[str, Callable[[BagRecording], Any]] = {
+    'start': lambda recording: recording.start('/'),
+    'stop': lambda recording: recording.stop(),
+    'pause': lambda recording: recording.ask(Readers(), 'pause'),
+    'snapshot': lambda recording: recording.ask(Readers(), 'snapshot'),
+}
+PLAYER: dict[str, Callable[[BagReplay], Awaitable[str]]] = {
+    'play': lambda replay: replay.play('bag_0'),
+    'pause': lambda replay: replay.pause(Readers(), True),
+    'loop': lambda replay: replay.set_loop(True),
+    'rate': lambda replay: _at_rate(replay),
+}
+
+
+async def _at_rate(replay: BagReplay) -> str:
+    replay.ended = False
+    return await replay.set_rate(Readers(), 2.0)
+
+
+def done(asked: Any) -> None:
+    async def wait() -> None:
+        await asked
+
+    asyncio.run(wait())
+
+
+@pytest.mark.parametrize('name', RECORDER)
+def test_a_read_only_page_records_nothing(tmp_path: Path, name: str) -> None:
+    recording = BagRecording(tmp_path, finder(), read_only=True)
+    with pytest.raises(ValueError, match='this page is read-only'):
+        done(RECORDER[name](recording))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('name', PLAYER)
+def test_a_read_only_page_plays_nothing(tmp_path: Path, named: NamedChain, name: str) -> None:
+    write_bag(tmp_path / 'bag', run_of(named, 3))
+    replay = BagReplay(BagShelf([tmp_path]), tmp_path, finder(), read_only=True)
+    with pytest.raises(ValueError, match='this page is read-only'):
+        done(PLAYER[name](replay))
+    assert (replay.bag, replay.rate, replay.loop) == (None, 1.0, False)
+
+
+def test_beside_a_recorder_that_was_started_elsewhere_none_is_started(tmp_path: Path) -> None:
+    recording = BagRecording(tmp_path, finder('/bag_recorder'), read_only=False)
+    with pytest.raises(ValueError, match='runs already that was started elsewhere'):
+        recording.start('/')
+
+
+def test_without_a_folder_nothing_is_recorded() -> None:
+    recording = BagRecording(None, finder(), read_only=False)
+    with pytest.raises(ValueError, match='start live_view with bag_folders'):
+        recording.start('/')
