@@ -4,8 +4,9 @@
 A simulator, the other nodes and live_view run as processes, and Chromium, which draws without a
 screen, has the page open. Shares of a core are processor time over time. The delay of a nudge is
 from the click on its button to the first picture in which a rotor has moved. Of the many browsers
-at once only the streams are there: what they draw is drawn on other machines. A browser that
-stops reading is a socket that nobody reads from.
+at once only the streams are there: what they draw is drawn on other machines; with --pages they
+are pages in Chromium, which draws all of them here. A browser that stops reading is a socket that
+nobody reads from.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import socket
 import statistics
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ LONGEST_WAIT = 60.0
 NUDGES = 21
 MOVED = 1e-3
 PORT = 18_777
+PARTS = ('pictures', 'delay', 'crowd', 'silent', 'open')
 NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering')
 LATENCY = """async ([id, moved]) => {
   const before = [...live.shown.angles];
@@ -54,19 +56,29 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument('--seconds', type=float, default=20.0, help='of each measurement')
     options.add_argument('--minutes', type=float, default=5.0, help='that the page stays open')
+    options.add_argument('--pages', action='store_true', help='many browsers are whole pages')
+    options.add_argument('--only', choices=PARTS, nargs='+', default=PARTS, help='measure these')
     arguments = options.parse_args()
     seconds = 3.0 if arguments.quick else arguments.seconds
     minutes = 0.1 if arguments.quick else arguments.minutes
     browsers = 2 if arguments.quick else 10
     rounds = arguments.rounds or (1 if arguments.quick else 3)
     figures: list[Figure] = []
-    with chromium() as browser:
-        for rotors, rate in ((40, 60.0), (1000, 30.0)):
-            figures += pictures(browser, rotors, rate, seconds, rounds)
-        figures += delay(browser, 5 if arguments.quick else NUDGES)
-        figures += crowd(browsers, seconds)
-        figures += silent_reader(seconds)
-        figures += open_long(browser, 60 * minutes)
+    drawing = {'pictures', 'delay', 'open'} | ({'crowd'} if arguments.pages else set())
+    with chromium() if drawing & set(arguments.only) else nullcontext() as browser:
+        parts = {
+            'pictures': lambda: [
+                figure
+                for rotors, rate in ((40, 60.0), (1000, 30.0))
+                for figure in pictures(browser, rotors, rate, seconds, rounds)
+            ],
+            'delay': lambda: delay(browser, 5 if arguments.quick else NUDGES),
+            'crowd': lambda: crowd(browsers, seconds, browser if arguments.pages else None),
+            'silent': lambda: silent_reader(seconds),
+            'open': lambda: open_long(browser, 60 * minutes),
+        }
+        for name in arguments.only:
+            figures += parts[name]()
     write(Part('live', figures=figures), arguments.output)
 
 
@@ -90,7 +102,13 @@ def chromium() -> Iterator[Any]:
 class Scene:
     """A simulator with all nodes and the page, on a domain of their own."""
 
-    def __init__(self, stack: ExitStack, settings: Mapping[str, Any], rate: float) -> None:
+    def __init__(
+        self,
+        stack: ExitStack,
+        settings: Mapping[str, Any],
+        rate: float,
+        nodes: Sequence[str],
+    ) -> None:
         """Start them and wait for the page."""
         stack.enter_context(own_domain())
         self.node = Node('benchmark')
@@ -99,11 +117,11 @@ class Scene:
         topic = interfaces.DIAGNOSTICS
         self.node.create_subscription(topic.type, topic.name, self._note, topic.qos)
         stack.enter_context(running(node_command('simulator', settings)))
-        for name in NODES:
+        for name in nodes:
             stack.enter_context(running(node_command(name, {})))
         page = node_command('live_view', {'port': PORT, 'frame_rate': rate})
         self.server = stack.enter_context(running(page)).pid
-        self.spin(lambda: {'simulator', 'live_view', *NODES} <= set(self.reports))
+        self.spin(lambda: {'simulator', 'live_view', *nodes} <= set(self.reports))
 
     def spin(self, condition: Any, seconds: float = LONGEST_WAIT) -> None:
         """Hear what nodes report until a condition holds."""
@@ -132,7 +150,9 @@ class Scene:
 
 
 @contextmanager
-def scene(rotors: int = 40, hertz: float = 500.0, rate: float = 60.0) -> Iterator[Scene]:
+def scene(
+    rotors: int = 40, hertz: float = 500.0, rate: float = 60.0, nodes: Sequence[str] = NODES
+) -> Iterator[Scene]:
     """A chain with a soliton at rest in its middle, and the page."""
     settings = {
         'chain.number_of_rotors': rotors,
@@ -141,7 +161,7 @@ def scene(rotors: int = 40, hertz: float = 500.0, rate: float = 60.0) -> Iterato
         'initial_place': rotors / 2 - 0.5,
     }
     with ExitStack() as stack:
-        yield Scene(stack, settings, rate)
+        yield Scene(stack, settings, rate, nodes)
 
 
 def visit(browser: Any) -> Any:
@@ -207,8 +227,11 @@ def delay(browser: Any, nudges: int) -> list[Figure]:
     ]
 
 
-def crowd(browsers: int, seconds: float) -> list[Figure]:
-    """What many browsers change for a simulator at 1000 Hz and a recorder of it."""
+def crowd(browsers: int, seconds: float, drawing: Any) -> list[Figure]:
+    """What many browsers change for a simulator at 1000 Hz and a recorder of it.
+
+    They are pages of a browser that is `drawing`, or with None streams alone.
+    """
     missed, lost = [], []
     with scene(hertz=1000.0) as stage, ExitStack() as stack:
         folder = stack.enter_context(temporary())
@@ -216,16 +239,14 @@ def crowd(browsers: int, seconds: float) -> list[Figure]:
         stack.enter_context(running(command))
         stage.spin(lambda: 'bag_recorder' in stage.reports)
         for visitors in (0, browsers):
-            with running(
-                program_command(Path(__file__).with_name('live_watchers.py'), PORT, visitors)
-            ):
+            with watching(visitors, drawing):
                 time.sleep(SETTLING)
                 before = [stage.fresh(*figure) for figure in COUNTED]
                 time.sleep(seconds)
                 after = [stage.fresh(*figure) for figure in COUNTED]
             missed.append((after[0] - before[0]) / seconds)
             lost.append(after[1] - before[1])
-    names = ('none', f'{browsers}')
+    names = ('none', f'{browsers} pages' if drawing else f'{browsers}')
     return [
         figure
         for name, misses, losses in zip(names, missed, lost, strict=True)
@@ -239,6 +260,29 @@ def crowd(browsers: int, seconds: float) -> list[Figure]:
             Figure(f'messages lost at 1000 Hz, {name} watching', '', [losses], '0'),
         )
     ]
+
+
+@contextmanager
+def watching(visitors: int, drawing: Any) -> Iterator[None]:
+    """So many pages of a browser, or with None their streams."""
+    if drawing is None:
+        watchers = Path(__file__).with_name('live_watchers.py')
+        with running(program_command(watchers, PORT, visitors)):
+            yield
+        return
+    pages = [visit(drawing) for _ in range(visitors)]
+    before = [page.evaluate('live.drawn') for page in pages]
+    begun = time.monotonic()
+    yield
+    spent = time.monotonic() - begun
+    drawn = [
+        (page.evaluate('live.drawn') - count) / spent
+        for page, count in zip(pages, before, strict=True)
+    ]
+    if pages:
+        print(f'{visitors} pages drew {min(drawn):.0f} to {max(drawn):.0f} pictures a second')
+    for page in pages:
+        page.context.close()
 
 
 COUNTED = (('simulator', 'missed deadlines'), ('bag_recorder', 'lost messages'))
@@ -255,7 +299,7 @@ def temporary() -> Iterator[Path]:
 
 def silent_reader(seconds: float) -> list[Figure]:
     """Memory that a browser which stops reading costs the server."""
-    with scene() as stage:
+    with scene(nodes=()) as stage:
         time.sleep(SETTLING)
         with socket.create_connection(('127.0.0.1', PORT)) as reader:
             reader.sendall(

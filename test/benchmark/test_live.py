@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmark of the page: what it counts, and a run of its cheapest part."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import websockets
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
+
+from live import memory
+from live_watchers import crowd
+
+
+def test_a_watcher_says_of_each_picture_that_it_drew_it_and_of_nothing_else() -> None:
+    picture, history = bytes(8), bytes(7) + b'\xbf'
+    said: list[list[str]] = []
+
+    async def serve(stream: Any) -> None:
+        for message in ('words', history, picture, picture):
+            await stream.send(message)
+        said.append([await stream.recv(), await stream.recv()])
+
+    async def watch() -> None:
+        async with websockets.serve(serve, '127.0.0.1', 0) as server:
+            watching = asyncio.ensure_future(crowd(server.sockets[0].getsockname()[1], 3))
+            while len(said) < 3:
+                await asyncio.sleep(0.01)
+            watching.cancel()
+
+    asyncio.run(asyncio.wait_for(watch(), 60))
+    assert said == [['drawn', 'drawn']] * 3
+
+
+def test_memory_is_what_a_process_holds() -> None:
+    before = memory(os.getpid())
+    kept = bytearray(os.urandom(50_000_000))
+    assert memory(os.getpid()) - before == pytest.approx(len(kept) / 1e6, abs=10)
+
+
+@pytest.fixture(scope='module')
+def part(run_part: Callable[..., Path]) -> dict[str, Any]:
+    return json.loads(run_part('live', '--only', 'silent').read_text())['live']
+
+
+def test_a_browser_that_reads_nothing_costs_no_growing_memory(part: dict[str, Any]) -> None:
+    (figure,) = part['figures']
+    assert figure['what'] == 'memory for a browser that reads nothing for 3 s'
+    (grown,) = figure['values']
+    assert grown < 20
