@@ -137,6 +137,7 @@ class BagReplay:
         self._finder = finder
         self._read_only = read_only
         self._log_folder = log_folder
+        self._changing = asyncio.Lock()
         self._processes: ChildProcesses | None = None
 
     @property
@@ -160,6 +161,10 @@ class BagReplay:
         """Play a bag of a name from a time on [s]."""
         if self._read_only:
             raise ValueError(READ_ONLY)
+        async with self._changing:
+            return await self._play(name, start)
+
+    async def _play(self, name: str, start: float) -> str:
         bag = await asyncio.to_thread(self._shelf.bag, name)
         if not bag.played:
             raise ValueError(f'bag {name!r} holds none of the topics that a page shows')
@@ -214,16 +219,18 @@ class BagReplay:
         """Begin again at the end, or not; a player that runs is started anew for that."""
         if self._read_only:
             raise ValueError(READ_ONLY)
-        self.loop = loop
-        if self.bag is not None and not self.ended:
-            return await self.play(self.bag.name, self.position or 0.0)
+        async with self._changing:
+            self.loop = loop
+            if self.bag is not None and not self.ended:
+                return await self._play(self.bag.name, self.position or 0.0)
         return 'begins again at the end' if loop else 'ends at the end'
 
     async def stop(self) -> str:
         """Play no longer, and forget the chain that was shown."""
-        await self._end()
-        self._finder.forget(self.namespace)
-        self.bag = None
+        async with self._changing:
+            await self._end()
+            self._finder.forget(self.namespace)
+            self.bag = None
         return 'the replay is over'
 
     def look(self) -> str:
