@@ -7,6 +7,7 @@ Jazzy's rosbag2 (version 9) and Humble's (version 5) write it.
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -157,7 +158,7 @@ def _write_sqlite(path: Path, layout: Layout, messages: Sequence[Message]) -> No
 
 
 def _profiles(layout: Layout) -> list[dict[str, Any]]:
-    return [_PROFILE if layout.version == 9 else _OLD_PROFILE]
+    return json.loads(json.dumps([_PROFILE if layout.version == 9 else _OLD_PROFILE]))
 
 
 def _definition() -> tuple[str, str]:
@@ -201,4 +202,5 @@ def _metadata(
     }
     if layout.version == 9:
         information.update(custom_data=None, ros_distro='jazzy')
-    return {'rosbag2_bagfile_information': information}
+    # What stands in it twice is written twice, as rosbag2 does, not once with an alias.
+    return json.loads(json.dumps({'rosbag2_bagfile_information': information}))

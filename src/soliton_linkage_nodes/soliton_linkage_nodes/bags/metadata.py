@@ -11,13 +11,20 @@ from typing import Any, Final
 
 import yaml
 
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.bags.guards.files import read_file
+from soliton_linkage_nodes.bags.guards.texts import LARGEST_TEXT, load_yaml
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 METADATA_VERSION: Final = 9
 """Of the layout that Jazzy's rosbag2 writes; older ones lack fields that we fill."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
-_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+# Readers need know no aliases: what is said twice is written twice.
+_DUMPER: Any = type(
+    '_Dumper',
+    (getattr(yaml, 'CSafeDumper', yaml.SafeDumper),),
+    {'ignore_aliases': lambda _self, _data: True},
+)
 
 
 @dataclass(frozen=True)
@@ -65,34 +72,49 @@ def bag_information(
 
 def as_text(information: Mapping[str, Any]) -> str:
     """What a bag says about itself as the text that its files hold."""
-    return str(yaml.safe_dump(dict(information), sort_keys=False, allow_unicode=True))
+    return str(yaml.dump(dict(information), Dumper=_DUMPER, sort_keys=False, allow_unicode=True))
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
     """Write metadata.yaml, whole or not at all."""
-    text = yaml.safe_dump({_KEY: dict(information)}, sort_keys=False, allow_unicode=True)
+    text = as_text({_KEY: dict(information)})
     unfinished = folder / f'{METADATA_FILE}.unfinished'
     unfinished.write_text(text, encoding='utf-8')
     unfinished.replace(folder / METADATA_FILE)
 
 
+def load_metadata(folder: Path) -> dict[str, Any]:
+    """What metadata.yaml says about a bag; ValueError or OSError where that cannot be read."""
+    content = read_file(folder / METADATA_FILE, folder, LARGEST_TEXT)
+    loaded = load_yaml(content.decode())
+    information = loaded.get(_KEY) if isinstance(loaded, dict) else None
+    if not isinstance(information, dict):
+        raise ValueError(f'it has no mapping {_KEY}')
+    return information
+
+
 def read_metadata(folder: Path) -> dict[str, Any] | None:
     """What metadata.yaml says about a bag, None where there is none that can be read."""
     try:
-        loaded = yaml.load((folder / METADATA_FILE).read_text(encoding='utf-8'), _LOADER)
-        information = loaded[_KEY]
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+        return load_metadata(folder)
+    except (OSError, ValueError):
         return None
-    return information if isinstance(information, dict) else None
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
     """Texts that are kept in what a file says about its bag, as far as they can be read."""
     try:
-        custom = yaml.load(metadata, _LOADER).get('custom_data') or {}
-        return {str(key): str(value) for key, value in custom.items()}
-    except (yaml.YAMLError, AttributeError):
+        loaded = load_yaml(metadata)
+    except ValueError:
         return {}
+    return custom_data_in(loaded)
+
+
+def custom_data_in(information: object) -> dict[str, str]:
+    """Texts that are kept in what was said about a bag; what is no text or number is left out."""
+    custom = information.get('custom_data') if isinstance(information, dict) else None
+    told = custom.items() if isinstance(custom, dict) else ()
+    return {str(key): str(value) for key, value in told if isinstance(value, (str, int, float))}
 
 
 def _topic(topic: StoredTopic) -> dict[str, Any]:
@@ -100,7 +122,7 @@ def _topic(topic: StoredTopic) -> dict[str, Any]:
         'name': topic.name,
         'type': topic.type_name,
         'serialization_format': topic.serialization,
-        'offered_qos_profiles': yaml.safe_load(topic.profiles) or [],
+        'offered_qos_profiles': profiles_in(topic.profiles),
         'type_description_hash': topic.digest,
     }
 

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.play.controls import PlayerControls
 from soliton_linkage_nodes.bags.play.excerpt import chosen, excerpt, full_name
 from soliton_linkage_nodes.bags.play.lockstep import Lockstep
@@ -74,18 +75,19 @@ class BagPlayer(Node):
     `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`, `~/set_rate` and `~/get_rate`.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {BagPlayerParameters: ''}
+    PARAMETERS: ClassVar[dict[type, str]] = {BagPlayerParameters: '', BagLimits: ''}
 
     def __init__(self, **kwargs: Any) -> None:
         """Look into the bag and begin to play."""
         super().__init__('bag_player', **kwargs)
         self._settings = settings = declare(self, BagPlayerParameters)
+        limits = declare(self, BagLimits)
         refuse_unknown(self)
         if not settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._transport = Transport(settings.rate, settings.start_paused, not settings.lockstep)
         self._lockstep: Lockstep | None = None
-        with open_bag(Path(settings.bag)) as reader:
+        with open_bag(Path(settings.bag), limits) as reader:
             self._outlets = ReplayOutlets(
                 self, chosen(reader, settings.topics), self._transport.stopping
             )
@@ -113,6 +115,7 @@ class BagPlayer(Node):
             self._prepare,
             self._tell_time,
             'in lockstep' if settings.lockstep else '',
+            limits,
         )
         self._diagnostics = Diagnostics(self, 'playing', self._report)
         self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,8 +22,26 @@ from rclpy.qos import (
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from soliton_linkage_nodes.bags.guards.texts import load_yaml
+
+_LONGEST_NAME = 255
+"""Characters of the longest name that ROS and file systems know."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
 """A duration without end as rosbag2 writes it: the largest of its 32-bit numbers."""
+
+
+_TYPE_NAME = re.compile(r'\w+/\w+/\w+')
+_PROFILE_KEYS = {
+    'history',
+    'depth',
+    'reliability',
+    'durability',
+    'deadline',
+    'lifespan',
+    'liveliness',
+    'liveliness_lease_duration',
+    'avoid_ros_namespace_conventions',
+}
 
 
 @dataclass(frozen=True)
@@ -49,18 +68,31 @@ def type_definition(name: str) -> tuple[str, str]:
 
     Raises ValueError where its package is not installed.
     """
+    definition, digest, complaint = _installed(name)
+    if complaint:
+        raise ValueError(complaint)
+    return definition, digest
+
+
+@lru_cache(maxsize=1024)
+def _installed(name: str) -> tuple[str, str, str]:
+    """Definition and hash of a type, and why there is none: a bag may ask a thousand times."""
     store = _typestore()
     try:
+        if not _TYPE_NAME.fullmatch(name):
+            raise ValueError('its name is none of a type')
         if name not in store.fielddefs:
             _learn(store, name)
         definition, _ = store.generate_msgdef(name, ros_version=2)
-        return definition, store.hash_rihs01(name)
-    except (PackageNotFoundError, OSError, TypesysError, KeyError) as error:
-        package = name.partition('/')[0]
-        raise ValueError(
-            f'message type {name!r} has no definition on this machine: {error}; '
-            f'install its package {package!r}'
-        ) from error
+        return definition, store.hash_rihs01(name), ''
+    except (PackageNotFoundError, OSError, TypesysError, KeyError, ValueError) as error:
+        package = name.partition('/')[0][:_LONGEST_NAME]
+        return (
+            '',
+            '',
+            f'message type {name[:_LONGEST_NAME]!r} has no definition on this machine: '
+            f'{str(error)[:_LONGEST_NAME]}; install its package {package!r}',
+        )
 
 
 def completed(
@@ -90,6 +122,18 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
     if not profiles:
         return ''
     return str(yaml.safe_dump([_profile(p) for p in profiles], sort_keys=False)).strip()
+
+
+@lru_cache(maxsize=1024)
+def profiles_in(text: str) -> list[dict[str, Any]]:
+    """Qualities of service of a text as rosbag2 writes it; none where it is of another form."""
+    try:
+        loaded = load_yaml(text)
+    except ValueError:
+        return []
+    told = loaded if isinstance(loaded, list) else []
+    sound = all(isinstance(each, dict) and not _PROFILE_KEYS - each.keys() for each in told)
+    return told if sound else []
 
 
 @lru_cache(maxsize=1)

@@ -18,6 +18,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
 from soliton_linkage.studies.pictures import save_run
+from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
     open_bag,
@@ -29,6 +30,7 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.state_conversions import columns, row
 from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.bag_limits import add_limits, limits_of
 from soliton_linkage_nodes.programs.chain_file import chain_of_file, differences
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
@@ -66,11 +68,15 @@ class Drawn:
 
 
 def analyse(
-    bag: Path, folder: Path, given: NamedChain | None = None, noise: float | None = None
+    bag: Path,
+    folder: Path,
+    given: NamedChain | None = None,
+    noise: float | None = None,
+    limits: BagLimits = DEFAULT_LIMITS,
 ) -> int:
     """Write soliton_state.csv, kymograph.png and track.png; return the number of frames."""
     frames = late = 0
-    with open_bag(bag) as reader:
+    with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
         named = given or read_chain(reader)
         drawn = Drawn(named.joint_names)
@@ -94,9 +100,11 @@ def analyse(
     return frames
 
 
-def check_override(bag: Path, given: NamedChain, override: bool) -> None:
+def check_override(
+    bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
+) -> None:
     """Say that a chain takes the place of the bag's own; ValueError unless that is wanted."""
-    with open_bag(bag) as reader:
+    with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)
         except ValueError:
@@ -117,10 +125,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with plain_failures('analyse_bag'):
         try:
             interrupt_on_signals()
+            limits = limits_of(options)
             given = chain_of_file(options.chain) if options.chain else None
             if given is not None:
-                check_override(options.bag, given, options.override)
-            analyse(options.bag, options.output, given, options.noise)
+                check_override(options.bag, given, options.override, limits)
+            analyse(options.bag, options.output, given, options.noise, limits)
         except KeyboardInterrupt:
             print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
             raise
@@ -149,6 +158,7 @@ def _parser() -> ProgramParser:
         type=_noise,
         help="standard deviation of the encoders' noise [rad], above 0 and up to 1 (estimated)",
     )
+    add_limits(parser)
     return parser
 
 

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.bags.guards.texts import count_in, load_json
 from soliton_linkage_nodes.bags.rescue.bag_rescue import BagReport, check_bag
+from soliton_linkage_nodes.programs.bag_limits import add_limits, limits_of
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 
 _DAMAGE = 'damage'
@@ -23,10 +24,14 @@ def main() -> None:
         description=f'{__doc__} The exit code is 1 where it is damaged or messages were lost.',
     )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
-    bag = parser.parse().bag
+    add_limits(parser)
+    options = parser.parse()
+    bag = options.bag
     progress = ProgressLine(f'checking {bag}', 0)
     with plain_failures('check_bag'):
-        report = check_bag(bag, lambda done: progress.show(0, f'{done} messages'))
+        report = check_bag(
+            bag, lambda done: progress.show(0, f'{done} messages'), limits_of(options)
+        )
     progress.clear()
     print('\n'.join(_lines(report)))
     lost = _lost_when_recorded(report)
@@ -45,6 +50,8 @@ def _lines(report: BagReport) -> Iterator[str]:
     for key in ('suite_version', 'command_line', 'chain', 'recovered_from'):
         if key in report.custom_data:
             yield f'{key.replace("_", " ")}: {report.custom_data[key]}'
+    if report.unverified:
+        yield f'{report.unverified} messages have no checksum: changes in them go unnoticed'
     yield _losses(report, sum(lost.values()))
     yield from report.damage
     if report.damage:
@@ -59,7 +66,7 @@ def _losses(report: BagReport, when_recorded: int) -> str:
     recorded = f'{when_recorded or "nothing"}' if known else 'not known'
     if _DAMAGE not in report.custom_data:
         return f'lost when recorded: {recorded}'
-    count = int(report.custom_data.get('lost_in_damage', 0))
+    count = count_in(report.custom_data.get('lost_in_damage'))
     damage = report.custom_data[_DAMAGE]
     return (
         f'lost before it was recovered: {count or "an unknown number"} ({damage}); '
@@ -69,7 +76,8 @@ def _losses(report: BagReport, when_recorded: int) -> str:
 
 def _lost_when_recorded(report: BagReport) -> dict[str, int]:
     try:
-        lost = json.loads(report.custom_data.get('lost_messages', '{}'))
-        return {str(topic): int(count) for topic, count in lost.items()}
-    except (ValueError, TypeError, AttributeError):
+        lost = load_json(report.custom_data.get('lost_messages', '{}'))
+    except ValueError:
         return {}
+    counted = lost.items() if isinstance(lost, dict) else ()
+    return {topic: count_in(count) for topic, count in counted}

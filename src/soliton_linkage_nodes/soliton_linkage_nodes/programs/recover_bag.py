@@ -8,6 +8,7 @@ from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
+from soliton_linkage_nodes.programs.bag_limits import add_limits, limits_of
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
@@ -24,6 +25,7 @@ def main() -> None:
     parser.add_argument(
         '--doubtful', action='store_true', help='also bring back messages with wrong checksums'
     )
+    add_limits(parser)
     options = parser.parse()
     bag: Path = options.bag
     name = bag.resolve()
@@ -33,7 +35,11 @@ def main() -> None:
     with plain_failures('recover_bag'):
         try:
             report, new = recover_bag(
-                bag, output, options.doubtful, lambda done: progress.show(0, f'{done} messages')
+                bag,
+                output,
+                options.doubtful,
+                lambda done: progress.show(0, f'{done} messages'),
+                limits_of(options),
             )
         except KeyboardInterrupt:
             print(f'\nrecover_bag: stopped; {output}_* is not whole', file=sys.stderr)
@@ -43,3 +49,5 @@ def main() -> None:
         print(damage)
     lost = f', {report.lost} lost' if report.lost else ''
     print(f'recovered {report.messages} messages{lost} into {new}')
+    if report.damage and report.unverified:
+        print(f'{report.unverified} of them have no checksum: they may have been changed')

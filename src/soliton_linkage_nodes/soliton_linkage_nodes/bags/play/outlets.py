@@ -23,6 +23,8 @@ from soliton_linkage_nodes.runtime.matching import wait_for_subscriber
 
 _POLL_INTERVAL = Duration(seconds=0.02)
 """How soon it stops waiting when it is told to."""
+_MOST_TOPICS = 1000
+"""That are played at a time: each is a publisher, which takes a millisecond and 100 kB."""
 _LONGEST_DELIVERY = 10.0
 """How long a subscriber may take for the last messages before it is taken to be gone [s]."""
 
@@ -37,6 +39,11 @@ class ReplayOutlets:
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
         """Create a publisher of each topic; say of which types nothing is installed."""
+        if len(connections) > _MOST_TOPICS:
+            raise ValueError(
+                f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
+                'name some in parameter topics'
+            )
         self.published = 0
         self.left_out = 0
         self._node = node

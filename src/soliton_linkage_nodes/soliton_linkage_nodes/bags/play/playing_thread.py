@@ -11,6 +11,7 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.play.excerpt import Excerpt
 from soliton_linkage_nodes.bags.play.outlets import ReplayOutlets
 from soliton_linkage_nodes.bags.play.transport import Transport, Turn
@@ -35,6 +36,7 @@ class PlayingThread:
         prepare: Callable[[], None],
         tell_time: Callable[[int], None],
         pace: str = '',
+        limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
         """Prepare to play, again and again if it is to `loop`; the pace is shown, or the rate."""
         self.failure: Exception | None = None
@@ -49,6 +51,7 @@ class PlayingThread:
         self._prepare = prepare
         self._tell_time = tell_time
         self._pace = pace
+        self._limits = limits
         self._thread: threading.Thread | None = None
 
     def play(self, excerpt: Excerpt) -> None:
@@ -85,7 +88,7 @@ class PlayingThread:
 
     def _run(self) -> None:
         try:
-            with open_bag(self._path) as reader:
+            with open_bag(self._path, self._limits) as reader:
                 self._play(reader)
             self._outlets.deliver()
         except Exception as error:

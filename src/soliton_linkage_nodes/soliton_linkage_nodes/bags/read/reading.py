@@ -4,18 +4,22 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.reader import DirectoryReader
 
+from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
+from soliton_linkage_nodes.bags.read.bag_folder import BagFolder
 from soliton_linkage_nodes.bags.read.older_messages import OlderMessages, is_older
+from soliton_linkage_nodes.bags.storages.connections import LimitedReader
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, storage_of, suffixes
 
 if TYPE_CHECKING:
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def open_bag(path: Path) -> Iterator[Reader]:
+def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]:
     """Open a bag to read; raises ValueError where it is missing or cannot be read."""
     if not path.exists():
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
@@ -35,6 +39,8 @@ def open_bag(path: Path) -> Iterator[Reader]:
         )
     try:
         reader = _reader(path)
+        if isinstance(reader.storage, LimitedReader):
+            reader.storage.limits = limits
         reader.open()
     except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
@@ -133,11 +139,22 @@ def message_class(type_name: str) -> Any:
     """Return the class of a message type such as 'sensor_msgs/msg/JointState'."""
     package, _, name = type_name.partition('/msg/')
     try:
+        if not _has_messages(package):
+            raise ImportError(package)
         return getattr(importlib.import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
             f'message type {type_name!r} is not installed; install its package {package!r}'
         ) from error
+
+
+def _has_messages(package: str) -> bool:
+    """Whether a package has messages, found without it being run: its name is a stranger's."""
+    if package in sys.modules:
+        return True
+    found = PathFinder.find_spec(package) if package.isidentifier() else None
+    folders = (found.submodule_search_locations or []) if found else []
+    return any(Path(folder, 'msg', '__init__.py').is_file() for folder in folders)
 
 
 def type_name(message_type: Any) -> str:
@@ -154,12 +171,7 @@ def latched(connection: Connection) -> bool:
 def _reader(path: Path) -> Reader:
     """A reader of a bag of any storage; rosbags by itself knows two."""
     by_suffix = {each.suffix: each.reader for each in STORAGES.values()}
-    by_name = {name: each.reader for name, each in STORAGES.items()}
-
-    class AnyFolder(DirectoryReader):
-        STORAGE_PLUGINS = by_name
-
-    everything: dict[str, type[ReaderProtocol]] = {'dir': AnyFolder, **by_suffix}
+    everything: dict[str, type[ReaderProtocol]] = {'dir': BagFolder, **by_suffix}
 
     class AnyBag(Reader):
         STORAGE_PLUGINS = everything

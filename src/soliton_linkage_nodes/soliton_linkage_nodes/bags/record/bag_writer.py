@@ -102,7 +102,9 @@ class BagWriter:
         definition, digest = type_definition(type_name)
         text = profiles_text(profiles)
         stored = StoredTopic(0, topic, type_name, definition, 'ros2msg', digest, text)
-        return self.add_stored_topic(stored)
+        added = self.add_stored_topic(stored)
+        self.flush()
+        return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
         """Begin to store a topic that is told whole; return it with its number in this bag."""

@@ -12,16 +12,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from backports import zstd
-
-from soliton_linkage_nodes.bags.metadata import read_metadata
+from soliton_linkage_nodes.bags.guards.files import open_file, regular_file
+from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.guards.texts import count_in
+from soliton_linkage_nodes.bags.guards.unpacking import unpacked_message
+from soliton_linkage_nodes.bags.metadata import METADATA_FILE, custom_data_in, load_metadata
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.rescue.packed_files import PACKED, unpack_file
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, storage_of, suffixes
 from soliton_linkage_nodes.bags.storages.storage import RescuedFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
-_ZSTD = b'\x28\xb5\x2f\xfd'
 _SHOW_EVERY = 1000
 """Messages from one call of `show` to the next, which costs as much as reading a few."""
 
@@ -34,7 +35,7 @@ class BagReport:
 
     `counts` holds the messages of each topic, `start` and `end` the stamps of the first and the
     last [ns], `damage` a line for each wound. `lost` counts messages that were recorded and
-    cannot be read any more, as far as is known.
+    cannot be read any more, as far as is known, `unverified` those that can and have no checksum.
     """
 
     path: Path
@@ -45,6 +46,7 @@ class BagReport:
     end: int = 0
     damage: list[str] = field(default_factory=list)
     lost: int = 0
+    unverified: int = 0
     custom_data: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -53,20 +55,27 @@ class BagReport:
         return sum(self.counts.values())
 
 
-def check_bag(path: Path, show: Show = lambda done: None) -> BagReport:
+def check_bag(
+    path: Path, show: Show = lambda done: None, limits: BagLimits = DEFAULT_LIMITS
+) -> BagReport:
     """Read a bag to the last byte; raises ValueError where it is none."""
-    return _Reading(path, None, False, show).report
+    return _Reading(path, None, False, show, limits).report
 
 
 def recover_bag(
-    path: Path, output: Path, doubtful: bool = False, show: Show = lambda done: None
+    path: Path,
+    output: Path,
+    doubtful: bool = False,
+    show: Show = lambda done: None,
+    limits: BagLimits = DEFAULT_LIMITS,
 ) -> tuple[BagReport, Path]:
     """Write what is intact of a bag into a new one; return what was found, and the new bag.
 
-    `doubtful` brings back messages whose checksum is wrong, too. Raises ValueError where nothing
-    is to be brought back, and OSError where the new bag cannot be written.
+    `doubtful` brings back messages whose checksum is wrong, too. What asks for more than the
+    limits stays out. Raises ValueError where nothing is to be brought back, and OSError where the
+    new bag cannot be written.
     """
-    reading = _Reading(path, output, doubtful, show)
+    reading = _Reading(path, output, doubtful, show, limits)
     report, writer = reading.report, reading.writer
     if writer is None:
         why = '; '.join(report.damage) or 'it is empty'
@@ -75,6 +84,7 @@ def recover_bag(
     if report.damage:
         custom['damage'] = '; '.join(report.damage)
         custom['lost_in_damage'] = str(report.lost)
+        custom['unverified_messages'] = str(report.unverified)
     writer.close(custom)
     return report, writer.path
 
@@ -85,23 +95,29 @@ class _Reading:
     The new bag is begun with the first topic: of nothing there is none.
     """
 
-    def __init__(self, path: Path, output: Path | None, doubtful: bool, show: Show) -> None:
-        files = _files_of(path)
-        self.report = BagReport(path, _storage_of(files[0]), files)
+    def __init__(
+        self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
+    ) -> None:
+        files, refused = _files_of(path)
+        self.report = BagReport(path, _storage_of(files[0]), files, damage=refused)
         self.writer: BagWriter | None = None
         self._output = output
         self._show = show
+        self._limits = limits
         self._topics: dict[tuple[str, str], StoredTopic] = {}
-        information = read_metadata(path) if path.is_dir() else None
+        self._taken = 0
+        information, complaint = _told_by(path)
         types = _types_in(information)
         for file in files:
-            with _opened(file, doubtful) as rescued:
+            with _opened(file, doubtful, limits) as rescued:
                 told = rescued.topics.values()
                 self._take(rescued, {topic: self._known(_named(topic, types)) for topic in told})
                 self.report.custom_data.update(rescued.custom_data)
                 self.report.damage += [f'{file.name}: {damage}' for damage in rescued.damage]
                 self.report.lost += rescued.lost
-        _compare(self.report, information, path)
+                self.report.unverified += rescued.unverified
+        _compare(self.report, information)
+        self.report.damage += complaint
 
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
         """The topic as it is in all files; None where its type is lost."""
@@ -117,42 +133,57 @@ class _Reading:
     def _take(
         self, rescued: RescuedFile, topics: Mapping[StoredTopic, StoredTopic | None]
     ) -> None:
-        report, nameless = self.report, 0
+        report, nameless, damaged = self.report, 0, 0
         for topic, stamp, data in rescued.messages():
             known = topics[topic]
             if known is None:
                 nameless += 1
                 continue
+            try:
+                plain = unpacked_message(data, self._limits.most_unpacked)
+            except ValueError as error:
+                damaged, why = damaged + 1, error
+                continue
             if self.writer is not None:
-                packed = data.startswith(_ZSTD)
-                self.writer.write(known, stamp, zstd.decompress(data) if packed else data)
+                self.writer.write(known, stamp, plain)
             report.counts[known] += 1
             report.start = stamp if report.start is None else min(report.start, stamp)
             report.end = max(report.end, stamp)
-            if not report.messages % _SHOW_EVERY:
-                self._show(report.messages)
+            self._taken += 1
+            if not self._taken % _SHOW_EVERY:
+                self._show(self._taken)
         if nameless:
             rescued.complain(f'{nameless} messages are of topics whose types are lost', nameless)
+        if damaged:
+            rescued.complain(f'{damaged} messages cannot be unpacked: {why}', damaged)
 
 
-def _compare(report: BagReport, information: Mapping[str, Any] | None, path: Path) -> None:
-    """Compare what was found with what metadata.yaml says."""
+def _told_by(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
+    """What metadata.yaml of a bag says, and what is wrong with it."""
     if path.is_file():
-        return
+        return None, []
+    if not (path / METADATA_FILE).exists():
+        return None, [f'{METADATA_FILE} is missing or cannot be read']
+    try:
+        return load_metadata(path), []
+    except (OSError, ValueError) as error:
+        return None, [f'{METADATA_FILE} cannot be read: {" ".join(str(error).split())}']
+
+
+def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
+    """Compare what was found with what metadata.yaml says."""
     if information is None:
-        report.damage.append('metadata.yaml is missing or cannot be read')
         return
-    custom = information.get('custom_data')
-    if isinstance(custom, dict):
-        report.custom_data.update({str(key): str(value) for key, value in custom.items()})
-    stated = information.get('message_count')
-    if isinstance(stated, int) and stated > report.messages + report.lost:
+    report.custom_data.update(custom_data_in(information))
+    stated = count_in(information.get('message_count'))
+    if stated > report.messages + report.lost:
         missing = stated - report.messages - report.lost
         report.damage.append(f'{missing} more messages are in metadata.yaml than in the files')
         report.lost += missing
     listed = information.get('relative_file_paths')
+    held = {file.name for file in report.files}
     for name in listed if isinstance(listed, list) else []:
-        if Path(str(name)).name not in {file.name for file in report.files}:
+        if isinstance(name, str) and Path(name).name not in held:
             report.damage.append(f'file {name} is missing')
 
 
@@ -174,15 +205,24 @@ def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
         return {}
 
 
-def _files_of(path: Path) -> list[Path]:
-    """Files of a bag in the order in which they were recorded."""
+def _files_of(path: Path) -> tuple[list[Path], list[str]]:
+    """Files of a bag in the order in which they were recorded, and why others are left out."""
     if not path.exists():
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
-    candidates = [path] if path.is_file() else list(path.iterdir())
-    files = [file for file in candidates if file.is_file() and storage_of(_plain(file))]
+    folder = path if path.is_dir() else None
+    candidates = sorted(path.iterdir()) if folder else [path]
+    files, refused = [], []
+    for file in candidates:
+        if storage_of(_plain(file)):
+            try:
+                regular_file(file, folder)
+                files.append(file)
+            except (OSError, ValueError) as error:
+                refused.append(f'{file.name}: {error}')
     if not files:
-        raise ValueError(f'bag {str(path)!r} has no {suffixes()} file; give a bag directory')
-    return sorted(files, key=_place)
+        why = '; '.join(refused) or f'has no {suffixes()} file'
+        raise ValueError(f'bag {str(path)!r} {why}; give a bag directory')
+    return sorted(files, key=_place), refused
 
 
 def _place(file: Path) -> tuple[int, str]:
@@ -200,14 +240,15 @@ def _storage_of(file: Path) -> str:
 
 
 @contextmanager
-def _opened(file: Path, doubtful: bool) -> Iterator[RescuedFile]:
+def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[RescuedFile]:
     storage = STORAGES[_storage_of(file)]
     if file.suffix != PACKED:
-        yield storage.rescue(file, doubtful)
+        yield storage.rescue(file, doubtful, limits)
         return
     with TemporaryDirectory(prefix='recover_bag_') as folder:
         plain = Path(folder, file.stem)
-        damage = unpack_file(file, plain)
-        rescued = storage.rescue(plain, doubtful)
+        with open_file(file) as packed:
+            damage = unpack_file(packed, plain, limits)
+        rescued = storage.rescue(plain, doubtful, limits)
         rescued.damage[:0] = [damage] if damage else []
         yield rescued

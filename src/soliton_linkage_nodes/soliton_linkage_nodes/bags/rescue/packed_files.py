@@ -3,25 +3,32 @@
 
 from __future__ import annotations
 
+import mmap
 from pathlib import Path
+from typing import BinaryIO
 
-from backports import zstd
+from soliton_linkage_nodes.bags.guards.limits import BagLimits
+from soliton_linkage_nodes.bags.guards.unpacking import pieces
 
 PACKED = '.zstd'
-_PIECE = 2**20
-"""Size of what is unpacked at one go [B], which is all that has to fit into memory."""
 
 
-def unpack_file(file: Path, plain: Path) -> str | None:
+def unpack_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
     """Unpack a file as far as it can be; return what is wrong with it."""
-    unpacker = zstd.ZstdDecompressor()
-    with file.open('rb') as packed, plain.open('wb') as out:
+    size = packed.seek(0, 2)
+    most = limits.for_file(size)
+    if not size:
+        return 'its compression is cut short'
+    with (
+        mmap.mmap(packed.fileno(), 0, access=mmap.ACCESS_READ) as data,
+        memoryview(data) as view,
+        plain.open('wb') as out,
+    ):
         try:
-            while piece := packed.read(_PIECE):
-                while piece:
-                    unpacker = zstd.ZstdDecompressor() if unpacker.eof else unpacker
-                    out.write(unpacker.decompress(piece))
-                    piece = unpacker.unused_data if unpacker.eof else b''
-        except zstd.ZstdError as error:
-            return f'its compression is damaged: {error}'
-    return None if unpacker.eof else 'its compression is cut short'
+            for piece in pieces(view, 'zstd', whole=True):
+                if out.tell() + len(piece) > most:
+                    return f'it unpacks to more than most_unpacked_file = {most} bytes: cut there'
+                out.write(piece)
+        except ValueError as error:
+            return str(error)
+    return None

@@ -7,11 +7,12 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, TypeAlias
 from zlib import crc32
 
-import lz4.frame
 from backports import zstd
+
+from soliton_linkage_nodes.bags.guards.unpacking import unpacked_begin
 
 MAGIC: Final = b'\x89MCAP0\r\n'
 MESSAGE_HEADER: Final = struct.Struct('<HIQQ')
@@ -19,8 +20,8 @@ _MESSAGE_RECORD_HEADER: Final = struct.Struct('<BQHIQQ')
 RECORD_HEADER: Final = struct.Struct('<BQ')
 CHUNK_HEADER: Final = struct.Struct('<QQQI')
 CODECS: Final = ('', 'zstd', 'lz4')
-_PIECE: Final = 4096
-"""Size of what is unpacked at one go [B]: so much before damage may be lost with it."""
+Bytes: TypeAlias = bytes | bytearray | memoryview
+"""What is read: views, where a copy would have to be made."""
 PROFILE: Final = 'ros2'
 NOTES: Final = 'soliton_linkage'
 """Name of the records of metadata in which a bag that is not closed keeps its texts."""
@@ -150,17 +151,17 @@ def message_index_record(channel: int, places: Sequence[int]) -> bytes:
 class Fields:
     """Takes the fields of a record one after the other; ValueError where they overrun it."""
 
-    def __init__(self, body: bytes) -> None:
+    def __init__(self, body: Bytes) -> None:
         """Begin at the first field."""
         self._body = body
         self._place = 0
 
     @property
-    def rest(self) -> bytes:
-        """What was not taken yet."""
-        return self._body[self._place :]
+    def rest(self) -> int:
+        """How many bytes were not taken yet."""
+        return len(self._body) - self._place
 
-    def take(self, size: int) -> bytes:
+    def take(self, size: int) -> Bytes:
         """Take so many bytes."""
         end = self._place + size
         if end > len(self._body):
@@ -173,13 +174,13 @@ class Fields:
         """Take a number of so many bytes."""
         return int.from_bytes(self.take(size), 'little')
 
-    def sized(self) -> bytes:
+    def sized(self) -> Bytes:
         """Take bytes that their length goes before."""
         return self.take(self.number(4))
 
     def text(self) -> str:
         """Take a text."""
-        return self.sized().decode()
+        return bytes(self.sized()).decode()
 
     def text_map(self) -> dict[str, str]:
         """Take named texts."""
@@ -191,13 +192,13 @@ class Fields:
         return texts
 
 
-def parse_schema(body: bytes) -> Schema:
+def parse_schema(body: Bytes) -> Schema:
     """Schema of a record; ValueError where it is none."""
     fields = Fields(body)
-    return Schema(fields.number(2), fields.text(), fields.text(), fields.sized())
+    return Schema(fields.number(2), fields.text(), fields.text(), bytes(fields.sized()))
 
 
-def parse_channel(body: bytes) -> Channel:
+def parse_channel(body: Bytes) -> Channel:
     """Channel of a record; ValueError where it is none."""
     fields = Fields(body)
     return Channel(
@@ -205,21 +206,21 @@ def parse_channel(body: bytes) -> Channel:
     )
 
 
-def parse_message(body: bytes) -> Message:
+def parse_message(body: Bytes) -> Message:
     """Message of a record; ValueError where it is none."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, _, stamp, _ = MESSAGE_HEADER.unpack_from(body)
-    return Message(channel, stamp, body[MESSAGE_HEADER.size :])
+    return Message(channel, stamp, bytes(body[MESSAGE_HEADER.size :]))
 
 
-def parse_metadata(body: bytes) -> tuple[str, dict[str, str]]:
+def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
     """Name and texts of a record; ValueError where it is none."""
     fields = Fields(body)
     return fields.text(), fields.text_map()
 
 
-def parse_message_index(body: bytes) -> list[int]:
+def parse_message_index(body: Bytes) -> list[int]:
     """Stamps [ns] and offsets of an index of messages, by turns; ValueError where it is none."""
     fields = Fields(body)
     fields.take(2)
@@ -245,11 +246,11 @@ class ChunkHead:
         return self.begin + self.packed
 
 
-def parse_chunk_head(body: bytes) -> ChunkHead:
+def parse_chunk_head(body: Bytes) -> ChunkHead:
     """Head of a chunk; ValueError where it is none."""
     fields = Fields(body)
     _, _, uncompressed, crc = CHUNK_HEADER.unpack(fields.take(CHUNK_HEADER.size))
-    codec = fields.sized()
+    codec = bytes(fields.sized())
     if codec not in {name.encode() for name in CODECS}:
         raise ValueError(f'a chunk is packed with {codec[:20]!r}, which is none of {CODECS}')
     packed = fields.number(8)
@@ -257,40 +258,27 @@ def parse_chunk_head(body: bytes) -> ChunkHead:
     return ChunkHead(uncompressed, crc, codec.decode(), packed, begin)
 
 
-def unpack(head: ChunkHead, packed: bytes) -> tuple[bytes, bool]:
-    """Records of a chunk as far as they can be unpacked, and whether that is all of them."""
-    if head.codec == 'zstd':
-        records = _unpack_begun(zstd.ZstdDecompressor(), packed, head.uncompressed)
-    elif head.codec == 'lz4':
-        records = _unpack_begun(lz4.frame.LZ4FrameDecompressor(), packed, head.uncompressed)
-    else:
-        records = packed
+def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
+    """Records of a chunk as far as they can be unpacked, and whether that is all of them.
+
+    None come out of a chunk that says of itself, or turns out, to be larger than the limit [B].
+    """
+    if head.uncompressed > most:
+        return b'', False
+    records = packed
+    if head.codec:
+        records = unpacked_begin(packed, head.codec, head.uncompressed)
     whole = len(packed) == head.packed and len(records) == head.uncompressed
     return records, whole and (not head.crc or crc32(records) == head.crc)
 
 
-def _unpack_begun(
-    unpacker: zstd.ZstdDecompressor | lz4.frame.LZ4FrameDecompressor, packed: bytes, size: int
-) -> bytes:
-    """Unpack what can be: in pieces, so that what is before the damage comes out."""
-    pieces = bytearray()
-    try:
-        for begin in range(0, len(packed), _PIECE):
-            pieces += unpacker.decompress(packed[begin : begin + _PIECE])
-            if len(pieces) > size or unpacker.eof:
-                break
-    except (zstd.ZstdError, RuntimeError, EOFError):
-        pass
-    return bytes(pieces)
-
-
-def records_in(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
     """Yield offset, opcode and body of each whole record; end where one is cut or damaged."""
-    place = 0
+    data, place = memoryview(data), 0
     while place + RECORD_HEADER.size <= len(data):
         opcode, size = RECORD_HEADER.unpack_from(data, place)
         begin = place + RECORD_HEADER.size
-        if begin + size > len(data):
+        if not opcode or begin + size > len(data):
             return
         yield place, opcode, data[begin : begin + size]
         place = begin + size

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import mmap
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -11,9 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from zlib import crc32
 
+from soliton_linkage_nodes.bags.guards.files import mapped
 from soliton_linkage_nodes.bags.metadata import custom_data_of
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
-from soliton_linkage_nodes.bags.storages.mcap_records import Channel, ChunkHead, Opcode, Schema
+from soliton_linkage_nodes.bags.storages.mcap_records import (
+    Bytes,
+    Channel,
+    ChunkHead,
+    Opcode,
+    Schema,
+)
 from soliton_linkage_nodes.bags.storages.mcap_search import (
     KINDS,
     LARGEST_CHUNK_HEAD,
@@ -31,6 +37,7 @@ class _Chunk:
     begin: int
     head: ChunkHead
     cut: bool = False
+    refused: str = ''
 
 
 @dataclass(frozen=True)
@@ -59,9 +66,8 @@ class RescuedMcap(RescuedFile):
         self._stated: int | None = None
         self._footer = False
         self._sizes: dict[int, int] = {}
-        with path.open('rb') as file:
-            size = file.seek(0, 2)
-            self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b''
+        self._data = mapped(path)
+        self._budget = self._limits.for_file(len(self._data))
         self._scan()
         channels = {**self._doubtful_channels, **self._channels}
         self._schemas = {**self._doubtful_schemas, **self._schemas}
@@ -81,12 +87,18 @@ class RescuedMcap(RescuedFile):
 
     def _messages_of(self, part: _Chunk | _Run) -> Iterator[mcap.Message]:
         if isinstance(part, _Run):
-            yield from _messages_in(self._data[part.begin : part.end])
+            yield from self._unverified(_messages_in(self._data[part.begin : part.end]))
             return
-        records, whole = mcap.unpack(part.head, self._packed(part))
+        if part.refused:
+            self.complain(f'the chunk at byte {part.place} {part.refused}')
+            return
+        most = self._limits.most_unpacked
+        records, whole = mcap.unpack(part.head, self._packed(part), most)
         messages = _messages_in(records)
-        if whole or part.cut or self._doubtful:
+        if whole and part.head.crc:
             yield from messages
+        elif whole or part.cut or self._doubtful:
+            yield from self._unverified(messages)
         if not whole and not part.cut:
             count = 0 if self._doubtful else sum(1 for _ in messages)
             self.complain(
@@ -94,9 +106,14 @@ class RescuedMcap(RescuedFile):
                 count,
             )
 
+    def _unverified(self, messages: Iterator[mcap.Message]) -> Iterator[mcap.Message]:
+        for message in messages:
+            self.unverified += 1
+            yield message
+
     def _scan(self) -> None:
         place = len(mcap.MAGIC)
-        if self._data[:place] != mcap.MAGIC:
+        if bytes(self._data[:place]) != mcap.MAGIC:
             self.complain('it does not begin as an MCAP file does')
             place = 0
         size = len(self._data)
@@ -110,7 +127,8 @@ class RescuedMcap(RescuedFile):
             self.complain('it was not finished: there is no index')
 
     def _is_end(self, place: int) -> bool:
-        return len(self._data) - place == len(mcap.MAGIC) and self._data[place:] == mcap.MAGIC
+        left = len(self._data) - place
+        return left == len(mcap.MAGIC) and bytes(self._data[place:]) == mcap.MAGIC
 
     def _take(self, place: int) -> int | None:
         """Note the record at a place and return where the next one begins; None for no record."""
@@ -141,7 +159,7 @@ class RescuedMcap(RescuedFile):
         if head.size == size and begin + size > len(self._data):
             self.complain(f'the file ends within the chunk at byte {place}')
             chunk = _Chunk(place, begin, head, cut=True)
-            self._note_chunk(chunk, mcap.unpack(head, self._packed(chunk))[0])
+            self._note_chunk(chunk, self._unpack(chunk)[0])
             return len(self._data)
         # Either of the two lengths may be damaged; the checksum tells which is right.
         lengths = {size - head.begin, head.packed}
@@ -149,16 +167,35 @@ class RescuedMcap(RescuedFile):
             chunk = _Chunk(place, begin, replace(head, packed=packed))
             if not 0 <= packed <= len(self._data) - begin - head.begin:
                 continue
-            records, whole = mcap.unpack(chunk.head, self._packed(chunk))
+            records, whole = self._unpack(chunk)
             if whole:
                 self._note_chunk(chunk, records)
                 return begin + chunk.head.size
-        if len(lengths) > 1:
+        refused = self._refusal(head)
+        if len(lengths) > 1 and not refused:
             return None
-        self._found.append(_Chunk(place, begin, head))
+        self._found.append(_Chunk(place, begin, head, refused=refused))
         return int(begin + size)
 
-    def _note_chunk(self, chunk: _Chunk, records: bytes) -> None:
+    def _refusal(self, head: ChunkHead) -> str:
+        """Why a chunk is left out unread, if it is."""
+        limits = self._limits
+        if head.uncompressed > limits.most_unpacked:
+            return f'unpacks to more than most_unpacked = {limits.most_unpacked} bytes: left out'
+        if self._budget <= 0:
+            most = limits.for_file(len(self._data))
+            return f'is beyond what the file may unpack to, most_unpacked_file = {most}: left out'
+        return ''
+
+    def _unpack(self, chunk: _Chunk) -> tuple[Bytes, bool]:
+        """Unpack a chunk for the first time, which all chunks together may not do without end."""
+        if self._budget <= 0:
+            return b'', False
+        records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.most_unpacked)
+        self._budget -= len(records)
+        return records, whole
+
+    def _note_chunk(self, chunk: _Chunk, records: Bytes) -> None:
         """Keep a chunk and learn what it defines."""
         self._found.append(chunk)
         for _, opcode, body in mcap.records_in(records):
@@ -166,7 +203,7 @@ class RescuedMcap(RescuedFile):
                 with suppress(ValueError):
                     self._define(opcode, body, self._schemas, self._channels)
 
-    def _packed(self, chunk: _Chunk) -> bytes:
+    def _packed(self, chunk: _Chunk) -> Bytes:
         begin = chunk.begin + chunk.head.begin
         return self._data[begin : begin + chunk.head.packed]
 
@@ -190,7 +227,7 @@ class RescuedMcap(RescuedFile):
         return end
 
     def _define(
-        self, opcode: int, body: bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
+        self, opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
     ) -> None:
         if opcode == Opcode.SCHEMA:
             schema = mcap.parse_schema(body)
@@ -200,7 +237,7 @@ class RescuedMcap(RescuedFile):
             channel = mcap.parse_channel(body)
             channels[channel.id] = channel
 
-    def _learn_about_file(self, place: int, opcode: int, body: bytes) -> None:
+    def _learn_about_file(self, place: int, opcode: int, body: Bytes) -> None:
         if opcode == Opcode.METADATA:
             name, texts = mcap.parse_metadata(body)
             if name == mcap.NOTES:
@@ -214,7 +251,7 @@ class RescuedMcap(RescuedFile):
         elif opcode == Opcode.FOOTER:
             self._check_footer(place, body)
 
-    def _check_footer(self, place: int, body: bytes) -> None:
+    def _check_footer(self, place: int, body: Bytes) -> None:
         fields = mcap.Fields(body)
         start, _, checksum = fields.number(8), fields.number(8), fields.number(4)
         self._footer = True
@@ -235,7 +272,7 @@ class RescuedMcap(RescuedFile):
         )
 
 
-def _messages_in(records: bytes) -> Iterator[mcap.Message]:
+def _messages_in(records: Bytes) -> Iterator[mcap.Message]:
     for _, opcode, body in mcap.records_in(records):
         if opcode == Opcode.MESSAGE:
             with suppress(ValueError):

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import mmap
 import re
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
-from soliton_linkage_nodes.bags.storages.mcap_records import Opcode
+from soliton_linkage_nodes.bags.storages.mcap_records import Bytes, Opcode
 
 KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Every opcode that the format defines."""
@@ -20,7 +19,7 @@ _HEAD = re.compile(rb'(?=[\x01-\x0f].{5}\x00\x00\x00)', re.DOTALL)
 """A record's head: its kind and a length under 2^40."""
 _SIZES = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 """Bytes of records whose size is fixed."""
-_PARSERS: dict[int, Callable[[bytes], object]] = {
+_PARSERS: dict[int, Callable[[Bytes], object]] = {
     Opcode.MESSAGE: mcap.parse_message,
     Opcode.MESSAGE_INDEX: mcap.parse_message_index,
     Opcode.SCHEMA: mcap.parse_schema,
@@ -29,13 +28,13 @@ _PARSERS: dict[int, Callable[[bytes], object]] = {
 }
 
 
-def next_record(data: bytes | mmap.mmap, begin: int) -> int:
+def next_record(data: Bytes, begin: int) -> int:
     """Where the next record begins that is told from chance, or the end of the file."""
     places = (match.start() for match in _HEAD.finditer(data, begin))
     return next((place for place in places if _is_record(data, place)), len(data))
 
 
-def _is_record(data: bytes | mmap.mmap, place: int) -> bool:
+def _is_record(data: Bytes, place: int) -> bool:
     """Whether what is at a place has the form of a record that a file goes on with."""
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, place)
     begin = place + mcap.RECORD_HEADER.size

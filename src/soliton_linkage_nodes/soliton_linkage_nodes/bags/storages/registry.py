@@ -12,11 +12,10 @@ from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
-
+from soliton_linkage_nodes.bags.storages.mcap_reader import IndexedMcap
 from soliton_linkage_nodes.bags.storages.mcap_rescue import RescuedMcap
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
+from soliton_linkage_nodes.bags.storages.sqlite_reader import StoredSqlite
 from soliton_linkage_nodes.bags.storages.sqlite_rescue import RescuedSqlite
 from soliton_linkage_nodes.bags.storages.sqlite_writer import SqliteWriter
 from soliton_linkage_nodes.bags.storages.storage import Storage
@@ -34,9 +33,9 @@ STORAGES: dict[str, Storage] = {
         '.mcap',
         {'none': McapWriter, 'zstd': partial(McapWriter, codec='zstd')},
         RescuedMcap,
-        McapReader,
+        IndexedMcap,
     ),
-    'sqlite3': Storage('.db3', {'none': SqliteWriter}, RescuedSqlite, Sqlite3Reader),
+    'sqlite3': Storage('.db3', {'none': SqliteWriter}, RescuedSqlite, StoredSqlite),
     **offered_elsewhere(),
 }
 

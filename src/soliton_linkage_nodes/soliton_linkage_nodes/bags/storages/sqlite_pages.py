@@ -19,6 +19,12 @@ _PAGE_HEADER = 8
 """Bytes of the header of such a page."""
 _DEFAULT_PAGE = 4096
 """Size of a page where nobody asked for another [B]."""
+_PAGE_SIZES = (512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
+"""Sizes that a page can have [B]."""
+_MOST_RESERVED = 32
+"""Bytes that an extension of sqlite3 may reserve at the end of a page."""
+_LOOKED_AT = 2**20
+"""Bytes of a file whose rows tell the size of its pages."""
 _SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 7: 8, 8: 0, 9: 0}
 """Bytes of a value by its serial type, of those whose size is fixed."""
 
@@ -35,25 +41,46 @@ class SqlitePages:
     """
 
     def __init__(self, data: bytes | mmap.mmap) -> None:
-        """Look at the header of a file; a lost one is taken to be the usual one."""
+        """Look at the header of a file; one whose page size does not fit the pages is mended."""
         self.damaged = 0
         self._data = data
         size = struct.unpack_from('>H', data, 16)[0] if len(data) >= _FILE_HEADER else 0
         size = 65536 if size == 1 else size
-        sound = data[: len(MAGIC)] == MAGIC and size >= 512 and not size & (size - 1)
-        self._size = size if sound else _DEFAULT_PAGE
-        reserved = data[20] if sound and data[20] <= 32 else 0
-        self._usable = self._size - reserved
+        reserved = data[20] if len(data) >= _FILE_HEADER and data[20] <= _MOST_RESERVED else 0
+        told = [(size, reserved)] if size in _PAGE_SIZES else []
+        layouts = [*told, (_DEFAULT_PAGE, 0), *((each, 0) for each in _PAGE_SIZES)]
+        self._size, self._usable = 0, 0
+        best = -1
+        for size, reserved in dict.fromkeys(layouts):
+            self._lay_out(size, reserved)
+            readable = self._readable()
+            if readable > best:
+                best, chosen = readable, (size, reserved)
+            if readable and not self.damaged:
+                break
+        self._lay_out(*chosen)
+        self.damaged = 0
 
     def rows(self) -> Iterator[Row]:
         """Yield number and values of each row that is whole, in the order of the pages."""
         for page in range(-(-len(self._data) // self._size)):
-            begin = page * self._size
-            header = begin + (_FILE_HEADER if page == 0 else 0)
-            if self._data[header : header + 1] == bytes([_LEAF_OF_TABLE]):
-                yield from self._rows_of(begin, header)
+            yield from self._rows_on(page)
 
-    def _rows_of(self, begin: int, header: int) -> Iterator[Row]:
+    def _lay_out(self, size: int, reserved: int) -> None:
+        self._size, self._usable = size, size - reserved
+
+    def _readable(self) -> int:
+        """Rows on some pages, evenly spread: there are most with the true size of a page."""
+        pages = -(-len(self._data) // self._size)
+        every = max(1, pages * self._size // _LOOKED_AT)
+        self.damaged = 0
+        return sum(1 for page in range(0, pages, every) for _ in self._rows_on(page))
+
+    def _rows_on(self, page: int) -> Iterator[Row]:
+        begin = page * self._size
+        header = begin + (_FILE_HEADER if page == 0 else 0)
+        if self._data[header : header + 1] != bytes([_LEAF_OF_TABLE]):
+            return
         pointers = header + _PAGE_HEADER
         if pointers > len(self._data):
             return

@@ -12,6 +12,9 @@ from pathlib import Path
 import yaml
 
 from soliton_linkage_nodes.bags.metadata import METADATA_VERSION
+from soliton_linkage_nodes.bags.storages.sqlite_checksums import SCHEMA as CHECKSUMS
+from soliton_linkage_nodes.bags.storages.sqlite_checksums import TABLE as CHECKSUM_TABLE
+from soliton_linkage_nodes.bags.storages.sqlite_checksums import packed_checksums
 from soliton_linkage_nodes.bags.storages.storage import FileWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
@@ -19,6 +22,7 @@ _MOST_ROWS_BYTES = 2**20
 """Size of messages that are inserted at one go [B]: each insertion costs a call of sqlite3."""
 _ROW_BYTES = 40
 """About what a row takes beside its message: its numbers, stamp, lengths and its index [B]."""
+_TOPICS_AGAIN = 'soliton_linkage_topics'
 _SCHEMA = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
 CREATE TABLE metadata(
@@ -37,6 +41,11 @@ CREATE TABLE messages(
   id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
   data BLOB NOT NULL
 );
+CREATE TABLE {again}(
+  id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+  serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL,
+  type_description_hash TEXT NOT NULL
+);
 CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 INSERT INTO schema(schema_version, ros_distro) VALUES (4, 'jazzy');
 """
@@ -46,13 +55,17 @@ class SqliteWriter(FileWriter):
     """Writes one file, by one transaction from one flush to the next.
 
     Transactions keep a rollback journal: at every instant the file is a bag, or becomes one when
-    it is opened, and a disk that is full leaves the last transaction out.
+    it is opened, and a disk that is full leaves the last transaction out. Two tables beside those
+    of rosbag2 hold checksums of the messages, and the topics once more, on other pages.
     """
 
     def __init__(self, path: Path) -> None:
         """Create the file."""
         super().__init__()
         self._types: set[str] = set()
+        self._untold = False
+        self._inserted = 0
+        self._committed = 0
         self._bytes = 0
         self._rows: list[tuple[int, int, bytes]] = []
         self._rows_bytes = 0
@@ -63,7 +76,7 @@ class SqliteWriter(FileWriter):
             try:
                 self._database.execute('PRAGMA journal_mode = TRUNCATE')
                 self._database.execute('PRAGMA synchronous = NORMAL')
-                self._database.executescript(_SCHEMA)
+                self._database.executescript(_SCHEMA.format(again=_TOPICS_AGAIN) + CHECKSUMS)
                 self._database.execute('BEGIN')
             except sqlite3.Error:
                 self._database.close()
@@ -84,19 +97,18 @@ class SqliteWriter(FileWriter):
                     'encoded_message_definition, type_description_hash) VALUES (?, ?, ?, ?)',
                     (topic.type_name, topic.definition_format, topic.definition, topic.digest),
                 )
-            self._database.execute(
-                'INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)',
-                (
-                    topic.number,
-                    topic.name,
-                    topic.type_name,
-                    topic.serialization,
-                    topic.profiles,
-                    topic.digest,
-                ),
+            told = (
+                topic.number,
+                topic.name,
+                topic.type_name,
+                topic.serialization,
+                topic.profiles,
+                topic.digest,
             )
+            for table in ('topics', _TOPICS_AGAIN):
+                self._database.execute(f'INSERT INTO {table} VALUES (?, ?, ?, ?, ?, ?)', told)
             self.counts[topic.number] = 0
-            self._commit()
+            self._untold = True
 
     def write(self, number: int, stamp: int, serialized: bytes) -> None:
         """Store a message of a topic."""
@@ -109,7 +121,7 @@ class SqliteWriter(FileWriter):
 
     def flush(self) -> None:
         """Commit all messages: the system keeps them if this process is killed."""
-        if self._rows or self._pending:
+        if self._rows or self._pending or self._untold:
             with _as_os_error():
                 self._commit()
 
@@ -123,6 +135,7 @@ class SqliteWriter(FileWriter):
         self._rows.clear()
         self.counts.subtract(self._pending)
         self._pending.clear()
+        self._inserted = self._committed
         self.span = self._whole_span
 
     def note(self, texts: Mapping[str, str]) -> None:
@@ -150,9 +163,16 @@ class SqliteWriter(FileWriter):
             self._commit()
 
     def _insert(self) -> None:
+        first = self._inserted + 1
         self._database.executemany(
-            'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', self._rows
+            'INSERT INTO messages VALUES (?, ?, ?, ?)',
+            ((first + n, *row) for n, row in enumerate(self._rows)),
         )
+        self._database.execute(
+            f'INSERT INTO {CHECKSUM_TABLE} VALUES (?, ?)',
+            (first, packed_checksums(first, self._rows)),
+        )
+        self._inserted += len(self._rows)
         self._widen([stamp for _, stamp, _ in self._rows])
         self._pending.update(number for number, _, _ in self._rows)
         self._bytes += self._rows_bytes
@@ -165,6 +185,8 @@ class SqliteWriter(FileWriter):
         self._database.execute('COMMIT')
         self._database.execute('BEGIN')
         self._pending.clear()
+        self._untold = False
+        self._committed = self._inserted
         self._whole_span = self.span
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 if TYPE_CHECKING:
@@ -72,16 +73,24 @@ class RescuedFile(ABC):
 
     `topics` are known by their numbers in the file, `custom_data` are the texts that were kept
     in it. `damage` says line by line what is wrong with the file, and `lost` counts messages that
-    are known to be in it and cannot be read; both are complete after the last message.
+    are known to be in it and cannot be read, `unverified` those that were read and have no
+    checksum; all are complete after the last message.
     """
 
-    def __init__(self, path: Path, doubtful: bool = False) -> None:
-        """Look through the file; messages with wrong checksums count if they may be `doubtful`."""
+    def __init__(
+        self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
+    ) -> None:
+        """Look through the file; messages with wrong checksums count if they may be `doubtful`.
+
+        What asks for more than the limits is left out, as damage.
+        """
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
         self.damage: list[str] = []
         self.lost = 0
+        self.unverified = 0
         self._doubtful = doubtful
+        self._limits = limits
         self._read = 0
         self._learn(path)
 
@@ -122,11 +131,12 @@ class Storage:
     """A kind of file that bags are made of.
 
     `suffix` ends the names of its files. `writers` create a file at a path, by the name of the
-    compression, of which one is 'none'. `rescue` takes a path, and whether messages with wrong
-    checksums count. `reader` is what rosbags opens an intact file with.
+    compression, of which one is 'none'. `rescue` takes a path, whether messages with wrong
+    checksums count, and limits. `reader` is what rosbags opens an intact file with; it is told
+    the limits if it is a `LimitedReader`.
     """
 
     suffix: str
     writers: Mapping[str, Callable[[Path], FileWriter]]
-    rescue: Callable[[Path, bool], RescuedFile]
+    rescue: Callable[[Path, bool, BagLimits], RescuedFile]
     reader: type[ReaderProtocol]
