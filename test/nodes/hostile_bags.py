@@ -232,7 +232,7 @@ def profiles(text: str) -> Callable[..., Path]:
             if opcode == Opcode.SCHEMA
         ]
         number = next(each.id for each in schemas if each.name.endswith('JointState'))
-        records = mcap.channel_record(Channel(9, number, '/other/joint_states', 'cdr', about))
+        records = mcap.channel_record(Channel(9, number, '/other/states', 'cdr', about))
         return put_before_the_index(bag, records)
 
     return write

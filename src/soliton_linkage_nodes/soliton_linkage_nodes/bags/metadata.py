@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from textwrap import indent
 from typing import Any, Final
 
 import yaml
@@ -19,12 +22,8 @@ METADATA_VERSION: Final = 9
 """Of the layout that Jazzy's rosbag2 writes; older ones lack fields that we fill."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
-# Readers need know no aliases: what is said twice is written twice.
-_DUMPER: Any = type(
-    '_Dumper',
-    (getattr(yaml, 'CSafeDumper', yaml.SafeDumper),),
-    {'ignore_aliases': lambda _self, _data: True},
-)
+_TOPICS: Final = 'topics_with_message_count'
+_DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
 @dataclass(frozen=True)
@@ -57,10 +56,7 @@ def bag_information(
         'duration': {'nanoseconds': max(file.end for file in filled) - start},
         'starting_time': {'nanoseconds_since_epoch': start},
         'message_count': sum(file.messages for file in files),
-        'topics_with_message_count': [
-            {'topic_metadata': _topic(topic), 'message_count': count}
-            for topic, count in topics.items()
-        ],
+        _TOPICS: topics,
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],
@@ -72,12 +68,12 @@ def bag_information(
 
 def as_text(information: Mapping[str, Any]) -> str:
     """What a bag says about itself as the text that its files hold."""
-    return str(yaml.dump(dict(information), Dumper=_DUMPER, sort_keys=False, allow_unicode=True))
+    return ''.join(_pieces(information, ''))
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
     """Write metadata.yaml, whole or not at all."""
-    text = as_text({_KEY: dict(information)})
+    text = ''.join([f'{_KEY}:\n', *_pieces(information, '  ')])
     unfinished = folder / f'{METADATA_FILE}.unfinished'
     unfinished.write_text(text, encoding='utf-8')
     unfinished.replace(folder / METADATA_FILE)
@@ -117,14 +113,43 @@ def custom_data_in(information: object) -> dict[str, str]:
     return {str(key): str(value) for key, value in told if isinstance(value, (str, int, float))}
 
 
-def _topic(topic: StoredTopic) -> dict[str, Any]:
-    return {
-        'name': topic.name,
-        'type': topic.type_name,
-        'serialization_format': topic.serialization,
-        'offered_qos_profiles': profiles_in(topic.profiles),
-        'type_description_hash': topic.digest,
-    }
+def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
+    """Text of what is said, in block style; topics, of which there may be many, by themselves."""
+    for key, value in information.items():
+        if key == _TOPICS:
+            yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'
+            for topic, count in value.items():
+                yield _topic_text(topic, count, margin)
+        else:
+            yield indent(_dumped({key: value}), margin)
+
+
+def _topic_text(topic: StoredTopic, count: int, margin: str) -> str:
+    return (
+        f'{margin}- topic_metadata:\n'
+        f'{margin}    name: {_quoted(topic.name)}\n'
+        f'{margin}    type: {_quoted(topic.type_name)}\n'
+        f'{margin}    serialization_format: {_quoted(topic.serialization)}\n'
+        f'{margin}    offered_qos_profiles:{_profiles_text(topic.profiles, margin)}'
+        f'{margin}    type_description_hash: {_quoted(topic.digest)}\n'
+        f'{margin}  message_count: {count}\n'
+    )
+
+
+@lru_cache(maxsize=1024)
+def _profiles_text(profiles: str, margin: str) -> str:
+    told = profiles_in(profiles)
+    return '\n' + indent(_dumped(told), f'{margin}    ') if told else ' []\n'
+
+
+def _quoted(text: str) -> str:
+    if text.isascii() and text.isprintable():
+        return json.dumps(text)
+    return str(yaml.dump(text, Dumper=_DUMPER, default_style='"', width=LARGEST_TEXT)).strip()
+
+
+def _dumped(value: object) -> str:
+    return str(yaml.dump(value, Dumper=_DUMPER, sort_keys=False, allow_unicode=True))
 
 
 def _file(file: StoredFile) -> dict[str, Any]:

@@ -6,7 +6,9 @@ from __future__ import annotations
 import os
 import random
 import sqlite3
+import struct
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
 
+from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_messages, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
@@ -86,12 +89,17 @@ def attempt(bag: Path, output: Path) -> Held:
 
 def rescued(file: Path) -> Held:
     """What is intact of a file, which is left as it is."""
+    return rescued_and_unverified(file)[0]
+
+
+def rescued_and_unverified(file: Path) -> tuple[Held, int]:
+    """The same, and how many of the messages are marked to be without a checksum."""
     before = file.read_bytes()
-    found = STORAGES[storage_of(file)].rescue(file, False)
+    found = STORAGES[storage_of(file)].rescue(file, False, DEFAULT_LIMITS)
     held = [(topic.name, stamp, data) for topic, stamp, data in found.messages()]
     assert file.read_bytes() == before
     assert all('\n' not in damage for damage in found.damage)
-    return held
+    return held, found.unverified
 
 
 def test_a_whole_bag_comes_back_whole(named: NamedChain, storage: str, tmp_path: Path) -> None:
@@ -204,9 +212,9 @@ def test_a_flipped_byte_of_sqlite3_costs_one_page_at_most(
         damaged = bytearray(whole)
         damaged[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
         data.write_bytes(damaged)
-        held = rescued(data)
-        # Without checksums a message may have changed, or its stamp or topic.
+        held, unverified = rescued_and_unverified(data)
         intact = len(set(held) & set(sent))
+        assert len(held) - intact <= unverified
         assert intact >= len(sent) - per_page
         unharmed += intact == len(sent)
     assert unharmed > 15
@@ -235,9 +243,8 @@ def test_many_wounds_leave_messages_as_they_were_or_an_error(
             else:
                 damaged[begin:begin] = chance.randbytes(size)
         data.write_bytes(damaged)
-        held = rescued(data)
-        if storage == 'mcap':
-            assert set(held) <= sent
+        held, unverified = rescued_and_unverified(data)
+        assert sum(message not in sent for message in held) <= unverified
 
 
 def test_messages_with_a_wrong_checksum_come_back_if_they_are_asked_for(
@@ -420,3 +427,75 @@ def test_metadata_are_of_the_form_that_rosbag2_writes(
     assert told['message_count'] == 42
     with Reader(new) as reader:
         assert reader.message_count == 42
+
+
+def test_an_altered_message_of_sqlite3_is_left_out_or_marked(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3')
+    sent = contents(bag)
+    data = data_file(bag)
+    damaged = bytearray(data.read_bytes())
+    damaged[damaged.index(sent[12][2]) + 40] ^= 1
+    data.write_bytes(damaged)
+    report, new = recover_bag(bag, tmp_path / 'strict')
+    assert contents(new) == [*sent[:12], *sent[13:]]
+    assert '1 messages have a wrong checksum: left out' in report.damage[0]
+    assert (report.lost, report.unverified) == (1, 0)
+    report, new = recover_bag(bag, tmp_path / 'lenient', doubtful=True)
+    assert len(contents(new)) == len(sent)
+    with sqlite3.connect(data) as database:
+        database.execute('DROP TABLE soliton_linkage_checksums')
+    database.close()
+    report, new = recover_bag(bag, tmp_path / 'unmarked')
+    assert report.unverified == len(sent)
+    data.write_bytes(data.read_bytes()[:-4096])
+    _, new = recover_bag(bag, tmp_path / 'cut')
+    with open_bag(new) as reader:
+        assert int(reader.storage.metadata.custom['unverified_messages']) > 0
+
+
+def test_checksums_of_sqlite3_tell_of_rows_that_are_gone(
+    named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3')
+    with sqlite3.connect(data_file(bag)) as database:
+        database.execute('DELETE FROM messages WHERE id IN (3, 41)')
+    database.close()
+    assert check_bag(bag).lost == 2
+
+
+@pytest.mark.parametrize('lost', [b'/joint_states', b'sensor_msgs/msg/JointState'])
+def test_topics_of_sqlite3_are_told_on_two_pages(
+    named: NamedChain, tmp_path: Path, lost: bytes
+) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3')
+    sent = contents(bag)
+    data = data_file(bag)
+    whole = data.read_bytes()
+    page = whole.index(lost) // 4096 * 4096
+    data.write_bytes(whole[:page] + bytes(4096) + whole[page + 4096 :])
+    (bag / 'metadata.yaml').unlink()
+    assert attempt(bag, tmp_path / 'new') == sent
+
+
+def test_a_journal_deletes_no_other_file(named: NamedChain, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3')
+    victim = tmp_path / 'victim'
+    victim.write_bytes(b'kept')
+    data = data_file(bag)
+    with closing(sqlite3.connect(data, isolation_level=None)) as database:
+        database.execute('PRAGMA journal_mode = DELETE')
+        database.execute('PRAGMA cache_size = 1')
+        database.execute('BEGIN')
+        database.execute('UPDATE messages SET data = zeroblob(5000)')
+        journal = Path(f'{data}-journal').read_bytes()
+        content = data.read_bytes()
+        database.execute('ROLLBACK')
+    data.write_bytes(content)
+    name = str(victim).encode()
+    checksum = sum(byte - 256 * (byte > 127) for byte in name) % 2**32
+    tail = struct.pack(f'>I{len(name)}sII', 2**18 + 1, name, len(name), checksum)
+    Path(f'{data}-journal').write_bytes(journal + tail + bytes.fromhex('d9d505f920a163d7'))
+    recover_bag(bag, tmp_path / 'new')
+    assert victim.read_bytes() == b'kept'

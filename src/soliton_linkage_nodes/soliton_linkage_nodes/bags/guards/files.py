@@ -55,6 +55,13 @@ def mapped(path: Path) -> memoryview:
         return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
 
 
+def forget(data: memoryview | mmap.mmap) -> None:
+    """Let go of the memory that holds what was looked at of a file."""
+    whole = data.obj if isinstance(data, memoryview) else data
+    if isinstance(whole, mmap.mmap):
+        whole.madvise(mmap.MADV_DONTNEED)
+
+
 def _kind(mode: int) -> str:
     kinds = {stat.S_ISFIFO: 'a pipe', stat.S_ISDIR: 'a folder', stat.S_ISSOCK: 'a socket'}
     return next((name for is_kind, name in kinds.items() if is_kind(mode)), 'a device')

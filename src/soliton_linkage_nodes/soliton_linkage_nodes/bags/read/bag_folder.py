@@ -15,7 +15,12 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from soliton_linkage_nodes.bags.guards.files import open_file, regular_file
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.guards.unpacking import unpacked_message
-from soliton_linkage_nodes.bags.metadata import METADATA_VERSION, custom_data_in, load_metadata
+from soliton_linkage_nodes.bags.metadata import (
+    METADATA_FILE,
+    METADATA_VERSION,
+    custom_data_in,
+    load_metadata,
+)
 from soliton_linkage_nodes.bags.rescue.packed_files import unpack_file
 from soliton_linkage_nodes.bags.storages.connections import LimitedReader, qualities, summary_of
 from soliton_linkage_nodes.bags.storages.registry import STORAGES
@@ -155,7 +160,10 @@ def _completed(
 
 
 def _told_in(path: Path) -> _Told:
-    information = load_metadata(path)
+    try:
+        information = load_metadata(path)
+    except ValueError as error:
+        raise ValueError(f'{METADATA_FILE}: {error}') from error
     version, names = information.get('version'), information.get('relative_file_paths')
     if not isinstance(version, int) or not 1 <= version <= METADATA_VERSION:
         raise ValueError(

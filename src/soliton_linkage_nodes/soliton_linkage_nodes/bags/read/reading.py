@@ -44,7 +44,7 @@ def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]
         reader.open()
     except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
-            f'bag {str(path)!r} cannot be read: {_one_line(error)} '
+            f'bag {str(path)!r} cannot be read: {_one_line(error).rstrip(".")}. '
             f'Give a directory with metadata.yaml and an {suffixes()} file, or, where it is '
             f'damaged, try recover_bag {path}'
         ) from error
@@ -69,7 +69,7 @@ def read_messages(
             yield connection, stamp, bytes(serialized)
     except Exception as error:
         raise ValueError(
-            f'bag {str(reader.path)!r} is damaged: {_one_line(error)} '
+            f'bag {str(reader.path)!r} is damaged: {_one_line(error).rstrip(".")}. '
             f'recover_bag {reader.path} brings back what is intact'
         ) from error
 

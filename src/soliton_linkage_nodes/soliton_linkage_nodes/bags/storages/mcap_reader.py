@@ -222,7 +222,9 @@ class IndexedMcap(LimitedReader):
     def _check(self, kept: bool, what: str, limit: str) -> None:
         if not kept:
             most = getattr(self.limits, limit)
-            raise ValueError(f'{what} unpack to more than {limit} = {most} bytes; raise {limit}')
+            raise ValueError(
+                f'{what} would unpack to more than {limit} = {most} bytes; raise {limit}'
+            )
 
 
 def _messages_in(records: Bytes) -> Iterator[Message]:

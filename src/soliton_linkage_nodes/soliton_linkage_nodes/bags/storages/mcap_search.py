@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
+from soliton_linkage_nodes.bags.guards.files import forget
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.bags.storages.mcap_records import Bytes, Opcode
 
@@ -15,8 +16,10 @@ KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Every opcode that the format defines."""
 LARGEST_CHUNK_HEAD: Final = 64
 """Bytes that the head of a chunk fits into: 40 of numbers and the name of its codec."""
-_HEAD = re.compile(rb'(?=[\x01-\x0f].{5}\x00\x00\x00)', re.DOTALL)
+_HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 """A record's head: its kind and a length under 2^40."""
+_WINDOW = 2**26
+"""Bytes of a file that are searched before the memory that holds them is let go of."""
 _SIZES = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 """Bytes of records whose size is fixed."""
 _PARSERS: dict[int, Callable[[Bytes], object]] = {
@@ -28,10 +31,18 @@ _PARSERS: dict[int, Callable[[Bytes], object]] = {
 }
 
 
-def next_record(data: Bytes, begin: int) -> int:
+def next_record(data: memoryview, begin: int) -> int:
     """Where the next record begins that is told from chance, or the end of the file."""
-    places = (match.start() for match in _HEAD.finditer(data, begin))
-    return next((place for place in places if _is_record(data, place)), len(data))
+    for start in range(begin, len(data), _WINDOW):
+        end = min(start + _WINDOW, len(data))
+        window = data[start : end + mcap.RECORD_HEADER.size]
+        for match in _HEAD.finditer(window, 0):
+            place = start + match.start()
+            if place < end and _is_record(data, place):
+                return place
+        if end < len(data):
+            forget(data)
+    return len(data)
 
 
 def _is_record(data: Bytes, place: int) -> bool:

@@ -7,6 +7,8 @@ import mmap
 import struct
 from collections.abc import Iterator
 
+from soliton_linkage_nodes.bags.guards.files import forget
+
 Value = int | float | str | bytes | None
 Row = tuple[int, tuple[Value, ...]]
 
@@ -23,6 +25,8 @@ _PAGE_SIZES = (512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
 """Sizes that a page can have [B]."""
 _MOST_RESERVED = 32
 """Bytes that an extension of sqlite3 may reserve at the end of a page."""
+_LET_GO_AFTER = 4096
+"""Pages that are read before the memory that holds them is let go of."""
 _LOOKED_AT = 2**20
 """Bytes of a file whose rows tell the size of its pages."""
 _SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 7: 8, 8: 0, 9: 0}
@@ -56,7 +60,7 @@ class SqlitePages:
             readable = self._readable()
             if readable > best:
                 best, chosen = readable, (size, reserved)
-            if readable and not self.damaged:
+            if readable and not self.damaged and len(data) == size * _told_pages(data):
                 break
         self._lay_out(*chosen)
         self.damaged = 0
@@ -64,6 +68,8 @@ class SqlitePages:
     def rows(self) -> Iterator[Row]:
         """Yield number and values of each row that is whole, in the order of the pages."""
         for page in range(-(-len(self._data) // self._size)):
+            if not page % _LET_GO_AFTER and isinstance(self._data, mmap.mmap):
+                forget(self._data)
             yield from self._rows_on(page)
 
     def _lay_out(self, size: int, reserved: int) -> None:
@@ -137,6 +143,11 @@ class SqlitePages:
 
     def _variable(self, place: int) -> tuple[int, int]:
         return _variable(self._bytes(place, min(9, len(self._data) - place)), place)
+
+
+def _told_pages(data: bytes | mmap.mmap) -> int:
+    """How many pages the header says that there are."""
+    return int(struct.unpack_from('>I', data, 28)[0])
 
 
 def _variable(data: bytes, place: int) -> tuple[int, int]:

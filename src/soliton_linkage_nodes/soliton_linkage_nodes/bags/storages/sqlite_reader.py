@@ -12,6 +12,7 @@ from rosbags.interfaces import Connection
 
 from soliton_linkage_nodes.bags.guards.tables import Tables
 from soliton_linkage_nodes.bags.storages.connections import (
+    LAST_STAMP,
     LimitedReader,
     connection,
     summary_of,
@@ -68,7 +69,9 @@ class StoredSqlite(LimitedReader):
                 )
             )
         first, last = tables.extremes('messages', 'timestamp')
-        span = (first, last) if isinstance(first, int) and isinstance(last, int) else None
+        span = None
+        if counts:
+            span = (_stamp(first), _stamp(last))
         self.metadata = summary_of(self.connections, span)
 
     def close(self) -> None:
@@ -108,3 +111,9 @@ class StoredSqlite(LimitedReader):
                 )
             if number in wanted:
                 yield wanted[number], stamp, data
+
+
+def _stamp(value: Any) -> int:
+    if not isinstance(value, int) or not 0 <= value <= LAST_STAMP:
+        raise ValueError(f'a message has the stamp {str(value)[:40]}, which is no time in ns')
+    return value

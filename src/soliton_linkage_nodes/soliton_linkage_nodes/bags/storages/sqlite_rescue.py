@@ -85,8 +85,10 @@ class RescuedSqlite(RescuedFile):
             done = 'brought back' if self._doubtful else 'left out'
             self.complain(f'{self._altered} messages have a wrong checksum: {done}')
         most = self._path.stat().st_size // _LEAST_MESSAGE
-        last = max(self._checksums.last, self._last)
-        missing = last - self._read if self._checksums or not self._sound else 0
+        if self._sound:
+            missing = self._checksums.last - (self._read - self.unverified)
+        else:
+            missing = max(self._checksums.last, self._last) - self._read
         gaps = missing if 0 <= missing <= most else 0
         left_out = 0 if self._doubtful else self._altered
         self.lost += max(self._damaged + left_out, gaps)

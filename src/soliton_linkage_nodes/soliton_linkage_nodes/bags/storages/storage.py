@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.storages.connections import LAST_STAMP
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 if TYPE_CHECKING:
@@ -96,16 +97,20 @@ class RescuedFile(ABC):
 
     def messages(self) -> Iterator[tuple[StoredTopic, int, bytes]]:
         """Yield the intact messages with their topics and stamps [ns]."""
-        nameless = 0
+        nameless = timeless = 0
         for number, stamp, data in self._messages():
             topic = self.topics.get(number)
             if topic is None:
                 nameless += 1
+            elif not 0 <= stamp <= LAST_STAMP:
+                timeless += 1
             else:
                 self._read += 1
                 yield topic, stamp, data
         if nameless:
             self.complain(f'{nameless} messages are of topics whose names are lost', nameless)
+        if timeless:
+            self.complain(f'{timeless} messages have stamps before 1970 or after 2262', timeless)
         self._conclude()
 
     def complain(self, damage: str, lost: int = 0) -> None:

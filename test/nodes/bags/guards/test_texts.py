@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Texts of strangers are refused before they cost anything, and plain ones are read."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage_nodes.bags.guards.texts import LARGEST_TEXT, count_in, load_json, load_yaml
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text('abc: {}[]&*!-1.\n', max_size=20),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text('ab'), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(PLAIN)
+def test_plain_yaml_is_read_as_it_was_written(value: object) -> None:
+    assert load_yaml(yaml.safe_dump(value)) == value
+
+
+@pytest.mark.parametrize(
+    ('text', 'why'),
+    [
+        ('a: &a [1]\nb: *a', 'alias'),
+        ('[' * 40 + ']' * 40, 'deeper than 30 levels'),
+        ('x: ' + '1:' * 1000 + '1', 'a number of 2001 characters'),
+        ('x' * (LARGEST_TEXT + 1), 'more than 4194304'),
+        ('!!python/object/apply:os.system ["true"]', 'python/object'),
+        ('[{', 'flow'),
+        ('x: \x00', 'characters are not allowed'),
+    ],
+)
+def test_yaml_is_refused_with_its_reason(text: str, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        load_yaml(text)
+
+
+@pytest.mark.parametrize('text', ['[' * 100_000, 'Infinity', '{"a": NaN}', '[', '1' * 5_000_000])
+def test_json_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r'.'):
+        load_json(text)
+
+
+@pytest.mark.parametrize('text', ['"[[["', '"\\"[["', '{"a": [1, 2]}'])
+def test_json_is_read(text: str) -> None:
+    assert load_json(text) is not None
+
+
+@pytest.mark.parametrize(
+    'value', [-1, math.inf, math.nan, 2**63, True, None, 'many', '-3', '9' * 50, [1], 1.5]
+)
+def test_what_is_no_count_is_none(value: object) -> None:
+    assert count_in(value) == 0
+
+
+@pytest.mark.parametrize(('value', 'count'), [(3, 3), ('42', 42), (0, 0), (2**63 - 1, 2**63 - 1)])
+def test_counts_are_read(value: object, count: int) -> None:
+    assert count_in(value) == count

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a stranger made costs little memory and time, and what is intact of it comes back."""
+
+from __future__ import annotations
+
+import signal
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+import pytest
+from graphs import Graph
+from hostile_bags import CASES, MEBIBYTE, base, data_file, write_hostile
+
+from soliton_linkage_nodes.bags.guards.limits import BagLimits
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.read.reading import message_class, open_bag, read_messages
+from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.messages.conversions import NamedChain
+
+SIZE = 200_000
+LIMITS = BagLimits(most_unpacked=2 * MEBIBYTE, most_unpacked_file=8 * MEBIBYTE)
+MOST_MEMORY = 40 * MEBIBYTE
+LONGEST = 30.0
+NOTHING_LEFT = {
+    'pipe as data',
+    'link to a device as data',
+    'link out of the bag as data',
+    'nothing but zeros: mcap',
+    'nothing but zeros: sqlite3',
+}
+NAMED_LIMITS = {
+    'zstd bomb: file': 'most_unpacked_file = 8388608',
+    'zstd bomb: honest chunk': 'most_unpacked = 2097152',
+    'zstd bomb: message': 'most_unpacked = 2097152',
+}
+SQLITE = {
+    case
+    for case in CASES
+    if case.startswith(('view', 'generated', 'zeroblobs', 'values', 'many topics', 'page size'))
+    or case.endswith('sqlite3')
+}
+Held = set[tuple[str, int, int]]
+
+
+@contextmanager
+def bounded() -> Iterator[None]:
+    """Fail where something hangs or takes much memory."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise TimeoutError(f'it hangs for {LONGEST} s')
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    tracemalloc.start()
+    try:
+        yield
+        _, peak = tracemalloc.get_traced_memory()
+        assert peak < MOST_MEMORY
+    finally:
+        tracemalloc.stop()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def contents(bag: Path) -> Held:
+    """Topic, stamp and size of each message: what pads a message differs from time to time."""
+    with open_bag(bag, LIMITS) as reader:
+        found = read_messages(reader, reader.connections)
+        return {(c.topic, stamp, len(data)) for c, stamp, data in found}
+
+
+def attempt(act: Callable[[], object]) -> str:
+    """The line with which something is refused, empty where it is not."""
+    said = ''
+    try:
+        act()
+    except ValueError as error:
+        said = str(error)
+    assert '\n' not in said
+    assert len(said) < 2000
+    return said
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_what_is_intact_comes_back_in_bounded_memory_and_time(
+    case: str, named: NamedChain, tmp_path: Path
+) -> None:
+    storage = 'sqlite3' if case in SQLITE else 'mcap'
+    sent = contents(base(tmp_path / 'sent', named, storage))
+    bag = write_hostile(case, tmp_path / 'hostile', named, SIZE)
+    with bounded():
+        checked = attempt(lambda: check_bag(bag, limits=LIMITS))
+        read = attempt(lambda: contents(bag))
+        refused = attempt(lambda: recover_bag(bag, tmp_path / 'new', limits=LIMITS))
+    if case in NOTHING_LEFT:
+        assert refused
+        assert read
+        return
+    assert not checked
+    assert sent <= contents(tmp_path / 'new_0')
+    if case in NAMED_LIMITS:
+        assert NAMED_LIMITS[case] in '; '.join([*check_bag(bag, limits=LIMITS).damage, read])
+
+
+@pytest.mark.parametrize(
+    'case', ['pipe as metadata', 'link to a device as metadata', 'laughs in metadata']
+)
+def test_what_is_no_metadata_is_said_with_its_reason(
+    case: str, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_hostile(case, tmp_path / 'hostile', named, SIZE)
+    (damage,) = check_bag(bag).damage
+    assert damage.startswith('metadata.yaml cannot be read: ')
+    assert 'metadata.yaml' in attempt(lambda: contents(bag))
+
+
+def test_a_link_within_a_bag_is_followed(named: NamedChain, tmp_path: Path) -> None:
+    bag = base(tmp_path / 'run', named)
+    sent = contents(bag)
+    data = data_file(bag)
+    data.rename(bag / 'kept')
+    data.symlink_to('kept')
+    assert contents(bag) == sent
+    assert check_bag(bag).damage == []
+
+
+def test_a_bag_that_is_itself_a_link_is_followed(named: NamedChain, tmp_path: Path) -> None:
+    bag = base(tmp_path / 'run', named)
+    (tmp_path / 'latest').symlink_to(bag)
+    assert contents(tmp_path / 'latest') == contents(bag)
+    assert check_bag(tmp_path / 'latest').damage == []
+
+
+@pytest.mark.parametrize(
+    'case', ['many channels', 'one channel many times', 'many topics', 'repeated definitions']
+)
+def test_many_definitions_take_time_in_proportion(
+    case: str, named: NamedChain, tmp_path: Path
+) -> None:
+    took = []
+    for number, size in enumerate((400_000, 1_600_000)):
+        bag = write_hostile(case, tmp_path / f'hostile{number}', named, size)
+        begin = time.process_time()
+        recover_bag(bag, tmp_path / 'new')
+        attempt(lambda bag=bag: contents(bag))
+        took.append(time.process_time() - begin)
+    assert took[1] < 10 * took[0]
+
+
+def test_no_more_topics_are_played_than_publishers_are_cheap(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_hostile('many topics', tmp_path / 'hostile', named, 400_000)
+    with pytest.raises(ValueError, match='has 2003 topics, and at most 1000 are played; name'):
+        graph.start(BagPlayer, {'bag': str(bag)})
+
+
+def test_limits_of_the_player_are_parameters(
+    graph: Graph, named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_hostile('zstd bomb: honest chunk', tmp_path / 'hostile', named, SIZE)
+    player = graph.start(
+        BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0, 'most_unpacked': 2 * MEBIBYTE}
+    )
+    graph.until(lambda: player.failure, 'the refusal')
+    assert 'a chunk would unpack to more than most_unpacked = 2097152 bytes' in str(player.failure)
+
+
+def test_the_name_of_a_type_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / 'strange_code.py').write_text('raise SystemExit')
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match='is not installed'):
+        message_class('strange_code/msg/Name')
