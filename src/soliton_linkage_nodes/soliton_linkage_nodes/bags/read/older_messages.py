@@ -11,6 +11,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from soliton_linkage_nodes.bags.stored_topic import type_definition
 
+_LONGER, _MARGIN = 4, 4096
+"""Times the length of the installed definition, and characters more, that a recorded one may
+have: parsing takes a second for 40,000."""
+_LONGEST_REASON = 200
+"""Characters of what a parser says, which may repeat all that it was given."""
+
 
 def is_older(connection: Connection) -> bool:
     """Whether a topic was recorded with another definition of its type than the installed one."""
@@ -30,11 +36,22 @@ class OlderMessages:
     """
 
     def __init__(self, connection: Connection, message_type: Any) -> None:
-        """Learn the recorded definition."""
+        """Learn the recorded definition; ValueError where it is none."""
         self._name = connection.msgtype
         self._type = message_type
         self._store = get_typestore(Stores.EMPTY)
-        self._store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        text = connection.msgdef.data
+        try:
+            installed, _ = type_definition(self._name)
+            longest = _LONGER * len(installed) + _MARGIN
+            if len(text) > longest:
+                raise ValueError(f'it has {len(text)} characters, more than {longest}')
+            self._store.register(get_types_from_msg(text, self._name))
+        except Exception as error:  # whatever a parser stumbles on
+            raise ValueError(
+                f'the definition that {connection.topic} was recorded with is none of '
+                f'{self._name!r}: {" ".join(str(error).split())[:_LONGEST_REASON]}'
+            ) from error
 
     def read(self, serialized: bytes) -> Any:
         """Message of the installed type; ValueError where it does not fit its definition."""
@@ -44,7 +61,7 @@ class OlderMessages:
         except Exception as error:  # whatever a decoder stumbles on
             raise ValueError(
                 f'a message of type {self._name!r} does not fit the definition that was recorded '
-                f'with it: {error}'
+                f'with it: {" ".join(str(error).split())[:_LONGEST_REASON]}'
             ) from error
 
 

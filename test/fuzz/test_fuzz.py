@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What reads the bytes of strangers refuses them in a line; `make fuzz` tries for longer."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+sys.path.append(str(Path(__file__).parent))
+
+from readers import TARGETS, corpus, wounded
+
+EXAMPLES = 25
+FOUND = [(name, path) for name in TARGETS for path in corpus(name)]
+
+
+@pytest.mark.parametrize('name', TARGETS)
+def test_wounds_are_refused_in_a_line(name: str) -> None:
+    @settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(wounded(TARGETS[name].examples()))
+    def feed(content: bytes) -> None:
+        TARGETS[name].feed(content)
+
+    feed()
+
+
+@pytest.mark.parametrize(('name', 'path'), FOUND, ids=[path.name for _, path in FOUND])
+def test_what_was_found_once_is_refused(name: str, path: Path) -> None:
+    TARGETS[name].feed(path.read_bytes())
+
+
+def test_the_corpus_is_small() -> None:
+    assert sum(path.stat().st_size for _, path in FOUND) < 200_000
