@@ -59,6 +59,9 @@ driving: build  ## show on one page what drives a chain: actuator, energy balanc
 benchmark: build develop  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
 	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
 
+fuzz: build develop  ## feed wounded bags and messages to what reads them; ARGS='--minutes 60'
+	@$(enter) python3 test/fuzz/fuzz.py $(ARGS)
+
 format: build develop  ## put the code in its form
 	@. setup/environment.sh && ruff format . && ruff check --fix .
 

@@ -49,6 +49,13 @@ class BagRecorderParameters:
         0.0,
         3600.0,
     )
+    sync_interval: float = quantity(
+        1.0,
+        'how often the disk is made to take what came, against a loss of power; 0 for never',
+        's',
+        0.0,
+        3600.0,
+    )
     start_paused: bool = quantity(False, 'record nothing until ~/resume is called')
 
 
@@ -175,6 +182,7 @@ def _create_writer(settings: BagRecorderParameters) -> BagWriter:
         settings.compression,
         settings.max_bag_size,
         settings.max_bag_duration,
+        sync_interval=settings.sync_interval,
     )
 
 

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import os
 import random
 import sqlite3
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,12 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from recordings import START, run_of
 from rosbags.rosbag2 import Reader
+from std_msgs.msg import Float64
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -250,3 +254,41 @@ def test_messages_are_stored_as_they_are(tmp_path: Path, kind: Any) -> None:
         ((_, stamp, data),) = reader.messages()
     assert (stamp, bytes(data)) == (START, serialized)
     assert deserialize_message(bytes(data), kind) == kind()
+
+
+@pytest.mark.parametrize('interval', [0.0, 0.05])
+def test_what_the_disk_was_made_to_take_outlasts_a_loss_of_power(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interval: float
+) -> None:
+    kept = tmp_path / 'kept_0.mcap'
+    kept.write_bytes(b'')
+
+    def take(descriptor: int) -> None:
+        path = Path(f'/proc/self/fd/{descriptor}').resolve()
+        if path.is_file():
+            kept.write_bytes(path.read_bytes())
+
+    monkeypatch.setattr(os, 'fdatasync', take)
+    writer = BagWriter(tmp_path / 'run', 'mcap', flush_interval=0.01, sync_interval=interval)
+    topic = writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
+    begin = time.monotonic()
+    stamps = []
+    while time.monotonic() - begin < 0.5:
+        stamps.append(time.monotonic())
+        writer.write(topic, len(stamps), serialize_message(Float64(data=1.0)))
+        time.sleep(0.002)
+    if not interval:
+        assert kept.read_bytes() == b''
+        return
+    report, _ = recover_bag(kept, tmp_path / 'new')
+    assert stamps[-1] - stamps[report.messages - 1] < 0.25
+    writer.close()
+
+
+def test_a_topic_is_in_the_file_as_soon_as_it_is_added(tmp_path: Path) -> None:
+    for storage in ('mcap', 'sqlite3'):
+        writer = BagWriter(tmp_path / storage, storage, flush_interval=1e9)
+        writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
+        report = check_bag(writer.path)
+        assert [topic.name for topic in report.counts] == ['/nudge']
+        writer.close()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,7 +37,8 @@ class BagWriter:
     Its files are called after the directory, `<directory>_0`, `<directory>_1`, ... Every quarter
     of a second, or when `tick` is called after that time, what was written is handed to the
     system, which keeps it if the process is killed. Where the disk is full, a file of 1 MiB that
-    was kept free makes room for the index.
+    was kept free makes room for the index. Every `sync_interval` [s], unless that is 0, the disk
+    is made to take it, so that a loss of power costs no more.
 
     It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
     bag cannot be written.
@@ -50,6 +52,7 @@ class BagWriter:
         largest_file: int = 0,
         longest_file: float = 0.0,
         flush_interval: float = 0.25,
+        sync_interval: float = 0.0,
     ) -> None:
         """Create the directory; a new file is begun after so many bytes or seconds, if any."""
         writers = STORAGES[storage].writers
@@ -68,13 +71,14 @@ class BagWriter:
         self._create = writers[compression]
         self._suffix = STORAGES[storage].suffix
         self._flush_interval = flush_interval
+        self._sync_interval = sync_interval
         self._largest_file = largest_file
         self._longest_file = round(longest_file * SECOND)
         self._files: list[StoredFile] = []
         self._counts: Counter[int] = Counter()
         self._custom_data: dict[str, str] = {}
         self._noted: dict[str, str] = {}
-        self._flushed_at = time.monotonic()
+        self._flushed_at = self._synced_at = time.monotonic()
         self._noted_at = self._flushed_at - _NOTE_INTERVAL
         with self._complaining():
             self.path = _first_free(name)
@@ -82,6 +86,7 @@ class BagWriter:
             (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
             self._file = self._open_file()
             self._is_open = True
+            self._sync_folder()
 
     @property
     def messages(self) -> int:
@@ -137,6 +142,9 @@ class BagWriter:
             if now - self._flushed_at >= self._flush_interval:
                 self._flushed_at = now
                 self._file.flush()
+            if 0 < self._sync_interval <= now - self._synced_at:
+                self._synced_at = now
+                _sync(self.path / self._file_name())
             if self._custom_data != self._noted and now - self._noted_at >= _NOTE_INTERVAL:
                 self._noted_at = now
                 self._noted = dict(self._custom_data)
@@ -182,13 +190,20 @@ class BagWriter:
         self._file = self._open_file()
         self._begun = None
         self._is_open = True
+        self._sync_folder()
         for topic in self.topics:
             self._file.add_topic(topic)
         self._noted = {}
 
     def _finish(self) -> None:
         write_metadata(self.path, self._information([]))
+        self._sync_folder()
         self.finished = True
+
+    def _sync_folder(self) -> None:
+        """Have the disk take the names of the files."""
+        for folder in (self.path, self.path.parent) if self._sync_interval else ():
+            _sync(folder)
 
     def _is_full(self, span: int) -> bool:
         return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
@@ -204,6 +219,8 @@ class BagWriter:
         start, end = self._file.span or (time.time_ns(),) * 2
         stored = StoredFile(self._file_name(), sum(self._file.counts.values()), start, end)
         self._file.close(as_text(self._information([stored])))
+        if self._sync_interval:
+            _sync(self.path / self._file_name())
         self._counts.update(self._file.counts)
         self._file.counts = Counter()
         self._files.append(stored)
@@ -224,6 +241,15 @@ class BagWriter:
             raise OSError(
                 f'bag {str(self.path)!r} cannot be written: {error}; choose another output'
             ) from error
+
+
+def _sync(path: Path) -> None:
+    """Have the disk take what was written to a file, or what a folder holds."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fdatasync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _first_free(name: Path) -> Path:
