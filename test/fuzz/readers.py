@@ -26,6 +26,7 @@ from soliton_linkage_nodes.bags.read.older_messages import OlderMessages
 from soliton_linkage_nodes.bags.read.reading import decoder, open_bag, read_messages, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -52,6 +53,8 @@ SPLICES = (
     b'-.inf',
 )
 """What wounds are made of beside chance."""
+_CRC_PLACE = 24
+"""Of a chunk's checksum in its head, behind two stamps and a size."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,17 @@ def _bag(storage: str, compression: str = 'none') -> tuple[bytes, bytes]:
         writer.close({'lost_messages': '{"/nudge": 1}'})
         (file,) = writer.path.glob('x_0_0.*')
         return file.read_bytes(), (writer.path / METADATA_FILE).read_bytes()
+
+
+def _unchecked(content: bytes) -> bytes:
+    """An MCAP file whose chunks have no checksums, so that wounds within them are read."""
+    changed = bytearray(content)
+    size = len(mcap.MAGIC)
+    for place, opcode, _ in mcap.records_in(content[size:]):
+        if opcode == mcap.Opcode.CHUNK:
+            begin = size + place + mcap.RECORD_HEADER.size + _CRC_PLACE
+            changed[begin : begin + 4] = bytes(4)
+    return bytes(changed)
 
 
 def _feed_bag(suffix: str, content: bytes, metadata: bytes | None = None) -> None:
@@ -230,7 +244,7 @@ def _of(*topics: interfaces.Topic) -> Callable[[], Sequence[bytes]]:
 TARGETS = {
     'mcap': Target(
         lambda content: _feed_bag('.mcap', content, _bag('mcap')[1]),
-        lambda: [_bag('mcap')[0], _bag('mcap', 'zstd')[0]],
+        lambda: [_bag('mcap')[0], _bag('mcap', 'zstd')[0], _unchecked(_bag('mcap')[0])],
     ),
     'sqlite3': Target(
         lambda content: _feed_bag('.db3', content, _bag('sqlite3')[1]),
