@@ -25,6 +25,7 @@ from recordings import frame_message, lost_in, messages_of, publish_frames
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from soliton_linkage_nodes.bags import recorder
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.record.inlets import Inlet
 from soliton_linkage_nodes.bags.recorder import BagRecorder
@@ -378,3 +379,15 @@ def test_without_a_snapshot_there_is_none_to_write(graph: Graph, tmp_path: Path)
     assert not response.success
     if service_type('Snapshot') is Trigger:
         assert 'snapshot_duration of bag_recorder = 0 keeps nothing' in response.message
+
+
+def test_a_recorder_that_cannot_start_leaves_nothing(
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(recorder, 'TakingThread', refuse)
+    with pytest.raises(RuntimeError, match='new thread'):
+        graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    assert list(tmp_path.iterdir()) == []

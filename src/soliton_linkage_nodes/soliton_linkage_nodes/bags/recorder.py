@@ -88,9 +88,13 @@ class BagRecorder(Node):
         )
         self._gate = MessageGate(settings.snapshot_duration, settings.start_paused)
         self._bag = WritingThread(lambda: _create_writer(settings))
-        self._taking = TakingThread(self._finder, self._gate, self._bag)
-        self._diagnostics = Diagnostics(self, 'recording', self._report)
-        self._offer_services()
+        try:
+            self._taking = TakingThread(self._finder, self._gate, self._bag)
+            self._diagnostics = Diagnostics(self, 'recording', self._report)
+            self._offer_services()
+        except BaseException:
+            self._bag.abandon()
+            raise
         self.get_logger().info(f'recording to {self._bag.writer.path}')
         for name in sorted(self._finder.awaited):
             self.get_logger().info(f'waiting for a publisher of {name}')

@@ -23,6 +23,13 @@ from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
 _MIXED = 'Sequence should be of same type'
 """What rcl says of a list such as [1, 0.5]."""
+_LIMITS = (
+    'Resource temporarily unavailable',
+    'Cannot allocate memory',
+    'Too many open files',
+    "can't start new thread",
+    'bad_alloc',
+)
 _LONGEST_WAIT = 0.1
 """Of the executor, before it looks whether a signal has come [s]."""
 
@@ -117,9 +124,22 @@ def run(
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
+    except (RuntimeError, MemoryError) as error:
+        if not _is_of_limits(error):
+            raise
+        get_logger('soliton_linkage').fatal(
+            'memory, threads or files that the process may have are used up '
+            f'({str(error) or "memory"}); see ulimit -a'
+        )
+        code = 1
     finally:
         rclpy.try_shutdown()
     sys.exit(code)
+
+
+def _is_of_limits(error: Exception) -> bool:
+    """Whether an error comes of a limit of the system, which other libraries say in a text."""
+    return isinstance(error, MemoryError) or any(said in str(error) for said in _LIMITS)
 
 
 def _tell_notices(node: Node) -> None:

@@ -7,6 +7,7 @@ import os
 import random
 import sqlite3
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.storages.registry import STORAGES
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -292,3 +294,16 @@ def test_a_topic_is_in_the_file_as_soon_as_it_is_added(tmp_path: Path) -> None:
         report = check_bag(writer.path)
         assert [topic.name for topic in report.counts] == ['/nudge']
         writer.close()
+
+
+def test_a_bag_that_cannot_be_begun_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_path: Path) -> None:
+        raise OSError(28, 'No space left on device')
+
+    refusing = replace(STORAGES['mcap'], writers={'none': refuse})
+    monkeypatch.setitem(STORAGES, 'mcap', refusing)
+    with pytest.raises(OSError, match='No space left'):
+        BagWriter(tmp_path / 'run', 'mcap')
+    assert list(tmp_path.iterdir()) == []

@@ -7,13 +7,14 @@ import os
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from rclpy.qos import QoSProfile
 
 from soliton_linkage_nodes.bags.metadata import (
+    METADATA_FILE,
     StoredFile,
     as_text,
     bag_information,
@@ -83,10 +84,14 @@ class BagWriter:
         with self._complaining():
             self.path = _first_free(name)
             self.path.mkdir(parents=True)
-            (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
-            self._file = self._open_file()
-            self._is_open = True
-            self._sync_folder()
+            try:
+                (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
+                self._file = self._open_file()
+                self._is_open = True
+                self._sync_folder()
+            except BaseException:
+                self.leave_nothing()
+                raise
 
     @property
     def messages(self) -> int:
@@ -183,6 +188,16 @@ class BagWriter:
         except OSError:
             if self._is_open:
                 self._file.abandon()
+
+    def leave_nothing(self) -> None:
+        """Remove a bag that has no message, be it finished or not even begun."""
+        if self._is_open and self.messages:
+            return
+        names = [_RESERVE, METADATA_FILE, self._file_name(), *(file.name for file in self._files)]
+        with suppress(OSError):
+            for name in names:
+                (self.path / name).unlink(missing_ok=True)
+            self.path.rmdir()
 
     def _split(self) -> None:
         self._close_file()

@@ -37,7 +37,7 @@ class TakingThread:
         self._inlets: list[Inlet] = []
         self._add(finder.of_suite())
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='taking')
+        self._thread = threading.Thread(target=self._run, name='taking', daemon=True)
         self._thread.start()
 
     @property

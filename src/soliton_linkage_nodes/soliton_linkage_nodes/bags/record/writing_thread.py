@@ -60,7 +60,9 @@ class WritingThread:
         self._final: Mapping[str, str] = {}
         self._topics: dict[Source, StoredTopic | None] = {}
         self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(create_writer,), name='bag')
+        self._thread = threading.Thread(
+            target=self._run, args=(create_writer,), name='bag', daemon=True
+        )
         self._thread.start()
         self._ready.wait()
         if self.failure is not None:
@@ -109,6 +111,11 @@ class WritingThread:
             self._ending = True
             self._changed.notify()
         self._thread.join()
+
+    def abandon(self) -> None:
+        """End a bag that is not to be recorded after all; without a message nothing is left."""
+        self.close({})
+        self._writer.leave_nothing()
 
     def _post(self, action: Callable[[], object]) -> None:
         with self._changed:
