@@ -27,6 +27,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits
+from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -58,7 +59,7 @@ OF_NODE = {
     'soliton_steering': {'': SolitonSteeringParameters, 'source': ChainSourceParameters},
     'soliton_analyser': {'': AnalyserParameters, 'source': OptionalChainSourceParameters},
     'bag_recorder': {'': BagRecorderParameters},
-    'bag_player': {'': BagPlayerParameters},
+    'bag_player': {'': BagPlayerParameters, 'limits': BagLimits},
     'live_view': {'': LiveViewParameters},
     'visualisation': {
         '': VisualisationParameters,

@@ -47,7 +47,7 @@ def main() -> None:
     progress.clear()
     for damage in report.damage:
         print(damage)
+    if report.damage and report.unverified:
+        print(f'{report.unverified} messages have no checksum: they may have been changed')
     lost = f', {report.lost} lost' if report.lost else ''
     print(f'recovered {report.messages} messages{lost} into {new}')
-    if report.damage and report.unverified:
-        print(f'{report.unverified} of them have no checksum: they may have been changed')
