@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from soliton_linkage_nodes.bags.guards.texts import count_in, load_json
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE, read_metadata
 from soliton_linkage_nodes.bags.read.reading import decoder, open_bag, read_messages
 from soliton_linkage_nodes.messages.view_conversions import state_numbers
@@ -127,14 +127,14 @@ def _shelved(path: Path) -> ShelvedBag | None:
             each['topic_metadata']['name']: int(each['message_count'])
             for each in information['topics_with_message_count']
         }
-        losses = json.loads((information.get('custom_data') or {}).get('lost_messages', '{}'))
+        losses = load_json((information.get('custom_data') or {}).get('lost_messages', '{}'))
         return ShelvedBag(
             path.name,
             path,
             int(information['starting_time']['nanoseconds_since_epoch']),
             information['duration']['nanoseconds'] / SECOND,
             topics,
-            sum(losses.values()),
+            sum(map(count_in, losses.values())),
         )
     except (TypeError, KeyError, ValueError, AttributeError):
         return None

@@ -455,6 +455,20 @@ def test_an_altered_message_of_sqlite3_is_left_out_or_marked(
         assert int(reader.storage.metadata.custom['unverified_messages']) > 0
 
 
+def test_damaged_checksums_cost_no_message(named: NamedChain, tmp_path: Path) -> None:
+    bag = write(tmp_path / 'run', named, 'sqlite3', per_chunk=50)
+    sent = contents(bag)
+    data = data_file(bag)
+    with closing(sqlite3.connect(data)) as database:
+        rows = database.execute('SELECT crc32 FROM soliton_linkage_checksums').fetchall()
+    damaged = data.read_bytes()
+    for (row,) in rows:
+        damaged = damaged.replace(row, row[:4] + bytes(len(row) - 4))
+    data.write_bytes(damaged)
+    assert attempt(bag, tmp_path / 'new') == sent
+    assert check_bag(bag).unverified == len(sent)
+
+
 def test_checksums_of_sqlite3_tell_of_rows_that_are_gone(
     named: NamedChain, tmp_path: Path
 ) -> None:

@@ -13,10 +13,12 @@ TABLE: Final = 'soliton_linkage_checksums'
 SCHEMA: Final = f"""
 CREATE TABLE {TABLE}(first_message INTEGER PRIMARY KEY, crc32 BLOB NOT NULL);
 """
-"""A row holds the checksums of messages side by side, of which it names the first."""
+"""A row holds the checksums of messages side by side, of which it names the first, and at the end
+one of its own: of a row that is damaged itself nothing is concluded."""
 _NUMBERS = struct.Struct('<qqq')
 _SIZE = 4
 """Bytes of a checksum."""
+_OWN = struct.Struct('<I')
 
 
 def checksum(number: int, topic: int, stamp: int, data: bytes) -> int:
@@ -25,9 +27,10 @@ def checksum(number: int, topic: int, stamp: int, data: bytes) -> int:
 
 
 def packed_checksums(first: int, messages: Sequence[tuple[int, int, bytes]]) -> bytes:
-    """Checksums of messages side by side: topic, stamp [ns], bytes of each."""
+    """Content of a row: of messages, told by topic, stamp [ns] and bytes."""
     checksums = [checksum(first + n, *message) for n, message in enumerate(messages)]
-    return struct.pack(f'<{len(checksums)}I', *checksums)
+    content = struct.pack(f'<{len(checksums)}I', *checksums)
+    return content + _OWN.pack(_own(first, content))
 
 
 class Checksums:
@@ -35,7 +38,11 @@ class Checksums:
 
     def __init__(self, rows: Sequence[tuple[int, Any]]) -> None:
         """Take rows of the table: number of the first message, and checksums."""
-        self._rows = sorted((first, data) for first, data in rows if isinstance(data, bytes))
+        self._rows = sorted(
+            (first, data[:-_SIZE])
+            for first, data in rows
+            if isinstance(data, bytes) and data[-_SIZE:] == _OWN.pack(_own(first, data[:-_SIZE]))
+        )
         self._firsts = [first for first, _ in self._rows]
         self.last = max((first - 1 + len(data) // _SIZE for first, data in self._rows), default=0)
 
@@ -52,3 +59,7 @@ class Checksums:
         begin = _SIZE * (number - first)
         found = data[begin : begin + _SIZE]
         return int.from_bytes(found, 'little') if len(found) == _SIZE else None
+
+
+def _own(first: int, content: bytes) -> int:
+    return crc32(content, crc32(_NUMBERS.pack(first, 0, len(content))))
