@@ -30,9 +30,13 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.state_conversions import columns, row
 from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.bag_limits import add_limits, limits_of
 from soliton_linkage_nodes.programs.chain_file import chain_of_file, differences
-from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.programs.command_line import (
+    ProgramParser,
+    add_limits,
+    limits_of,
+    plain_failures,
+)
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 

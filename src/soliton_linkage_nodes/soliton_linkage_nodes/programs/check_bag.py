@@ -10,8 +10,12 @@ from pathlib import Path
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards.texts import count_in, load_json
 from soliton_linkage_nodes.bags.rescue.bag_rescue import BagReport, check_bag
-from soliton_linkage_nodes.programs.bag_limits import add_limits, limits_of
-from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.programs.command_line import (
+    ProgramParser,
+    add_limits,
+    limits_of,
+    plain_failures,
+)
 
 _DAMAGE = 'damage'
 """Text of a bag that was recovered of another, with what was wrong with that."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import re
 import sys
@@ -13,7 +14,8 @@ from contextlib import contextmanager
 from rclpy.utilities import remove_ros_args
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage.linkage.quantities import Quantity
+from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
@@ -80,3 +82,21 @@ def plain_failures(program: str) -> Iterator[None]:
         # In a terminal a line of progress may be standing there.
         line = '\r\x1b[K' if sys.stderr.isatty() else ''
         sys.exit(f'{line}{program}: {reason(error)}')
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Add an option for each limit, with its value as default."""
+    for name, described in described_fields(BagLimits).items():
+        parser.add_argument(
+            f'--{name.replace("_", "-")}',
+            type=number(described, int),
+            metavar='BYTES',
+            default=getattr(BagLimits(), name),
+            help=f'{described.description} [B] (%(default)s)',
+        )
+
+
+def limits_of(options: argparse.Namespace) -> BagLimits:
+    """Limits that were given."""
+    names = [each.name for each in dataclasses.fields(BagLimits)]
+    return BagLimits(**{name: getattr(options, name) for name in names})

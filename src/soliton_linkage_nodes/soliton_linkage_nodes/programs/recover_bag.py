@@ -8,8 +8,12 @@ from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
-from soliton_linkage_nodes.programs.bag_limits import add_limits, limits_of
-from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.programs.command_line import (
+    ProgramParser,
+    add_limits,
+    limits_of,
+    plain_failures,
+)
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 
