@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linear.statics import balanced, rest_state
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 
 @dataclass(frozen=True)
@@ -30,6 +28,9 @@ def leaning(chain: Chain, lean: int) -> State:
     Where deviations leave no such state the springs are in balance. Raises ValueError where
     there is none of that either.
     """
+    # What only passes states on needs no scipy.
+    from soliton_linkage.linear.statics import balanced, rest_state
+
     try:
         angles = rest_state(chain, lean)
     except ValueError:
@@ -47,6 +48,8 @@ def with_soliton(chain: Chain, place: float, velocity: float) -> State:
     and at 0.6 by 3 to 42 %. Raises ValueError for a velocity that is not finite and as
     `static_wall` does.
     """
+    from soliton_linkage.solitons.static_wall import site_arc, static_wall
+
     if not math.isfinite(velocity):
         raise ValueError(f'velocity of the soliton = {velocity} m/s must be a finite number')
     angles = static_wall(chain, place)

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import null_space
-from scipy.sparse import csr_array
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
+
+# Edges and zero modes alone, as actuators need them, import no scipy: it takes 1 s and 50 MB.
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _VANISHING = 1e-280
 """Stands in for a lever that vanishes [m^2/rad], far below rounding beside any that does not."""
@@ -40,6 +43,8 @@ def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
     """Rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
+    from scipy.sparse import csr_array
+
     first, second = rigidity_bands(chain, chain.check_angles(angles))
     springs = np.arange(chain.number_of_springs)
     rows = np.concatenate([springs, springs])
@@ -56,7 +61,8 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
     """
     matrix = rigidity_matrix(chain, angles)
     scaled = matrix.multiply(1 / np.sqrt(chain.moments_of_inertia)).tocsr()
-    return csr_array(scaled.T @ scaled.multiply(chain.stiffnesses[:, None]))
+    product: csr_array = (scaled.T @ scaled.multiply(chain.stiffnesses[:, None])).tocsr()
+    return product
 
 
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
@@ -65,12 +71,18 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     Their number and that of the states of self-stress obey N_0 - N_ss = N - springs (paper,
     section 1). Singular values below the tolerance times the largest count as 0. Dense, O(N^3).
     """
-    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray(), rcond=tolerance))
+    return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Orthonormal tensions [1] that turn no rotor, R^T s = 0, shape (springs, N_ss)."""
-    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray().T, rcond=tolerance))
+    return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
+
+
+def _null_space(matrix: Array, tolerance: float) -> Array:
+    from scipy.linalg import null_space
+
+    return np.asarray(null_space(matrix, rcond=tolerance))
 
 
 def zero_mode(chain: Chain, angles: Array) -> Array:
