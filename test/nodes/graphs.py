@@ -115,7 +115,7 @@ class Graph:
         """
         node, _, verb = name.rpartition('/')
         offered = service_type
-        if node in ('bag_recorder', 'bag_player') and not verb.endswith('parameters'):
+        if node in ('bag_recorder', 'bag_player') and not verb.endswith(('parameters', '_state')):
             offered = services.service_type(verb.title().replace('_', ''))
         client = self.user.create_client(offered, name)
         self.until(client.service_is_ready, f'service {name}')

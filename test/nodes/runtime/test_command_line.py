@@ -27,6 +27,8 @@ OF_ROS = {
     *('use_sim_time', 'start_type_description_service', 'rosout', 'parameter_events'),
     *('describe_parameters', 'get_parameters', 'get_parameter_types', 'list_parameters'),
     *('set_parameters', 'set_parameters_atomically', 'get_type_description'),
+    *('change_state', 'get_state', 'get_available_states', 'get_available_transitions'),
+    *('get_transition_graph', 'transition_event'),
 }
 
 

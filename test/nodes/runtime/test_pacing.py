@@ -41,7 +41,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def instants(
-    clock: Clock, rate: float, calls: int, work: Callable[[int], int] = lambda call: 0
+    clock: Clock,
+    rate: float,
+    calls: int,
+    work: Callable[[int], int] = lambda call: 0,
+    first: bool = False,
 ) -> tuple[list[int], PacedLoop]:
     """Return when a loop acted [ns since it began]; the call k takes work(k) [ns]."""
     seen: list[int] = []
@@ -54,7 +58,7 @@ def instants(
         seen.append(clock.now - START)
         clock.now += work(len(seen) - 1)
 
-    loop = PacedLoop(rate, act)
+    loop = PacedLoop(rate, act, first)
     loop.start()
     assert enough.wait(30)
     loop.stop()
@@ -201,12 +205,19 @@ def test_it_goes_before_others_unless_it_cannot_keep_up(
     clock: Clock, goes_first: list[bool]
 ) -> None:
     stall = {10: SECOND // 20}
-    instants(clock, 100.0, 40, lambda call: stall.get(call, 0))
+    instants(clock, 100.0, 40, lambda call: stall.get(call, 0), first=True)
     assert goes_first == [True, False, True]
+
+
+def test_it_is_like_others_unless_it_is_asked_to_go_first(
+    clock: Clock, goes_first: list[bool]
+) -> None:
+    instants(clock, 100.0, 40)
+    assert goes_first == []
 
 
 def test_without_a_limit_of_its_rate_it_is_like_others(
     clock: Clock, goes_first: list[bool]
 ) -> None:
-    instants(clock, math.inf, 40)
+    instants(clock, math.inf, 40, first=True)
     assert goes_first == [False]

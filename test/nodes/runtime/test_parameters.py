@@ -39,6 +39,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
+from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
@@ -50,16 +51,34 @@ from soliton_linkage_nodes.visualisation.node import VisualisationParameters
 CONFIG = Path(__file__).parents[3] / 'config'
 OF_NODE = {
     '/**': {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder},
-    'simulator': {'': SimulatorParameters, 'gravity.': Gravity, 'sensors.': EncoderErrors},
+    'simulator': {
+        '': SimulatorParameters,
+        'managed': ManagedParameters,
+        'gravity.': Gravity,
+        'sensors.': EncoderErrors,
+    },
     'edge_actuator': {
         '': EdgeActuatorParameters,
+        'managed': ManagedParameters,
         'pneumatics': PneumaticActuator,
         'source': ChainSourceParameters,
     },
-    'soliton_steering': {'': SolitonSteeringParameters, 'source': ChainSourceParameters},
-    'soliton_analyser': {'': AnalyserParameters, 'source': OptionalChainSourceParameters},
-    'bag_recorder': {'': BagRecorderParameters},
-    'bag_player': {'': BagPlayerParameters, 'limits': BagLimits},
+    'soliton_steering': {
+        '': SolitonSteeringParameters,
+        'managed': ManagedParameters,
+        'source': ChainSourceParameters,
+    },
+    'soliton_analyser': {
+        '': AnalyserParameters,
+        'managed': ManagedParameters,
+        'source': OptionalChainSourceParameters,
+    },
+    'bag_recorder': {'': BagRecorderParameters, 'managed': ManagedParameters},
+    'bag_player': {
+        '': BagPlayerParameters,
+        'limits': BagLimits,
+        'managed': ManagedParameters,
+    },
     'live_view': {'': LiveViewParameters},
     'visualisation': {
         '': VisualisationParameters,

@@ -76,9 +76,9 @@ def test_a_thread_lets_others_go_where_it_goes_first_itself(
 def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[bool] = []
     now = busy = 0.0
-    monkeypatch.setattr(scheduling, 'go_first', asked.append)
+    monkeypatch.setattr(scheduling, 'go_first', lambda first, threads: asked.append(first))
     monkeypatch.setattr(scheduling.time, 'monotonic', lambda: now)
-    monkeypatch.setattr(scheduling.time, 'thread_time', lambda: busy)
+    monkeypatch.setattr(scheduling.time, 'process_time', lambda: busy)
     place = FirstAsLongAsIdle()
     for share in (0.5, 1.0, 1.0, 0.1):
         for _ in range(100):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from rclpy.node import Node
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.linkage.quantities import quantity
@@ -22,7 +21,8 @@ from soliton_linkage_nodes.bags.play.transport import RATES, Transport
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
+from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -59,7 +59,7 @@ class BagPlayerParameters:
     )
 
 
-class BagPlayer(Node):
+class BagPlayer(ManagedNode):
     """Publishes the messages of a bag as they are, paced by the times they were received at.
 
     Latched topics come first, with what they last said before the start or the instant sought,
@@ -75,14 +75,20 @@ class BagPlayer(Node):
     `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`, `~/set_rate` and `~/get_rate`.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {BagPlayerParameters: '', BagLimits: ''}
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        BagPlayerParameters: '',
+        BagLimits: '',
+        ManagedParameters: '',
+    }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Look into the bag and begin to play."""
+        """Be configured and activated, unless a manager is to do that."""
         super().__init__('bag_player', **kwargs)
-        self._settings = settings = declare(self, BagPlayerParameters)
-        limits = declare(self, BagLimits)
-        refuse_unknown(self)
+
+    def configure(self) -> None:
+        """Look into the bag and open the topics."""
+        self._settings = settings = current(self, BagPlayerParameters)
+        limits = current(self, BagLimits)
         if not settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._transport = Transport(settings.rate, settings.start_paused, not settings.lockstep)
@@ -117,25 +123,38 @@ class BagPlayer(Node):
             'in lockstep' if settings.lockstep else '',
             limits,
         )
-        self._diagnostics = Diagnostics(self, 'playing', self._report)
+        self._diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
         self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
-        self._playing.play(self._excerpt)
+        self._paused = False
+        self._begun = False
+
+    def activate(self) -> None:
+        """Begin to play, or go on."""
+        if not self._begun:
+            self._begun = True
+            self._playing.play(self._excerpt)
+        elif not self._paused:
+            self._transport.resume()
+
+    def deactivate(self) -> None:
+        """Stand still."""
+        self._paused = self._transport.paused
+        self._transport.pause()
+
+    def cleanup(self) -> None:
+        """Stop playing and give the terminal back."""
+        self._playing.stop()
+        self._controls.close()
 
     @property
     def finished(self) -> bool:
         """Whether everything was played, and nothing else is to be."""
-        return self._playing.finished and not self._settings.stay
+        return self.configured and self._playing.finished and not self._settings.stay
 
     @property
     def failure(self) -> Exception | None:
         """Why it could not go on."""
-        return self._playing.failure
-
-    def destroy_node(self) -> None:
-        """Stop playing."""
-        self._playing.stop()
-        self._controls.close()
-        super().destroy_node()
+        return self._playing.failure if self.configured else None
 
     def _topics_to_wait_for(self, reader: Reader) -> list[str]:
         if self._settings.wait_for:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import rclpy
-from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
@@ -20,7 +19,8 @@ from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
+from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
 
@@ -59,7 +59,7 @@ class BagRecorderParameters:
     start_paused: bool = quantity(False, 'record nothing until ~/resume is called')
 
 
-class BagRecorder(Node):
+class BagRecorder(ManagedNode):
     """Records topics, raw, with the time at which each message was received.
 
     Subscribes to the topics recorded. Publishes `/diagnostics`. Serves, with the types of
@@ -69,13 +69,19 @@ class BagRecorder(Node):
     One thread takes the messages from a hidden node, another does all that touches the bag.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: ''}
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        BagRecorderParameters: '',
+        ManagedParameters: '',
+    }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the bag and begin."""
+        """Be configured and activated, unless a manager is to do that."""
         super().__init__('bag_recorder', **kwargs)
-        self._settings = settings = declare(self, BagRecorderParameters)
-        refuse_unknown(self)
+
+    def configure(self) -> None:
+        """Create the bag and listen, but record nothing yet where a manager is to say when."""
+        self._settings = settings = current(self, BagRecorderParameters)
+        self._paused = settings.start_paused
         self._inbox = rclpy.create_node(
             '_bag_recorder_inbox',
             namespace=self.get_namespace(),
@@ -86,11 +92,11 @@ class BagRecorder(Node):
         self._finder = InletFinder(
             self._inbox, settings.topics, settings.regex, settings.exclude_regex
         )
-        self._gate = MessageGate(settings.snapshot_duration, settings.start_paused)
+        self._gate = MessageGate(settings.snapshot_duration, self._paused or not self.starting)
         self._bag = WritingThread(lambda: _create_writer(settings))
         try:
             self._taking = TakingThread(self._finder, self._gate, self._bag)
-            self._diagnostics = Diagnostics(self, 'recording', self._report)
+            self._diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
             self._offer_services()
         except BaseException:
             self._bag.abandon()
@@ -98,6 +104,16 @@ class BagRecorder(Node):
         self.get_logger().info(f'recording to {self._bag.writer.path}')
         for name in sorted(self._finder.awaited):
             self.get_logger().info(f'waiting for a publisher of {name}')
+
+    def activate(self) -> None:
+        """Record, unless it is paused."""
+        if self._gate.paused and not self._paused:
+            self._taking.resume()
+
+    def deactivate(self) -> None:
+        """Record nothing, with all that was taken in the hands of the system."""
+        self._taking.pause()
+        self._bag.flush()
 
     @property
     def lost(self) -> int:
@@ -112,9 +128,11 @@ class BagRecorder(Node):
     @property
     def failure(self) -> Exception | None:
         """Why it cannot go on."""
+        if not self.configured:
+            return None
         return self._taking.failure or self._bag.failure
 
-    def destroy_node(self) -> None:
+    def cleanup(self) -> None:
         """Take what has come, write it and finish the bag; raises OSError where it cannot."""
         self._bag.close(self._taking.stop())
         self._inbox.destroy_node()
@@ -122,9 +140,9 @@ class BagRecorder(Node):
         said = f'closed {path}: {self.messages} messages, {self.lost} lost'
         if self._bag.failure is None:
             self.get_logger().info(said)
-        super().destroy_node()
-        if self.failure is not None:
-            raise self.failure
+        failure = self._taking.failure or self._bag.failure
+        if failure is not None:
+            raise failure
 
     def _offer_services(self) -> None:
         serve(self, 'pause', 'Pause', lambda _: self._pause())
@@ -134,10 +152,12 @@ class BagRecorder(Node):
         tell(self, 'is_paused', 'IsPaused', 'paused', lambda: self._gate.paused)
 
     def _pause(self) -> Reply:
+        self._paused = True
         self._taking.pause()
         return Reply('nothing is recorded until ~/resume')
 
     def _resume(self) -> Reply:
+        self._paused = False
         latched = self._taking.resume()
         return Reply(f'recording goes on, with {latched} latched messages of the pause')
 

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
+from soliton_linkage_nodes.runtime.managed import ManagedNode
 
 _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
@@ -24,8 +25,10 @@ class Reply:
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
-def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
+def serve(node: ManagedNode, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer `~/<name>`; `act` takes the request, and raises ValueError where it refuses that.
+
+    A node that is not active refuses all.
 
     What it did, or why it did not, is logged, and told where the response has a field for it. The
     type is that of rosbag2_interfaces, or, where that is not installed, one of the suite with the
@@ -34,6 +37,7 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 
     def respond(request: Any, response: Any) -> Any:
         try:
+            node.check_active()
             done = act(request)
         except ValueError as error:
             node.get_logger().warning(f'~/{name} is refused: {error}')

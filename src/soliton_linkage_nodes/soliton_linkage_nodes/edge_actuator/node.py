@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
 
 from soliton_linkage.actuation.actuator import actuator_type
 from soliton_linkage.actuation.chain_driver import ChainDriver
@@ -23,21 +22,22 @@ from soliton_linkage_nodes.edge_actuator.parameters import (
     EdgeActuatorParameters,
     declare_torque_limits,
 )
-from soliton_linkage_nodes.messages.chain_source import ChainSource
+from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.runtime.managed import ManagedNode
+from soliton_linkage_nodes.runtime.parameters import current, declare
 from soliton_linkage_nodes.runtime.process import run
 
 _REHEARSED_EVERY = 10
 """Frames between two rehearsals of a kick: often enough that it stays in the caches."""
 
 
-class EdgeActuator(Node):
+class EdgeActuator(ManagedNode):
     """Turns commands into impulses and torques, and tells what they did.
 
     Subscribes to `nudge` [rad/s], `edge_command`, `joint_commands`, `~/commands` and
@@ -50,28 +50,44 @@ class EdgeActuator(Node):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Connect the topics."""
+        """Be configured and activated, unless a manager is to do that."""
         super().__init__('edge_actuator', **kwargs)
+
+    def declare_parameters_of_node(self) -> None:
+        """Declare what all have, limits of the joints, and what the kind of actuator has."""
         settings = declare(self, EdgeActuatorParameters)
         self._torque_limits = declare_torque_limits(self, settings)
         self.actuator = declare(self, actuator_type(settings.actuator))
+        declare_chain_source(self)
+
+    def configure(self) -> None:
+        """Connect the topics and learn the chain."""
+        settings = current(self, EdgeActuatorParameters)
         encoders = EncoderWatch(self.get_logger().warning)
         self.frames = LatestFrames(settings.state_timeout, encoders.look)
         self.outlets = ActuatorOutlets(self)
         self.commands = Commands(settings, self.actuator, self.frames, self.outlets)
         self.carried_out = 0
         self._delivery: Delivery | None = None
-        self.diagnostics = Diagnostics(self, 'actuation', self._report)
+        self.diagnostics = Diagnostics(self, 'actuation', self.reporting(self._report))
         self.source = ChainSource(self, self.diagnostics, self._learn)
-        refuse_unknown(self)
         self._listen()
         self.get_logger().info(
             f'{settings.actuator} actuators on {self.source.in_words}; a nudge is a '
             f'{settings.nudge_as} at the {settings.nudge_edge} edge'
         )
-        self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
 
-    def _follow_parameters(self) -> None:
+    def deactivate(self) -> None:
+        """Release the chain: no torque acts, and what was waiting is forgotten."""
+        chain = self.commands.chain
+        if chain is not None:
+            if chain.driver.busy:
+                self.outlets.drive(chain.named, np.zeros(chain.named.rotors))
+            self._learn(chain.named)
+        self.outlets.flush()
+
+    def follow_parameters(self) -> None:
+        """Take up how nudges are carried out."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _listen(self) -> None:
@@ -87,11 +103,13 @@ class EdgeActuator(Node):
             command = self.diagnostics.refusing(source, self._counting(source, take))
             replace(topic, name=name).subscribe(self, command)
         interfaces.DELIVERY.subscribe(self, self._on_delivery)
-        take_joints = self.diagnostics.refusing('joint_states', self._on_joint_states)
+        take_fresh = self.while_active(self._on_joint_states)
+        take_joints = self.diagnostics.refusing('joint_states', take_fresh)
         AdaptiveSubscription(self, interfaces.JOINT_STATES, take_joints, raw=True)
 
     def _counting(self, source: str, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
         def carry_out(message: Any) -> None:
+            self.check_active()
             take(source, message)
             if self.commands.chain is not None:
                 self.commands.chain.driver.record.measured = self.outlets.measured
@@ -179,4 +197,4 @@ class EdgeActuator(Node):
 
 def main() -> None:
     """Run the actuator until it is told to stop."""
-    run(EdgeActuator, first=True)
+    run(EdgeActuator)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 from soliton_linkage.actuation.kick_record import Kick
@@ -12,6 +13,9 @@ from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
 from soliton_linkage_nodes.messages.conversions import NamedChain, torques_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import let_others_go
+
+_LAST_WORDS = Duration(seconds=0.5)
+"""How long it waits until the torques that release a chain are known."""
 
 
 class ActuatorOutlets:
@@ -58,6 +62,10 @@ class ActuatorOutlets:
     def drive(self, named: NamedChain, torques: Array) -> None:
         """Send torques of all rotors [N m]."""
         self._torques.publish(torques_to_msg(named, torques, self._clock.now().to_msg()))
+
+    def flush(self) -> None:
+        """Wait, not for long, until the torques are known."""
+        self._torques.wait_for_all_acked(_LAST_WORDS)
 
     def tell(self, named: NamedChain, kick: Kick) -> None:
         """Tell of a kick that is over."""

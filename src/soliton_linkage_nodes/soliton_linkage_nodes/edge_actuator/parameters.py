@@ -13,6 +13,7 @@ from soliton_linkage.actuation.edge_command import CommandKind
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
+from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import declare
 
 
@@ -59,6 +60,7 @@ class EdgeActuatorParameters:
 
 PARAMETERS: dict[type, str] = {
     EdgeActuatorParameters: '',
+    ManagedParameters: '',
     **dict.fromkeys(ACTUATORS.values(), ''),
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,

@@ -88,6 +88,14 @@ def chain_in_words(chain: Chain) -> str:
     )
 
 
+def declare_chain_source(
+    node: Node, parameters: type[ChainSourceParameters] = ChainSourceParameters
+) -> None:
+    """Declare the parameters of a `ChainSource`; ValueError where they describe no chain."""
+    check_names('parameter joint_names', declare(node, parameters).joint_names)
+    declare_chain(node)
+
+
 class ChainSource:
     """The chain that a node works on; None until it is known."""
 

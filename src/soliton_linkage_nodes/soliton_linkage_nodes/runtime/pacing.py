@@ -43,20 +43,22 @@ class PacedLoop:
     more than 0.1 s behind, the rest of the deadlines are put off by that much: it then runs
     slower than asked for, and says so, but never in a burst.
 
-    The loop goes before other threads, as far as it may, while it is less than 10 ms late: one
-    that cannot keep up leaves the processor to them.
+    A loop that is to be `first` goes before other threads, as far as it may, while it is less
+    than 10 ms late: one that cannot keep up leaves the processor to them. It can be started again
+    once it was stopped.
 
     A rate that is set later counts from that moment on, as t0. At an infinite rate each call
     follows the last, but for one that returned False, as it had nothing to do.
     """
 
-    def __init__(self, rate: float, act: Callable[[], object]) -> None:
+    def __init__(self, rate: float, act: Callable[[], object], first: bool = False) -> None:
         """Prepare to call `act` at a rate [Hz]."""
         self.rate = rate
         self._act = act
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
+        self._thread: threading.Thread | None = None
         self._punctuality = Punctuality(0, 0, 0.0, 0.0)
+        self._may_go_first = first
         self._first: bool | None = None
         self.failure: Exception | None = None
 
@@ -67,12 +69,15 @@ class PacedLoop:
 
     def start(self) -> None:
         """Begin, with the first call at once."""
+        self._stopping.clear()
+        self._first = None
+        self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
         """End after the call that is being made, if any."""
         self._stopping.set()
-        if self._thread.is_alive():
+        if self._thread is not None:
             self._thread.join()
 
     def _run(self) -> None:
@@ -121,7 +126,7 @@ class PacedLoop:
         return False
 
     def _go_first(self, first: bool) -> None:
-        if first is not self._first:
+        if self._may_go_first and first is not self._first:
             self._first = first
             go_first(first)
 

@@ -51,11 +51,13 @@ _LARGEST_INTEGER = 2**63 - 1
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the described fields of a dataclass as parameters and return their values in it.
 
-    Fields without a description keep their default. Raises ValueError, naming parameter, value,
-    limit and remedy, where a value given for one is not allowed.
+    Fields without a description keep their default. What is declared already keeps its value.
+    Raises ValueError, naming parameter, value, limit and remedy, where one is not allowed.
     """
-    _take_whole_numbers(node)
     quantities = described_fields(parameters)
+    if quantities and all(node.has_parameter(prefix + name) for name in quantities):
+        return current(node, parameters, prefix)
+    _take_whole_numbers(node)
     kinds = get_type_hints(parameters)
     values = {
         field.name: _declare_one(

@@ -7,9 +7,9 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any, NamedTuple
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -82,45 +82,41 @@ def initialise(arguments: list[str] | None = None) -> None:
         raise ValueError(f'wrong ROS arguments: {reason}{hint}') from error
 
 
-def run(
-    create_node: Callable[[], Node],
-    finished: Callable[[Any], bool] | None = None,
-    first: bool = False,
-) -> None:
+def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
     """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
 
     What creates the node is its class. It does not where the command line asks for help or is
     wrong.
 
     `finished` may raise what the node has failed of: executors print the trace of what callbacks
-    raise. A node that is to be `first` goes before ordinary threads, as far as the system allows
-    that, while it mostly waits.
+    raise.
 
     The exit code is 0, 1 after one line where the node could not start or go on, or 2 after one
     line where the program was given arguments that it does not know.
     """
     check_arguments(create_node, sys.argv[1:])
+    run_together([Part(create_node, finished)], sys.argv)
+
+
+class Part(NamedTuple):
+    """What creates a node, and what says whether it has finished or raises its failure."""
+
+    create: Callable[[], Node]
+    finished: Callable[[Any], bool] | None = None
+
+
+def run_together(parts: Sequence[Part], arguments: list[str]) -> None:
+    """Spin several nodes in one process, as `run` does with one; they are destroyed together."""
     stopping = stop_on_signals()
     code = 0
     try:
-        initialise()
-        # Before the node, whose middleware starts threads of its own.
-        place = FirstAsLongAsIdle() if first else None
+        initialise(arguments)
         gc.collect()
-        node = create_node()
-        # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
-        gc.freeze()
-        try:
-            _tell_notices(node)
-            # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
-            executor = EventsExecutor()
-            executor.add_node(node)
-            while not (stopping.is_set() or (finished and finished(node))):
-                executor.spin_once(timeout_sec=_LONGEST_WAIT)
-                if place:
-                    place.look()
-        finally:
-            node.destroy_node()
+        with ExitStack() as stack:
+            nodes = [_created(part, stack, arguments) for part in parts]
+            # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
+            gc.freeze()
+            _spin(list(zip(parts, nodes, strict=True)), stopping)
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
@@ -142,9 +138,31 @@ def _is_of_limits(error: Exception) -> bool:
     return isinstance(error, MemoryError) or any(said in str(error) for said in _LIMITS)
 
 
-def _tell_notices(node: Node) -> None:
+def _created(part: Part, stack: ExitStack, arguments: Sequence[str]) -> Node:
+    node = part.create()
+    stack.callback(node.destroy_node)
+    _tell_notices(node, arguments)
+    return node
+
+
+def _spin(nodes: Sequence[tuple[Part, Node]], stopping: threading.Event) -> None:
+    # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
+    executor = EventsExecutor()
+    for _, node in nodes:
+        executor.add_node(node)
+    first = any(getattr(node, 'real_time', False) for _, node in nodes)
+    place = FirstAsLongAsIdle() if first else None
+    while not stopping.is_set():
+        if any(part.finished is not None and part.finished(node) for part, node in nodes):
+            break
+        executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        if place:
+            place.look()
+
+
+def _tell_notices(node: Node, arguments: Sequence[str]) -> None:
     """Say what is to be said of the files and parameters that a node was started with."""
-    for notice in notices(node, sys.argv):
+    for notice in notices(node, arguments):
         if notice.warning:
             node.get_logger().warning(notice.text)
         else:

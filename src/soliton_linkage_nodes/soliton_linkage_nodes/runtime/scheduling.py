@@ -5,26 +5,39 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 _LOWEST_PRIORITY = 1
 """Of SCHED_FIFO: before all ordinary threads and behind all others of the system."""
 _INTERVAL = 0.05
 """Over which the share of a core is measured [s]: the kernel stops real-time threads at 0.95 s."""
 _MOST_OF_A_CORE = 0.8
-"""Share of a core above which a thread is one that computes and no longer one that waits [1]."""
+"""Share of a core above which a process is one that computes and no longer one that waits [1]."""
 
 
-def go_first(first: bool) -> None:
-    """Let the calling thread, and those that it starts, go before ordinary ones, or no longer.
+def go_first(first: bool, threads: Sequence[int] = (0,)) -> None:
+    """Let threads, and those that they start, go before ordinary ones, or no longer.
 
-    It asks for the lowest real-time priority (SCHED_FIFO), for which a user needs the limit
-    rtprio. Where the system does not allow that, nothing changes.
+    Threads are told by their numbers in the system, 0 for the one that calls. It asks for the
+    lowest real-time priority (SCHED_FIFO), for which a user needs the limit rtprio. Where the
+    system does not allow that, nothing changes.
     """
     policy = os.SCHED_FIFO if first else os.SCHED_OTHER
     priority = os.sched_param(_LOWEST_PRIORITY if first else 0)
-    with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, policy, priority)
+    for thread in threads:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(thread, policy, priority)
+
+
+def foreign_threads() -> list[int]:
+    """Threads of this process that are none of Python's, as those of the middleware."""
+    ours = {thread.native_id for thread in threading.enumerate()}
+    return [
+        int(path.name) for path in Path('/proc/self/task').iterdir() if int(path.name) not in ours
+    ]
 
 
 def let_others_go() -> None:
@@ -38,21 +51,25 @@ def let_others_go() -> None:
 
 
 class FirstAsLongAsIdle:
-    """Lets a thread go first while it mostly waits, so that overload takes nothing from others."""
+    """Lets a process go first while it mostly waits, so that overload takes nothing from others.
+
+    That is the calling thread and those of the middleware. Python's others see to themselves.
+    """
 
     def __init__(self) -> None:
-        """Let the calling thread go first."""
+        """Let them go first."""
         self._first = True
-        self._since = (time.monotonic(), time.thread_time())
-        go_first(True)
+        self._since = (time.monotonic(), time.process_time())
+        self._threads = [0, *foreign_threads()]
+        go_first(True, self._threads)
 
     def look(self) -> None:
-        """Change the thread's place where its share of a core of late asks for that."""
+        """Change its place where the share of a core that it took of late asks for that."""
         now, (then, busy) = time.monotonic(), self._since
         if now - then < _INTERVAL:
             return
-        self._since = (now, time.thread_time())
+        self._since = (now, time.process_time())
         first = self._since[1] - busy < _MOST_OF_A_CORE * (now - then)
         if first is not self._first:
             self._first = first
-            go_first(first)
+            go_first(first, self._threads)

@@ -75,6 +75,7 @@ class SimulationControl:
         self._commands = _Pending()
         self._torques_expire: int | None = None
         self._frame = 0
+        self._given_up: Simulation | None = None
         self._simulation = begin(state, gravity)
         self._timeout = 0
         if command_timeout:
@@ -108,6 +109,8 @@ class SimulationControl:
     def tick(self) -> bool:
         """Publish the current frame, commands first, and go on to the next; False if paused."""
         with self._frame_in_work:
+            if self._given_up is self._simulation:
+                self._finish_frame(self._simulation)
             with self._lock:
                 if self._paused or self._stopping:
                     return False
@@ -145,6 +148,8 @@ class SimulationControl:
 
     def step(self, periods: int) -> str | None:
         """Publish so many frames while paused; return why that cannot be."""
+        if self._stopping:
+            return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
             return 'the simulation is running; pause it before stepping'
         with self._frame_in_work:
@@ -169,8 +174,12 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Give up the frame that is being computed and publish no other."""
+        """Give up the frame that is being computed and publish no other until it goes on."""
         self._stopping = True
+
+    def go_on(self) -> None:
+        """Go on after a stop, with the frame that was given up."""
+        self._stopping = False
 
     def _begin_frame(self) -> Simulation:
         try:
@@ -184,6 +193,7 @@ class SimulationControl:
     def _finish_frame(self, simulation: Simulation) -> None:
         """Go on to the next frame, with the lock free until that is computed."""
         failure = None
+        self._given_up = simulation
         try:
             while not (simulation.ready or self._failure or self._forsaken(simulation)):
                 simulation.step()
@@ -196,6 +206,7 @@ class SimulationControl:
                         simulation.advance()
                 except ArithmeticError as error:
                     failure = error
+                self._given_up = None
                 if failure is not None:
                     self._fail(failure)
 

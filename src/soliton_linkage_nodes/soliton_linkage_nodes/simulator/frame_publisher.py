@@ -26,8 +26,8 @@ class FramePublisher:
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
     ) -> None:
         """Publish as a node."""
-        self.epoch = 0
-        """Stamp of the first frame [ns]."""
+        self.epoch: int | None = None
+        """Stamp of the first frame [ns], None before time has begun."""
         self._node = node
         self._named = named
         self._joints = joints
@@ -48,14 +48,16 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Announce the chain; the first frame is now."""
+        """Announce the chain; the first frame is now. What has begun goes on."""
+        if self.epoch is not None:
+            return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._chain.publish(chain_to_msg(self._named, time_to_msg(self.epoch)))
         self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
         """Publish the frame of a number, that a simulation is at."""
-        stamp = self.epoch + round(frame * SECOND / self._rate)
+        stamp = (self.epoch or 0) + round(frame * SECOND / self._rate)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))

@@ -7,8 +7,8 @@ import math
 import sys
 from typing import Any
 
+import numpy as np
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -25,8 +25,9 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
-from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
@@ -50,7 +51,7 @@ _POLL_INTERVAL = 0.02
 """Between two looks at who listens [s], before time begins."""
 
 
-class Simulator(Node):
+class Simulator(ManagedNode):
     """Publishes the angles of a simulated chain at a fixed rate.
 
     Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), `/diagnostics`
@@ -63,13 +64,15 @@ class Simulator(Node):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Read the parameters, announce the chain and start the clockwork."""
+        """Be configured and activated, unless a manager is to do that."""
         super().__init__('simulator', **kwargs)
-        settings = self.settings = declare(self, SimulatorParameters)
+
+    def configure(self) -> None:
+        """Build the chain and its world, and open the topics."""
+        settings = self.settings = current(self, SimulatorParameters)
         chain = declare_chain(self)
-        gravity = declare(self, Gravity, PARAMETERS[Gravity])
-        errors = declare(self, EncoderErrors, PARAMETERS[EncoderErrors])
-        refuse_unknown(self)
+        gravity = current(self, Gravity, PARAMETERS[Gravity])
+        errors = current(self, EncoderErrors, PARAMETERS[EncoderErrors])
         names = default_joint_names(chain.number_of_rotors)
         self.named = NamedChain(chain, names)
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)
@@ -81,11 +84,12 @@ class Simulator(Node):
         publish, timeout = self.frames.publish, settings.command_timeout
         state = world.initial_state()
         self.control = SimulationControl(world.begin, state, gravity, timeout, publish)
-        self._loop = PacedLoop(self._pace(settings.real_time_factor), self.control.tick)
+        pace = self._pace(settings.real_time_factor)
+        self.loop = PacedLoop(pace, self.control.tick, self.real_time)
         self._figures = SimulationReport(
-            self.control, self._loop, settings.publish_rate, self.get_logger().error
+            self.control, self.loop, settings.publish_rate, self.get_logger().error
         )
-        self.diagnostics = Diagnostics(self, 'simulation', self._report)
+        self.diagnostics = Diagnostics(self, 'simulation', self.reporting(self._report))
         self._obstacles = find_obstacles(chain)
         self._listen()
         most = self.frames.depth
@@ -94,43 +98,52 @@ class Simulator(Node):
         self.get_logger().info(simulation_in_words(chain, settings))
         if self._obstacles:
             self.get_logger().warning(obstacles_in_words(self._obstacles))
-        self.add_post_set_parameters_callback(lambda _changes: self._follow_parameters())
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._beginning = self.create_timer(_POLL_INTERVAL, self._begin, clock=steady)
+        self._beginning.cancel()
+
+    def activate(self) -> None:
+        """Announce the chain and start the clockwork, or go on."""
+        self.control.go_on()
+        self._beginning.reset()
         self._begin()
+
+    def deactivate(self) -> None:
+        """Stop the clockwork, and let no torque of before act when it goes on."""
+        self._beginning.cancel()
+        self.control.stop()
+        self.loop.stop()
+        self.control.hold(np.zeros(self.named.rotors))
 
     @property
     def failure(self) -> Exception | None:
         """What has stopped the clockwork for good."""
-        return self._loop.failure
-
-    def destroy_node(self) -> None:
-        """Stop publishing, then go."""
-        self.control.stop()
-        self._loop.stop()
-        super().destroy_node()
+        return self.loop.failure if self.configured else None
 
     def _begin(self) -> None:
         """Let time begin once there are as many subscribers as asked for."""
         if self.frames.subscribers >= self.settings.subscribers:
             self._beginning.cancel()
             self.frames.begin()
-            self._loop.start()
+            self.loop.start()
 
     def _listen(self) -> None:
         refusing = self.diagnostics.refusing
         take_impulses = refusing('rotor_impulses', self._on_impulses)
+        take_torques = refusing('rotor_torques', self._on_torques)
         interfaces.ROTOR_IMPULSES.subscribe(self, take_impulses, raw=True)
-        interfaces.ROTOR_TORQUES.subscribe(self, refusing('rotor_torques', self._on_torques))
+        interfaces.ROTOR_TORQUES.subscribe(self, take_torques)
         interfaces.TILT.subscribe(self, refusing('tilt', self._on_tilt))
 
     def _on_impulses(self, serialized: bytes) -> None:
+        self.check_active()
         impulses = self._impulses.decode(serialized)
         complaint = self.control.kick(impulses) if impulses.any() else None
         if complaint:
             raise ValueError(complaint)
 
     def _on_torques(self, message: JointState) -> None:
+        self.check_active()
         limit = self.settings.torque_limit
         self.control.hold(torques_from_msg(self.named.numbers, message, limit))
 
@@ -143,10 +156,11 @@ class Simulator(Node):
                 'tilt does nothing without gravity; set gravity.acceleration', once=True
             )
 
-    def _follow_parameters(self) -> None:
+    def follow_parameters(self) -> None:
+        """Let gravity, encoders and pace be as they were set."""
         self.control.turn_gravity(current(self, Gravity, PARAMETERS[Gravity]))
         self._joints.change(current(self, EncoderErrors, PARAMETERS[EncoderErrors]))
-        self._loop.rate = self._pace(self.get_parameter('real_time_factor').value)
+        self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
         """Rate of frames on the clock [Hz]; without a limit where the factor is 0."""
@@ -181,4 +195,4 @@ def _finished(simulator: Simulator) -> bool:
 def main() -> None:
     """Run the simulator until it is told to stop."""
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    run(Simulator, _finished, first=True)
+    run(Simulator, _finished)

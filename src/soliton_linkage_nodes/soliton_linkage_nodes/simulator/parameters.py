@@ -9,6 +9,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS
+from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.simulator.world import WorldParameters
 
 
@@ -43,6 +44,7 @@ class SimulatorParameters(WorldParameters):
 
 PARAMETERS: dict[type, str] = {
     SimulatorParameters: '',
+    ManagedParameters: '',
     Gravity: 'gravity.',
     EncoderErrors: 'sensors.',
     **CHAIN_PARAMETERS,

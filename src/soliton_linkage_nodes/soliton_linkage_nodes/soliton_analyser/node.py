@@ -8,8 +8,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rclpy.node import Node
-
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.chain_source import (
@@ -23,7 +21,8 @@ from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
+from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
@@ -38,7 +37,7 @@ class AnalyserParameters:
     )
 
 
-class SolitonAnalyser(Node):
+class SolitonAnalyser(ManagedNode):
     """Publishes what each frame of joint states shows, and where the chain is on its cycle.
 
     Subscribes to `joint_states` [rad, rad/s] and, unless told the chain by parameters, to `chain`.
@@ -47,29 +46,37 @@ class SolitonAnalyser(Node):
 
     PARAMETERS: ClassVar[dict[type, str]] = {
         AnalyserParameters: '',
+        ManagedParameters: '',
         OptionalChainSourceParameters: '',
         **CHAIN_PARAMETERS,
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Listen to the chain and its joints."""
+        """Be configured and activated, unless a manager is to do that."""
         super().__init__('soliton_analyser', **kwargs)
+
+    def configure(self) -> None:
+        """Learn the chain and its orbit, and listen to its joints."""
         self.waiting: deque[bytes] = deque()
         self._decoder = JointStateDecoder()
         self._frames = 0
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
-        self.diagnostics = Diagnostics(self, 'analysis', self._report)
-        self._analysis = JointStateAnalysis(declare(self, AnalyserParameters).noise or None)
+        self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
+        self._analysis = JointStateAnalysis(current(self, AnalyserParameters).noise or None)
         self._publisher = interfaces.SOLITON_STATE.publisher(self)
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
-        refuse_unknown(self)
         self._encoders = EncoderWatch(self.get_logger().warning)
-        AdaptiveSubscription(self, interfaces.JOINT_STATES, self.take, raw=True)
+        take = self.while_active(self.take)
+        AdaptiveSubscription(self, interfaces.JOINT_STATES, take, raw=True)
         frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
         self.get_logger().info(f'analysing {frames} of {self._source.in_words}')
+
+    def deactivate(self) -> None:
+        """Forget the frames that wait for a chain."""
+        self.waiting.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
         """Analyse the frames that came before the chain was known."""
@@ -131,4 +138,4 @@ class SolitonAnalyser(Node):
 
 def main() -> None:
     """Run the analyser until it is told to stop."""
-    run(SolitonAnalyser, first=True)
+    run(SolitonAnalyser)

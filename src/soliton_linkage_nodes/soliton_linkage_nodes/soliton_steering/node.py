@@ -12,7 +12,6 @@ from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
@@ -31,7 +30,8 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.freshness import Freshness
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.managed import ManagedNode
+from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
 from soliton_linkage_nodes.soliton_steering.parameters import PARAMETERS, SolitonSteeringParameters
@@ -44,7 +44,7 @@ _LAST_WORDS = Duration(seconds=0.5)
 """How long a node that goes waits until the torques are known to be 0."""
 
 
-class SolitonSteering(Node):
+class SolitonSteering(ManagedNode):
     """Carries the soliton along the chain, by torques along the instantaneous zero mode.
 
     Serves the action `move_soliton` and `~/release`. Subscribes to `joint_states` and, unless
@@ -55,22 +55,27 @@ class SolitonSteering(Node):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Connect the topics and open the action."""
+        """Be configured and activated, unless a manager is to do that."""
         super().__init__('soliton_steering', **kwargs)
-        self.settings = declare(self, SolitonSteeringParameters)
+
+    def configure(self) -> None:
+        """Connect the topics, learn the chain and open the action."""
+        self.settings = current(self, SolitonSteeringParameters)
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
         self._decoder = JointStateDecoder()
-        diagnostics = self.diagnostics = Diagnostics(self, 'steering', self._report)
+        diagnostics = self.diagnostics = Diagnostics(
+            self, 'steering', self.reporting(self._report)
+        )
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
         take_chain = diagnostics.refusing('chain', self._on_chain)
         source = ChainSource(self, diagnostics, take_chain)
         self._encoders = EncoderWatch(self.get_logger().warning)
-        refuse_unknown(self)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
         # What has waited in a queue is too old to act on.
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        take = diagnostics.refusing('joint_states', self._on_joint_states)
+        take_frame = self.while_active(self._on_joint_states)
+        take = diagnostics.refusing('joint_states', take_frame)
         joint_states = replace(interfaces.JOINT_STATES, qos=latest)
         AdaptiveSubscription(self, joint_states, take, raw=True)
         self.create_service(Trigger, '~/release', self._on_release)
@@ -84,12 +89,14 @@ class SolitonSteering(Node):
         """Of the soliton [rotor spacings], NaN where there is none."""
         return math.nan if self.chain is None else self.chain.place
 
-    def destroy_node(self) -> None:
-        """Let the soliton go and end the goal, then go."""
-        self._let_go('the steering is shut down')
+    def deactivate(self) -> None:
+        """Let the soliton go and end the goal."""
+        self._let_go('the steering is stopped')
         self.torques.wait_for_all_acked(_LAST_WORDS)
+
+    def cleanup(self) -> None:
+        """Close the action."""
         self.server.destroy()
-        super().destroy_node()
 
     def _on_chain(self, named: NamedChain) -> None:
         """Learn the chain; a chain other than the last ends what was done with that."""
@@ -132,6 +139,10 @@ class SolitonSteering(Node):
 
     def _refusal(self, request: MoveSoliton.Goal) -> Ended | None:
         """Begin the move of a request, or tell why not."""
+        if not self.active:
+            return Ended(
+                Outcome.OUT_OF_REACH, 'the steering is not active; activate it first', math.nan
+            )
         if self.chain is None:
             return Ended(
                 Outcome.NO_SOLITON,

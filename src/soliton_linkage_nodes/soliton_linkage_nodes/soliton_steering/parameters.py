@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
+from soliton_linkage_nodes.runtime.managed import ManagedParameters
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class SolitonSteeringParameters:
 
 PARAMETERS: dict[type, str] = {
     SolitonSteeringParameters: '',
+    ManagedParameters: '',
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }

@@ -6,13 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.node import Node
-
 from soliton_linkage_nodes.bags.play.excerpt import Excerpt
 from soliton_linkage_nodes.bags.play.keyboard import DOWN, RIGHT, SPACE, UP, Keyboard
 from soliton_linkage_nodes.bags.play.playing_thread import PlayingThread
 from soliton_linkage_nodes.bags.play.transport import RATES, Transport
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
+from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _FASTER = 1.1
@@ -24,19 +23,24 @@ class PlayerControls:
     """Offers the services of a player and takes keys, until it is closed."""
 
     def __init__(
-        self, node: Node, transport: Transport, playing: PlayingThread, excerpt: Excerpt
+        self,
+        node: ManagedNode,
+        transport: Transport,
+        playing: PlayingThread,
+        excerpt: Excerpt,
     ) -> None:
         """Begin to listen; the excerpt is what is played where a request does not tell."""
         self._transport = transport
         self._playing = playing
         self._excerpt = excerpt
         self._offer_services(node)
+        self._node = node
         self._keyboard = Keyboard(
             {
-                SPACE: transport.toggle,
-                RIGHT: transport.play_next,
-                UP: lambda: self._change_rate(_FASTER),
-                DOWN: lambda: self._change_rate(1 / _FASTER),
+                SPACE: self._key(transport.toggle),
+                RIGHT: self._key(transport.play_next),
+                UP: self._key(lambda: self._change_rate(_FASTER)),
+                DOWN: self._key(lambda: self._change_rate(1 / _FASTER)),
             }
         )
         if self._keyboard.taken:
@@ -46,11 +50,14 @@ class PlayerControls:
         """Give the terminal back."""
         self._keyboard.close()
 
+    def _key(self, act: Callable[[], object]) -> Callable[[], object]:
+        return lambda: self._node.active and act()
+
     def _change_rate(self, factor: float) -> None:
         low, high = RATES
         self._transport.set_rate(min(max(self._transport.rate * factor, low), high))
 
-    def _offer_services(self, node: Node) -> None:
+    def _offer_services(self, node: ManagedNode) -> None:
         transport = self._transport
         serve(node, 'pause', 'Pause', lambda _: self._paused(transport.pause))
         serve(node, 'resume', 'Resume', lambda _: self._paused(transport.resume))

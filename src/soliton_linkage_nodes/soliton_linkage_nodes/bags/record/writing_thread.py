@@ -16,6 +16,8 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _TICK = 0.1
 """How often the bag is told of the time where no messages come, so that it flushes [s]."""
+_LONGEST_FLUSH = 5.0
+"""How long who asks for a flush waits for the disk [s]; what is put is written all the same."""
 _MOST_WAITING = 512 * 2**20
 """What may wait in memory [B]: ten seconds of a thousand rotors at 1000 Hz."""
 
@@ -103,6 +105,18 @@ class WritingThread:
     def split(self) -> None:
         """Have the bag go on in a new file."""
         self._post(self._writer.split)
+
+    def flush(self) -> None:
+        """Wait, not for long, until all that was put is with the system."""
+        written = threading.Event()
+
+        def write() -> None:
+            self._writer.flush()
+            written.set()
+
+        if self.failure is None:
+            self._post(write)
+            written.wait(_LONGEST_FLUSH)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
         """Write all that waits and finish the bag; what fails is kept."""
