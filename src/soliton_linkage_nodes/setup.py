@@ -31,6 +31,7 @@ PROGRAMS = [
     'nudge',
     'recover_bag',
     'robot_description',
+    'suite',
     'watch_soliton',
 ]
 COMMANDS = ['node', 'param', 'run', 'service', 'topic']

@@ -22,6 +22,7 @@ NODES = (
     'live_view',
     'visualisation',
     'foxglove_server',
+    'suite',
 )
 TOOLS = (
     'analyse_bag',

@@ -65,6 +65,15 @@ def name_of(node: NodeClass) -> str:
     return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
 
 
+def parameter_names(node: NodeClass) -> set[str]:
+    """Names of the parameters that a node has whatever it is given."""
+    return {
+        prefix + name
+        for group, prefix in _groups(node).items()
+        for name in described_fields(group)
+    }
+
+
 def help_of(node: NodeClass) -> str:
     """What a node does, its topics, services and parameters, from its docstring and these."""
     told = inspect.cleandoc(node.__doc__ or '').replace('`', '')
@@ -119,11 +128,7 @@ def _command(node: NodeClass) -> str:
 def _meant(node: NodeClass, unknown: Sequence[str]) -> str | None:
     """Arguments that may be meant by those that are unknown; None where nothing comes near."""
     first, rest = unknown[0], unknown[1:]
-    known = {
-        prefix + name
-        for group, prefix in _groups(node).items()
-        for name in described_fields(group)
-    }
+    known = parameter_names(node)
     option, _, value = first.partition('=')
     name = option.lstrip('-').replace('-', '_')
     if first in _ROS_OPTIONS:

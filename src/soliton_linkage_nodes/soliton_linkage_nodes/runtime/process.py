@@ -21,6 +21,9 @@ from soliton_linkage_nodes.runtime.command_line import check_arguments
 from soliton_linkage_nodes.runtime.parameter_files import notices
 from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
+SWITCH_INTERVAL = 1e-4
+"""After which a thread gives the interpreter up [s], where one paces frames: that must not wait
+the usual 5 ms, which are five periods of 1000 Hz."""
 _MIXED = 'Sequence should be of same type'
 """What rcl says of a list such as [1, 0.5]."""
 _LIMITS = (

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current
-from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, run
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
 from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters
@@ -42,9 +42,6 @@ from soliton_linkage_nodes.simulator.services import SimulationServices
 from soliton_linkage_nodes.simulator.standard_services import serve_standard
 from soliton_linkage_nodes.simulator.world import World, rotors_of
 
-_SWITCH_INTERVAL = 1e-4
-"""After which a thread gives the interpreter up [s]: the pacing thread must not wait the usual
-5 ms, which are five periods of 1000 Hz."""
 _SLOWEST = 1e-6
 """Real-time factor below which time stands still anyway [1]: a frame an hour at 300 Hz."""
 _POLL_INTERVAL = 0.02
@@ -194,5 +191,5 @@ def _finished(simulator: Simulator) -> bool:
 
 def main() -> None:
     """Run the simulator until it is told to stop."""
-    sys.setswitchinterval(_SWITCH_INTERVAL)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     run(Simulator, _finished)
