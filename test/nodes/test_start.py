@@ -67,7 +67,7 @@ def test_a_signal_ends_every_program_that_is_being_imported(
         'numpy/__init__.py:<module>',
         'runtime/process.py:stop_on_signals',
         'soliton_analyser/node.py:__init__',
-        'runtime/scheduling.py:look',
+        'runtime/process.py:_spin',
     ],
 )
 def test_a_signal_ends_the_analyser_wherever_its_start_has_got_to(

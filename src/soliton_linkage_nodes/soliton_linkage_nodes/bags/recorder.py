@@ -112,6 +112,7 @@ class BagRecorder(ManagedNode):
 
     def deactivate(self) -> None:
         """Record nothing, with all that was taken in the hands of the system."""
+        self._taking.settle()
         self._taking.pause()
         self._bag.flush()
 

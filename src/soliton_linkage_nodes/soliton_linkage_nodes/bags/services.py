@@ -25,10 +25,10 @@ class Reply:
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
-def serve(node: ManagedNode, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
+def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer `~/<name>`; `act` takes the request, and raises ValueError where it refuses that.
 
-    A node that is not active refuses all.
+    A managed node that is not active refuses all.
 
     What it did, or why it did not, is logged, and told where the response has a field for it. The
     type is that of rosbag2_interfaces, or, where that is not installed, one of the suite with the
@@ -37,7 +37,8 @@ def serve(node: ManagedNode, name: str, type_name: str, act: Callable[[Any], Rep
 
     def respond(request: Any, response: Any) -> Any:
         try:
-            node.check_active()
+            if isinstance(node, ManagedNode):
+                node.check_active()
             done = act(request)
         except ValueError as error:
             node.get_logger().warning(f'~/{name} is refused: {error}')

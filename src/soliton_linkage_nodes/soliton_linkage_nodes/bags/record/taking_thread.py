@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -15,6 +16,8 @@ from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThrea
 
 _POLL_INTERVAL = 0.02
 """How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""
+_LONGEST_ROUND = 5.0
+"""How long who waits for a round of taking does so [s], which takes some ten milliseconds."""
 _SEARCH_INTERVAL = 0.25
 """How often the graph is asked for new topics and publishers, which takes a millisecond [s]."""
 
@@ -36,6 +39,8 @@ class TakingThread:
         self._account = RecordingAccount()
         self._inlets: list[Inlet] = []
         self._add(finder.of_suite())
+        self._rounds = 0
+        self._rounds_changed = threading.Condition()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='taking', daemon=True)
         self._thread.start()
@@ -55,6 +60,12 @@ class TakingThread:
         """Record nothing."""
         with self._lock:
             self._gate.paused = True
+
+    def settle(self) -> None:
+        """Wait until all that has come by now is taken."""
+        with self._rounds_changed:
+            after = self._rounds + 2
+            self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
 
     def resume(self) -> int:
         """Go on, with what latched topics said last in the meantime; return how much that is."""
@@ -86,8 +97,15 @@ class TakingThread:
                 batch.sort(key=attrgetter('stamp'))
                 with self._lock:
                     self._bag.put(self._gate.take(batch))
+                self._end_round(1)
         except Exception as error:
             self.failure = error
+            self._end_round(sys.maxsize)
+
+    def _end_round(self, number: int) -> None:
+        with self._rounds_changed:
+            self._rounds += number
+            self._rounds_changed.notify_all()
 
     def _record(self, held: Callable[[], list[Taken]]) -> int:
         with self._lock:
