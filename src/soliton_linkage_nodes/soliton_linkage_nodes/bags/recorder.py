@@ -16,6 +16,7 @@ from soliton_linkage_nodes.bags.record.inlets import InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.taking_thread import TakingThread
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
+from soliton_linkage_nodes.bags.rescue.continued_bag import take_over, unfinished_bag
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -55,6 +56,11 @@ class BagRecorderParameters:
         's',
         0.0,
         3600.0,
+    )
+    append: bool = quantity(
+        False,
+        'whether to go on, in a new file, with the last bag of this output where its recorder '
+        'was killed',
     )
     start_paused: bool = quantity(False, 'record nothing until ~/resume is called')
 
@@ -101,7 +107,7 @@ class BagRecorder(ManagedNode):
         except BaseException:
             self._bag.abandon()
             raise
-        self.get_logger().info(f'recording to {self._bag.writer.path}')
+        self.get_logger().info(f'recording to {self._bag.writer.path}{self._bag.writer.gap}')
         for name in sorted(self._finder.awaited):
             self.get_logger().info(f'waiting for a publisher of {name}')
 
@@ -201,13 +207,16 @@ class BagRecorder(ManagedNode):
 
 def _create_writer(settings: BagRecorderParameters) -> BagWriter:
     now = time.strftime('%Y_%m_%d-%H_%M_%S')
+    name = Path(settings.output or f'recording_{now}')
+    unfinished = unfinished_bag(name) if settings.append else None
     return BagWriter(
-        Path(settings.output or f'recording_{now}'),
+        name,
         settings.storage,
         settings.compression,
         settings.max_bag_size,
         settings.max_bag_duration,
         sync_interval=settings.sync_interval,
+        begun=take_over(unfinished, settings.storage) if unfinished else None,
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from soliton_linkage_nodes.programs.command_line import ProgramParser
 from soliton_linkage_nodes.runtime.command_line import parameter_names
 from soliton_linkage_nodes.runtime.managed import ManagedNode
-from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, Part, run_together
+from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, Component, run_together
 
 NODES = {
     'simulator': 'simulator.node:Simulator',
@@ -53,8 +53,8 @@ def main() -> None:
     classes = {name: _class_of(name) for name in NODES if name in names}
     sys.setswitchinterval(SWITCH_INTERVAL)
     # The simulator is the last to begin and the first to end: the others miss nothing of it.
-    parts = [Part(create, _cannot_go_on) for create in reversed(classes.values())]
-    run_together(parts, list(addressed(sys.argv, classes)))
+    components = [Component(create, _cannot_go_on) for create in reversed(classes.values())]
+    run_together(components, list(addressed(sys.argv, classes)))
 
 
 def addressed(arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]) -> Iterator[str]:

@@ -98,17 +98,17 @@ def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None 
     line where the program was given arguments that it does not know.
     """
     check_arguments(create_node, sys.argv[1:])
-    run_together([Part(create_node, finished)], sys.argv)
+    run_together([Component(create_node, finished)], sys.argv)
 
 
-class Part(NamedTuple):
+class Component(NamedTuple):
     """What creates a node, and what says whether it has finished or raises its failure."""
 
     create: Callable[[], Node]
     finished: Callable[[Any], bool] | None = None
 
 
-def run_together(parts: Sequence[Part], arguments: list[str]) -> None:
+def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     """Spin several nodes in one process, as `run` does with one; they are destroyed together."""
     stopping = stop_on_signals()
     code = 0
@@ -116,10 +116,10 @@ def run_together(parts: Sequence[Part], arguments: list[str]) -> None:
         initialise(arguments)
         gc.collect()
         with ExitStack() as stack:
-            nodes = [_created(part, stack, arguments) for part in parts]
+            nodes = [_created(component, stack, arguments) for component in components]
             # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
             gc.freeze()
-            _spin(list(zip(parts, nodes, strict=True)), stopping)
+            _spin(list(zip(components, nodes, strict=True)), stopping)
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
@@ -141,14 +141,14 @@ def _is_of_limits(error: Exception) -> bool:
     return isinstance(error, MemoryError) or any(said in str(error) for said in _LIMITS)
 
 
-def _created(part: Part, stack: ExitStack, arguments: Sequence[str]) -> Node:
-    node = part.create()
+def _created(component: Component, stack: ExitStack, arguments: Sequence[str]) -> Node:
+    node = component.create()
     stack.callback(node.destroy_node)
     _tell_notices(node, arguments)
     return node
 
 
-def _spin(nodes: Sequence[tuple[Part, Node]], stopping: threading.Event) -> None:
+def _spin(nodes: Sequence[tuple[Component, Node]], stopping: threading.Event) -> None:
     # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
     executor = EventsExecutor()
     for _, node in nodes:
@@ -156,7 +156,10 @@ def _spin(nodes: Sequence[tuple[Part, Node]], stopping: threading.Event) -> None
     first = any(getattr(node, 'real_time', False) for _, node in nodes)
     place = FirstAsLongAsIdle() if first else None
     while not stopping.is_set():
-        if any(part.finished is not None and part.finished(node) for part, node in nodes):
+        if any(
+            component.finished is not None and component.finished(node)
+            for component, node in nodes
+        ):
             break
         executor.spin_once(timeout_sec=_LONGEST_WAIT)
         if place:

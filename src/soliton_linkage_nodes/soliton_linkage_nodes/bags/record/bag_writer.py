@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rclpy.qos import QoSProfile
 
+from soliton_linkage_nodes.bags.guards.texts import load_json
 from soliton_linkage_nodes.bags.metadata import (
     METADATA_FILE,
     StoredFile,
@@ -27,9 +29,20 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _NOTE_INTERVAL = 1.0
 """How often changed texts are put into the file, which in mcap keeps every version [s]."""
+_GAPS = 'gaps'
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
 """Room for the index of a day's mcap file, which takes some 100 bytes a chunk [B]."""
+
+
+@dataclass(frozen=True)
+class BagBegun:
+    """What a bag holds that another has begun: one file, topics with counts, and texts."""
+
+    path: Path
+    file: StoredFile
+    counts: Mapping[StoredTopic, int]
+    custom_data: Mapping[str, str]
 
 
 class BagWriter:
@@ -54,8 +67,12 @@ class BagWriter:
         longest_file: float = 0.0,
         flush_interval: float = 0.25,
         sync_interval: float = 0.0,
+        begun: BagBegun | None = None,
     ) -> None:
-        """Create the directory; a new file is begun after so many bytes or seconds, if any."""
+        """Create the directory; a new file is begun after so many bytes or seconds, if any.
+
+        A bag that another has begun is gone on with in a new file.
+        """
         writers = STORAGES[storage].writers
         if compression not in writers:
             others = ', '.join(n for n, each in STORAGES.items() if compression in each.writers)
@@ -65,7 +82,10 @@ class BagWriter:
             )
         self.path = name
         self.topics: list[StoredTopic] = []
+        self._known: dict[tuple[str, str], StoredTopic] = {}
         self.finished = False
+        self.gap = ''
+        """What is to be said of a bag that is gone on with."""
         self._is_open = False
         self._begun: int | None = None
         self._storage = storage
@@ -82,12 +102,16 @@ class BagWriter:
         self._flushed_at = self._synced_at = time.monotonic()
         self._noted_at = self._flushed_at - _NOTE_INTERVAL
         with self._complaining():
-            self.path = _first_free(name)
-            self.path.mkdir(parents=True)
+            self.path = _first_free(name) if begun is None else begun.path
+            self.path.mkdir(parents=True, exist_ok=begun is not None)
             try:
                 (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
+                if begun is not None:
+                    self._take_over(begun)
                 self._file = self._open_file()
                 self._is_open = True
+                for topic in self.topics:
+                    self._file.add_topic(topic)
                 self._sync_folder()
             except BaseException:
                 self.leave_nothing()
@@ -118,8 +142,11 @@ class BagWriter:
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
         """Begin to store a topic that is told whole; return it with its number in this bag."""
+        known = self._known.get((topic.name, topic.type_name))
+        if known is not None:
+            return known
         stored = replace(topic, number=len(self.topics) + 1)
-        self.topics.append(stored)
+        self._keep(stored)
         with self._complaining():
             self._file.add_topic(stored)
         return stored
@@ -190,14 +217,30 @@ class BagWriter:
                 self._file.abandon()
 
     def leave_nothing(self) -> None:
-        """Remove a bag that has no message, be it finished or not even begun."""
-        if self._is_open and self.messages:
+        """Remove a bag of its own that has no message, be it finished or not even begun."""
+        if self.gap or (self._is_open and self.messages):
             return
         names = [_RESERVE, METADATA_FILE, self._file_name(), *(file.name for file in self._files)]
         with suppress(OSError):
             for name in names:
                 (self.path / name).unlink(missing_ok=True)
             self.path.rmdir()
+
+    def _keep(self, topic: StoredTopic) -> None:
+        self.topics.append(topic)
+        self._known[topic.name, topic.type_name] = topic
+
+    def _take_over(self, begun: BagBegun) -> None:
+        """Have what was recorded before, and say from when to when [ns] nothing was."""
+        for topic in sorted(begun.counts, key=lambda topic: topic.number):
+            self._keep(topic)
+        self._counts.update({topic.number: n for topic, n in begun.counts.items()})
+        self._files.append(begun.file)
+        missing = (time.time_ns() - begun.file.end) / SECOND
+        self.gap = f', which was begun before: {missing:.1f} s up to now are missing'
+        told = load_json(begun.custom_data.get(_GAPS, '[]'))
+        gaps = [*(told if isinstance(told, list) else []), [begun.file.end, time.time_ns()]]
+        self._custom_data = {**begun.custom_data, _GAPS: json.dumps(gaps)}
 
     def _split(self) -> None:
         self._close_file()
