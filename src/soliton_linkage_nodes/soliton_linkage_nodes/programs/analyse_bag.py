@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyse a bag without any node: a table of what each frame shows, and pictures of the run."""
+"""Analyse bags without any node: a table of what each frame shows, and pictures of the run.
+
+Of many bags each has a folder, and a row in bags.csv. They are analysed side by side, and the
+same command goes on where it was interrupted.
+"""
 
 from __future__ import annotations
 
 import argparse
 import csv
 import math
+import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +24,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
 from soliton_linkage.studies.pictures import save_run
+from soliton_linkage.studies.workers import process_count
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
@@ -38,6 +45,8 @@ from soliton_linkage_nodes.programs.command_line import (
     plain_failures,
 )
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
+from soliton_linkage_nodes.programs.many_bags.run import analyse_many
+from soliton_linkage_nodes.programs.many_bags.study import ManyBags, named_bags
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _MOST_DRAWN = 4000
@@ -132,21 +141,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
             limits = limits_of(options)
             given = chain_of_file(options.chain) if options.chain else None
             if given is not None:
-                check_override(options.bag, given, options.override, limits)
-            analyse(options.bag, options.output, given, options.noise, limits)
+                for bag in options.bags:
+                    check_override(bag, given, options.override, limits)
+            if len(options.bags) == 1:
+                analyse(options.bags[0], options.output, given, options.noise, limits)
+            else:
+                failed = analyse_many(_many(options), options.workers, options.scheduler)
+                sys.exit(min(failed, 1))
         except KeyboardInterrupt:
             print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
             raise
 
 
+def _many(options: argparse.Namespace) -> ManyBags:
+    chain = options.chain.resolve() if options.chain else None
+    folder = options.output.resolve()
+    within = partial(analyse, limits=limits_of(options))
+    return ManyBags(named_bags(options.bags), folder, within, chain, options.noise)
+
+
 def _parser() -> ProgramParser:
     parser = ProgramParser(prog='analyse_bag', description=__doc__)
-    parser.add_argument('bag', type=Path, help='directory of the bag, as bags/flipper_0')
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='bag', help='directory of a bag, as bags/flipper_0'
+    )
     parser.add_argument(
         '--output',
         type=Path,
         default=Path('out/analysis'),
-        help='folder for soliton_state.csv, kymograph.png and track.png (%(default)s)',
+        help='folder for soliton_state.csv, kymograph.png and track.png, or for one folder a '
+        'bag and bags.csv (%(default)s)',
     )
     parser.add_argument(
         '--chain',
@@ -163,6 +187,14 @@ def _parser() -> ProgramParser:
         help="standard deviation of the encoders' noise [rad], above 0 and up to 1 (estimated)",
     )
     add_limits(parser)
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        '--workers',
+        type=process_count,
+        default=os.cpu_count() or 1,
+        help='processes for many bags (one a core)',
+    )
+    where.add_argument('--scheduler', help='address of a Dask cluster that shares the files')
     return parser
 
 

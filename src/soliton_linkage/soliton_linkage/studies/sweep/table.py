@@ -14,13 +14,33 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 import yaml
 
-from soliton_linkage.studies.sweep.config import SweepStudy
-
 _CONFIGURATION = 'configuration.yaml'
+
+
+class Tabulated(Protocol):
+    """What has rows that are measured one by one, as a sweep."""
+
+    @property
+    def name(self) -> str:
+        """Of the table."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns, the number of the row first."""
+
+    @property
+    def rows(self) -> int:
+        """How many there are."""
+
+    def cells(self, row: int) -> list[str]:
+        """Measure a row."""
+
+    def described(self) -> dict[str, Any]:
+        """What decides the rows."""
 
 
 class Table:
@@ -29,7 +49,7 @@ class Table:
     Raises ValueError where the folder is of another configuration, or another sweep is writing.
     """
 
-    def __init__(self, study: SweepStudy, folder: Path) -> None:
+    def __init__(self, study: Tabulated, folder: Path) -> None:
         """Open the table of a sweep, with the rows that are there already."""
         self.path = folder / f'{study.name}.csv'
         self._study = study

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from soliton_linkage.studies.sweep.config import SweepStudy
+from soliton_linkage.studies.sweep.table import Tabulated
 from soliton_linkage.studies.workers import Pool, local_processes
 
 _SECONDS_A_CHUNK = 1.0
@@ -34,7 +34,7 @@ class Workers:
     pool: Pool
     count: int
 
-    def measured(self, study: SweepStudy, rows: Sequence[int]) -> Iterator[list[list[str]]]:
+    def measured(self, study: Tabulated, rows: Sequence[int]) -> Iterator[list[list[str]]]:
         """Yield the cells of the rows of a sweep in chunks, whichever is finished first.
 
         A chunk takes about a second, however long a row does.
@@ -58,7 +58,7 @@ class Workers:
             yield cells
 
 
-def measure_rows(study: SweepStudy, rows: list[int]) -> Chunk:
+def measure_rows(study: Tabulated, rows: list[int]) -> Chunk:
     """Measure rows of a sweep until about a second is over.
 
     Returns the cells of one row or more, the rows that are left, and the time that it took [s].

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of many bags is the same whatever happens to those who fill it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from pretended_analysis import pretend
+from recordings import run_of, write_bag
+
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs import analyse_bag
+from soliton_linkage_nodes.programs.many_bags.run import analyse_many
+from soliton_linkage_nodes.programs.many_bags.study import COLUMNS, ManyBags, named_bags
+
+DEADLY = ('bag_60', 'bag_140')
+
+
+def bags(folder: Path, number: int) -> list[Path]:
+    return [folder / f'bag_{n}' for n in range(number)]
+
+
+def test_200_bags_with_two_workers_killed_on_the_way_give_the_same_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables = []
+    for deadly, output in (((), tmp_path / 'quiet'), (DEADLY, tmp_path / 'killed')):
+        for name in deadly:
+            (tmp_path / f'{name}.deadly').touch()
+        study = ManyBags(named_bags(bags(tmp_path, 200)), output, pretend)
+        assert analyse_many(study, 2) == 1
+        tables.append((output / 'bags.csv').read_text())
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 201
+    assert capsys.readouterr().err.count('others go on') == 2
+    assert not list(tmp_path.glob('*.deadly'))
+
+
+def test_bags_are_analysed_as_one_is_and_one_that_fails_is_told(
+    named: NamedChain, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 50))
+    given = [str(bag), str(tmp_path / 'none'), '--workers', '1']
+    with pytest.raises(SystemExit) as ended:
+        analyse_bag.main([*given, '--output', str(tmp_path / 'many')])
+    assert ended.value.code == 1
+    analyse_bag.main([str(bag), '--output', str(tmp_path / 'alone')])
+    states = [tmp_path / folder / 'soliton_state.csv' for folder in ('many/run_0', 'alone')]
+    assert states[0].read_text() == states[1].read_text()
+    rows = list(csv.DictReader((tmp_path / 'many/bags.csv').open()))
+    assert tuple(rows[0]) == COLUMNS
+    assert rows[0]['failure'] == ''
+    assert int(rows[0]['frames']) == len(states[1].read_text().splitlines()) - 1
+    assert 'does not exist' in rows[1]['failure'] or 'cannot be read' in rows[1]['failure']
+    assert '1 of 2 bags in ' in capsys.readouterr().out
+
+
+def test_bags_of_one_name_are_told_apart_and_none_is_taken_twice(tmp_path: Path) -> None:
+    paths = [tmp_path / 'a/run_0', tmp_path / 'b/run_0', tmp_path / 'run_1']
+    assert [name for name, _ in named_bags(paths)] == ['a_run_0', 'b_run_0', 'run_1']
+    with pytest.raises(ValueError, match='run_1 is given twice'):
+        named_bags([*paths, paths[-1]])
