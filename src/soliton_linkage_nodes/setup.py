@@ -64,7 +64,14 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (SHARE, ['package.xml']),
-        *files('launch/*.launch.py', 'config/*.yaml', 'config/views/*', 'bags/*.md', 'bags/*/*'),
+        *files(
+            'launch/*.launch.py',
+            'config/*.yaml',
+            'config/chains/*.yaml',
+            'config/views/*',
+            'bags/*.md',
+            'bags/*/*',
+        ),
     ],
     install_requires=[
         'backports.zstd',

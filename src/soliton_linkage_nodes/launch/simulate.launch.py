@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated chain with actuator, analyser, steering and pictures; a recorder if asked for."""
 
+from itertools import pairwise
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.conditions import IfCondition
+from launch.event_handlers import OnProcessStart
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitution import Substitution
-from launch.substitutions import LaunchConfiguration, PythonExpression
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
@@ -16,32 +22,53 @@ from launch import LaunchDescription
 PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMES = sorted(path.stem for path in CONFIGURATIONS.glob('*.yaml'))
+IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator', 'simulator')
+"""The nodes that hear come before those that speak."""
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
+"""What dies is begun anew after a second [s], but not for ever what cannot start."""
 
 
-class ConfigurationFile(Substitution):
-    """Path of the file that `config:=` names, or is."""
+def configuration(given):
+    """Return the path of a file that a name means, or that is given itself; ValueError else."""
+    path = CONFIGURATIONS / f'{given}.yaml' if given in NAMES else Path(given)
+    if not path.is_file():
+        raise ValueError(
+            f'config:={given} is no file and none of {", ".join(NAMES)}; '
+            f'files are looked for from {Path.cwd()}'
+        )
+    return str(path)
 
-    def perform(self, context):
-        """Return the path; raises ValueError where there is none."""
-        config = context.perform_substitution(LaunchConfiguration('config'))
-        path = CONFIGURATIONS / f'{config}.yaml' if config in NAMES else Path(config)
-        if not path.is_file():
-            raise ValueError(
-                f'config:={config} is no file and none of {", ".join(NAMES)}; '
-                f'files are looked for from {Path.cwd()}'
-            )
-        return str(path)
+
+def nodes(context):
+    """Return the first of the nodes; each begins the next, once."""
+    config, namespace, record = (
+        context.perform_substitution(LaunchConfiguration(name))
+        for name in ('config', 'namespace', 'record')
+    )
+    path = configuration(config)
+    actions = [
+        Node(
+            package=PACKAGE,
+            executable=name,
+            namespace=namespace,
+            output='screen',
+            ros_arguments=['--params-file', path],
+            # A recorder that has died goes on with its bag.
+            parameters=[{'output': record, 'append': True}] if name == 'bag_recorder' else [],
+            **RESPAWN,
+        )
+        for name in IN_ORDER
+        if record or name != 'bag_recorder'
+    ]
+    handlers = [
+        RegisterEventHandler(OnProcessStart(target_action=one, on_start=[other], handle_once=True))
+        for one, other in pairwise(actions)
+    ]
+    return [*handlers, actions[0]]
 
 
 def generate_launch_description():
     """Return the nodes, all in one namespace and with one parameter file."""
-    record = LaunchConfiguration('record')
-    common = {
-        'package': PACKAGE,
-        'namespace': LaunchConfiguration('namespace'),
-        'output': 'screen',
-        'ros_arguments': ['--params-file', ConfigurationFile()],
-    }
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -65,15 +92,6 @@ def generate_launch_description():
                 PythonLaunchDescriptionSource(str(Path(__file__).with_name('view.launch.py'))),
                 condition=IfCondition(LaunchConfiguration('draw')),
             ),
-            *(
-                Node(executable=name, **common)
-                for name in ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
-            ),
-            Node(
-                executable='bag_recorder',
-                parameters=[{'output': record}],
-                condition=IfCondition(PythonExpression(["'", record, "' != ''"])),
-                **common,
-            ),
+            OpaqueFunction(function=nodes),
         ]
     )

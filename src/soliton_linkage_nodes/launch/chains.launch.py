@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any number of chains, each in a namespace and in one process, with recorders if asked for."""
+
+from pathlib import Path
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from launch import LaunchDescription
+
+PACKAGE = 'soliton_linkage_nodes'
+EXAMPLES = Path(get_package_share_directory(PACKAGE), 'config', 'chains')
+NAMES = sorted(path.stem for path in EXAMPLES.glob('*.yaml'))
+BAGS = ('each', 'one')
+SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
+"""What dies is begun anew after a second [s], but not for ever what cannot start."""
+
+
+def chains_of(path):
+    """Return the namespaces that a file of parameters names, in its order; ValueError for none."""
+    sections = yaml.safe_load(path.read_text(encoding='utf-8'))
+    firsts = [section.strip('/').split('/')[0] for section in sections]
+    chains = [name for name in dict.fromkeys(firsts) if not name.startswith('*')]
+    if not chains:
+        raise ValueError(f'{path} names no chain; begin sections with /NAME/**: or /NAME/NODE:')
+    return chains
+
+
+def recorder(record, chains, path):
+    """Return a recorder of all that the chains publish, in one bag."""
+    pattern = f'^/({"|".join(chains)})/'
+    return Node(
+        package=PACKAGE,
+        executable='bag_recorder',
+        output='screen',
+        ros_arguments=['--params-file', path],
+        parameters=[{'output': record, 'regex': pattern, 'append': True}],
+        **RESPAWN,
+    )
+
+
+def suite(chain, record, path):
+    """Return the nodes of a chain in one process, with a recorder where it has a bag."""
+    rules = ['-p', f'bag_recorder:output:={record}_{chain}', '-p', 'bag_recorder:append:=true']
+    return Node(
+        package=PACKAGE,
+        executable='suite',
+        namespace=chain,
+        output='screen',
+        arguments=[*SUITE, *(['bag_recorder'] if record else [])],
+        ros_arguments=['--params-file', path, *(rules if record else [])],
+        **RESPAWN,
+    )
+
+
+def processes(context):
+    """Return the recorder of all, if there is to be one, and the processes of the chains."""
+    given, record, bags = (
+        context.perform_substitution(LaunchConfiguration(name))
+        for name in ('chains', 'record', 'bags')
+    )
+    path = EXAMPLES / f'{given}.yaml' if given in NAMES else Path(given)
+    if not path.is_file():
+        raise ValueError(
+            f'chains:={given} is no file and none of {", ".join(NAMES)}; '
+            f'files are looked for from {Path.cwd()}'
+        )
+    if bags not in BAGS:
+        raise ValueError(f'bags:={bags} must be one of {", ".join(BAGS)}')
+    chains = chains_of(path)
+    together = [recorder(record, chains, str(path))] if record and bags == 'one' else []
+    own = record if bags == 'each' else ''
+    return [*together, *(suite(chain, own, str(path)) for chain in chains)]
+
+
+def generate_launch_description():
+    """Return a process for each chain of the file."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'chains',
+                default_value='three_motions',
+                description=f'parameters: {", ".join(NAMES)}, or the path of a file like them',
+            ),
+            DeclareLaunchArgument(
+                'record', default_value='', description='bag to record; empty for none'
+            ),
+            DeclareLaunchArgument(
+                'bags',
+                default_value='each',
+                description='each: a bag of each chain, its name added; one: one bag for all',
+            ),
+            OpaqueFunction(function=processes),
+        ]
+    )
