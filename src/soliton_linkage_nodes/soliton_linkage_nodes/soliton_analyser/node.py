@@ -20,6 +20,7 @@ from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
+from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
@@ -59,6 +60,7 @@ class SolitonAnalyser(ManagedNode):
         """Learn the chain and its orbit, and listen to its joints."""
         self.waiting: deque[bytes] = deque()
         self._decoder = JointStateDecoder()
+        self._stamps = ClockWatch()
         self._frames = 0
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
@@ -98,6 +100,7 @@ class SolitonAnalyser(ManagedNode):
         begin = time.perf_counter()
         try:
             joints = self._decoder.decode(serialized)
+            self._stamps.note(joints.stamp, self.get_clock().now().nanoseconds)
             if self._analysis.analyser is None:
                 self._analysis.learn_joints(self._source.parameters.joint_names or joints.name)
             analysis = self._analysis.analyse(joints)
@@ -121,6 +124,7 @@ class SolitonAnalyser(ManagedNode):
             'time per frame [ms]': 1e3 * (self._busy - busy_before) / max(fresh, 1),
             'frames': self._frames,
             'subscribers': self._publisher.get_subscription_count(),
+            **self._stamps.figures(),
         }
         message, warning = describe(self._analysis)
         if not fresh:

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Another clock is found out by the quickest of the messages that it stamps."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
+
+SECOND = 10**9
+
+
+@pytest.mark.parametrize(('offset', 'drift'), [(0.0, 0.0), (3.5, 500.0), (-7.0, -2000.0)])
+def test_offset_and_drift_of_a_clock_are_told(offset: float, drift: float) -> None:
+    ways = random.Random(1)
+    watch = ClockWatch()
+    for second in range(30):
+        for frame in range(100):
+            sent = second + frame / 100
+            came = sent + 0.0002 + ways.expovariate(1000.0)
+            stamp = sent - offset - drift * 1e-6 * sent
+            watch.note(round(stamp * SECOND), round(came * SECOND))
+        told = watch.figures()
+        expected = offset + drift * 1e-6 * second
+        assert told['stamps behind the clock [s]'] == pytest.approx(expected, abs=0.005)
+        assert len(told) == 2 or second < 12
+    assert told['drift of stamps against the clock [ppm]'] == pytest.approx(drift, abs=20)
+
+
+def test_without_messages_nothing_is_told() -> None:
+    watch = ClockWatch()
+    assert watch.figures() == {}
+    watch.note(1, 2)
+    assert watch.figures() == {'stamps behind the clock [s]': 1e-9}
+    assert watch.figures() == {}
