@@ -49,6 +49,7 @@ class ManagedNode(LifecycleNode):
         """Whether it does its work."""
         self.configured = False
         """Whether it has what it works with."""
+        self._leaving = False
         self._failed_of: Exception | None = None
         self._of_all: set[Any] = set()
         managed = declare(self, ManagedParameters)
@@ -106,25 +107,25 @@ class ManagedNode(LifecycleNode):
         self.configured = self._carried_out(self.configure)
         if not self.configured:
             self._destroy_what_was_made()
-        return self._answer(self.configured)
+        return self._answer(self.configured, 'configured')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate."""
         self.active = self._carried_out(self.activate)
-        return self._answer(self.active)
+        return self._answer(self.active, 'activated')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate; nothing keeps it from that."""
         self.active = False
         self._carried_out(self.deactivate)
-        return TransitionCallbackReturn.SUCCESS
+        return self._answer(True, 'deactivated')
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up; nothing keeps it from that."""
         self.configured = False
         self._carried_out(self.cleanup)
         self._destroy_what_was_made()
-        return TransitionCallbackReturn.SUCCESS
+        return self._answer(True, 'cleaned up')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate and clean up, as far as there is need to."""
@@ -136,6 +137,7 @@ class ManagedNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Deactivate and clean up, then go; raises what cleaning up raises."""
+        self._leaving = True
         try:
             if self.active:
                 self.trigger_deactivate()
@@ -162,7 +164,9 @@ class ManagedNode(LifecycleNode):
             return False
         return True
 
-    def _answer(self, done: bool) -> TransitionCallbackReturn:
+    def _answer(self, done: bool, what: str) -> TransitionCallbackReturn:
+        if done and not self.starting and not self._leaving:
+            self.get_logger().info(what)
         return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
 
     def _follow(self) -> None:

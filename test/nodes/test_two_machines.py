@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator on one machine is heard on another, as two network namespaces are to each other."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from graphs import values
+from programs import LONGEST_WAIT, Program
+from rclpy.serialization import deserialize_message
+from recordings import messages_of
+
+NAMES = [f'soliton_{os.getpid()}_{end}' for end in 'ab']
+ENDS = [f'sl{os.getpid()}{end}' for end in 'ab']
+ENOUGH = 500_000
+
+
+def ip(arguments: str) -> None:
+    subprocess.run(['ip', *arguments.split()], check=True, capture_output=True)
+
+
+@pytest.fixture
+def machines() -> Iterator[list[list[str]]]:
+    """Commands that run a program on one of two machines that are joined by a wire."""
+    if shutil.which('ip') is None:
+        pytest.skip('ip is not installed')
+    try:
+        for name in NAMES:
+            ip(f'netns add {name}')
+        ip(f'link add {ENDS[0]} type veth peer name {ENDS[1]}')
+        for number, (name, end) in enumerate(zip(NAMES, ENDS, strict=True), 1):
+            ip(f'link set {end} netns {name}')
+            ip(f'-n {name} addr add 10.89.0.{number}/24 dev {end}')
+            ip(f'-n {name} link set {end} up')
+            ip(f'-n {name} link set lo up')
+        subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
+        yield [['ip', 'netns', 'exec', name, *subnet] for name in NAMES]
+    except subprocess.CalledProcessError:
+        pytest.skip('network namespaces may not be made here')
+    finally:
+        for name in NAMES:
+            subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)
+
+
+def test_simulator_here_analyser_there(
+    machines: list[list[str]], start: Callable[..., Program], tmp_path: Path
+) -> None:
+    here, there = machines
+    bag = tmp_path / 'run_0'
+    hearing = start(
+        'suite',
+        *('soliton_analyser', 'bag_recorder', '--ros-args', '-p', f'output:={tmp_path / "run"}'),
+        command=there,
+    )
+    simulator = start('simulator', '--ros-args', '-p', 'publish_rate:=100.0', command=here)
+    deadline = time.monotonic() + LONGEST_WAIT
+    while sum(file.stat().st_size for file in bag.glob('*.mcap')) < ENOUGH:
+        assert time.monotonic() < deadline, (hearing.said, simulator.said)
+        time.sleep(0.2)
+    assert simulator.stop() == 0
+    assert hearing.stop() == 0
+    assert any('/chain tells of' in line for line in hearing.said)
+    assert hearing.said[-1].endswith(', 0 lost')
+    held = messages_of(bag)
+    assert held['/joint_states']
+    assert held['/soliton_state']
+    reports = [deserialize_message(each, DiagnosticArray) for each in held['/diagnostics']]
+    behind = [
+        float(values(status)['stamps behind the clock [s]'])
+        for report in reports
+        for status in report.status
+        if 'stamps behind the clock [s]' in values(status)
+    ]
+    assert max(behind) < 1
