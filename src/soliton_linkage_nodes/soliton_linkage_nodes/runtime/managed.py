@@ -45,6 +45,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         """Declare the parameters and, unless a manager is to do it, configure and activate."""
         super().__init__(name, **kwargs)
+        self._inactive = f'{self.get_name()} is not active; activate it first'
         self.active = False
         """Whether it does its work."""
         self.configured = False
@@ -95,7 +96,7 @@ class ManagedNode(LifecycleNode):
     def check_active(self) -> None:
         """Raise ValueError where the node is not active."""
         if not self.active:
-            raise ValueError(f'{self.get_name()} is not active; activate it first')
+            raise ValueError(self._inactive)
 
     def reporting(self, report: Callable[[], Report]) -> Callable[[], Report]:
         """Return a report that says where the node is not active."""

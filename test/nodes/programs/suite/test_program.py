@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from graphs import Graph, values
@@ -46,26 +47,35 @@ def test_five_nodes_in_one_process_as_in_their_own(
     assert (tmp_path / 'run_0/metadata.yaml').exists()
 
 
+def given_to(*rules: str) -> tuple[list[str], dict[str, dict[str, Any]]]:
+    """Return what is left of rules, and the values that each node is given."""
+    arguments = [part for rule in rules for part in ('-p', rule)]
+    rest, given = addressed(['suite', '--ros-args', *arguments], CLASSES)
+    return rest[2:], {
+        node: {parameter.name: parameter.value for parameter in parameters}
+        for node, parameters in given.items()
+        if parameters
+    }
+
+
 def test_a_parameter_goes_to_the_nodes_that_have_it() -> None:
-    rules = ['-p', 'publish_rate:=100.0', '-p', 'torque_limit:=1.0']
-    given = ['suite', '--ros-args', *rules, '--params-file', 'x']
-    assert list(addressed(given, CLASSES)) == [
-        *('suite', '--ros-args', '-p', 'simulator:publish_rate:=100.0'),
-        *('-p', 'simulator:torque_limit:=1.0', '-p', 'edge_actuator:torque_limit:=1.0'),
-        *('-p', 'soliton_steering:torque_limit:=1.0', '--params-file', 'x'),
-    ]
+    rest, given = given_to('publish_rate:=100.0', 'torque_limit:=1e-3', 'joints:=[a, b]')
+    assert rest == []
+    assert given == {
+        'simulator': {'publish_rate': 100.0, 'torque_limit': 1e-3},
+        'edge_actuator': {'torque_limit': 1e-3, 'joints': ['a', 'b']},
+        'soliton_steering': {'torque_limit': 1e-3},
+    }
 
 
-@pytest.mark.parametrize(
-    'rule', ['simulator:publish_rate:=1.0', 'nonsense:=1', 'use_sim_time:=true']
-)
-def test_a_rule_that_names_its_node_or_is_for_none_stays(rule: str) -> None:
-    assert list(addressed(['--param', rule], CLASSES)) == ['--param', rule]
+def test_a_parameter_may_be_for_one_node_in_any_namespace() -> None:
+    _, given = given_to('edge_actuator:torque_limit:=2', 'torque_limits.rotor_3:=0.1')
+    assert given == {'edge_actuator': {'torque_limit': 2, 'torque_limits.rotor_3': 0.1}}
 
 
-def test_limits_of_joints_go_to_the_actuator() -> None:
-    (_, rule) = addressed(['-p', 'torque_limits.rotor_3:=0.1'], CLASSES)
-    assert rule == 'edge_actuator:torque_limits.rotor_3:=0.1'
+@pytest.mark.parametrize('rule', ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0'])
+def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
+    assert given_to(rule) == (['-p', rule], {})
 
 
 def test_a_node_that_there_is_not_is_refused_in_one_line(

@@ -7,10 +7,15 @@ ends all and closes the bag. With real encoders in place of the simulator, name 
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from typing import Any
+
+import yaml
+from rclpy.parameter import Parameter
 
 from soliton_linkage_nodes.programs.command_line import ProgramParser
 from soliton_linkage_nodes.runtime.command_line import parameter_names
@@ -26,6 +31,7 @@ NODES = {
 }
 """Where the class of each node is; a node that is not asked for is not imported."""
 _PARAMETER_OPTIONS = ('-p', '--param')
+_EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _OF_JOINTS = 'torque_limits.'
 """Beginning of parameters whose names are given by others."""
 
@@ -52,25 +58,56 @@ def main() -> None:
             parser.error(f'{name!r} is none of {", ".join(NODES)}')
     classes = {name: _class_of(name) for name in NODES if name in names}
     sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        rest, given = addressed(sys.argv, classes)
+    except (TypeError, ValueError) as error:
+        parser.error(str(error))
+    components = [
+        Component(partial(create, parameter_overrides=given[name]), _cannot_go_on)
+        for name, create in classes.items()
+    ]
     # The simulator is the last to begin and the first to end: the others miss nothing of it.
-    components = [Component(create, _cannot_go_on) for create in reversed(classes.values())]
-    run_together(components, list(addressed(sys.argv, classes)))
+    run_together(components[::-1], rest)
 
 
-def addressed(arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]) -> Iterator[str]:
-    """Arguments of ROS with each parameter given to those nodes only that have it.
+def addressed(
+    arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
+) -> tuple[list[str], dict[str, list[Parameter]]]:
+    """Arguments of ROS without the parameters that nodes have, and these by the nodes' names.
 
-    What none of them has is left as it is, and is refused.
+    For ROS a parameter is for all nodes, or for one that is in no namespace. What no node has is
+    left as it is, and is refused.
     """
-    rest = iter(arguments)
-    for argument in rest:
-        rule = next(rest, None) if argument in _PARAMETER_OPTIONS else None
-        if rule is None:
-            yield argument
-            continue
-        owners = [name for name, node in classes.items() if _has(node, rule.partition(':=')[0])]
-        for given in [f'{owner}:{rule}' for owner in owners] or [rule]:
-            yield from (argument, given)
+    rest: list[str] = []
+    given: dict[str, list[Parameter]] = {name: [] for name in classes}
+    following = iter(arguments)
+    for argument in following:
+        rule = next(following, None) if argument in _PARAMETER_OPTIONS else None
+        full_name, _, text = (rule or '').partition(':=')
+        whom, _, name = full_name.rpartition(':')
+        owners = [
+            each for each, node in classes.items() if whom in ('', each) and _has(node, name)
+        ]
+        for owner in owners:
+            given[owner].append(Parameter(name, value=_value(text)))
+        if not owners:
+            rest += [argument] if rule is None else [argument, rule]
+    return rest, given
+
+
+def _value(text: str) -> Any:
+    """Value as ROS reads it: as YAML, in which 1e-3 is a number as well."""
+    try:
+        read = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f'{text!r} is no value: {" ".join(str(error).split())}') from error
+    if isinstance(read, list):
+        return [_with_exponent(each) for each in read]
+    return '' if read is None else _with_exponent(read)
+
+
+def _with_exponent(read: Any) -> Any:
+    return float(read) if isinstance(read, str) and _EXPONENT.fullmatch(read) else read
 
 
 def _has(node: type[ManagedNode], name: str) -> bool:
