@@ -198,6 +198,7 @@ def ours(integrator: str) -> Command:
             'initial_place': min(PLACE, rotors - PLACE),
             'initial_velocity': VELOCITY,
             'subscribers': 1,
+            'real_time': 'true',
         }
         return node_command('simulator', settings)
 

@@ -6,6 +6,7 @@ use; this one nudges to and fro at random instants. While the wall moves freely,
 joint_states hardly change from frame to frame, and a nudge changes them by its speed (norm over
 rotors): the first frame whose rates are farther than half the speed from those of the frame before
 shows the nudge. The first soliton_state that shows it is that of this frame.
+The nodes ask for real-time priority, which they have where the system allows it.
 Messages count as come when they reach this process, by the time that the middleware notes. So as
 not to measure itself, this process goes before ordinary ones, where the system allows it, and
 sleeps from well before a nudge until what follows has long come.
@@ -98,6 +99,7 @@ def main() -> None:
             ('edge_actuator', {}),
             ('soliton_analyser', {}),
         ):
+            given = {**given, 'real_time': 'true'}
             processes.enter_context(running(node_command(name, given)))
         go_first(True)
         node = rclpy.create_node('benchmark')
