@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import imageio_ffmpeg
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from soliton_linkage_nodes.programs.child_processes import private_domain
@@ -32,7 +33,8 @@ CONFIGURATION = HERE.parents[1] / 'config' / 'flipper.yaml'
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
 SIZE = {'width': 1400, 'height': 1010}
 FROM, TO, SPEED = 8.5, 28.0, 5.0
-RATE, LENGTH, WIDTH = 8, 6.0, 800
+RATE, LENGTH, WIDTH = 3, 6.0, 640
+COLOURS = 32
 LONGEST_START = 60.0
 
 
@@ -95,9 +97,11 @@ def film(page: Any, folder: Path) -> None:
         page.wait_for_timeout(max(0.0, 1e3 * (number / RATE - elapsed)))
         page.screenshot(path=folder / f'{number:03}.png')
         number += 1
-    shutil.copy(folder / f'{number // 2:03}.png', HERE / 'live.png')
+    picture = Image.open(folder / f'{number // 2:03}.png').convert('RGB')
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(HERE / 'live.png', optimize=True)
     palette = (
-        'split[a][b];[a]palettegen=max_colors=64:stats_mode=diff[p];[b][p]paletteuse=dither=none'
+        f'split[a][b];[a]palettegen=max_colors={COLOURS}:stats_mode=diff[p];'
+        '[b][p]paletteuse=dither=none'
     )
     subprocess.run(
         [

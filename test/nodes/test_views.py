@@ -157,7 +157,9 @@ def test_curves_of_plotjuggler_show_numbers_that_there_are(curve: dict[str, str]
         space, node, task = STATUS.fullmatch(field[1:]).groups()
         assert space == node
         (name,) = SOURCES.glob(f'{node}/node.py')
-        assert f"Diagnostics(self, '{task}'" in name.read_text(encoding='utf-8')
+        told = re.search(r"\bDiagnostics\(\s*self,\s*'(\w+)'", name.read_text(encoding='utf-8'))
+        assert told
+        assert told[1] == task
     else:
         check((topic, path))
 
