@@ -37,6 +37,7 @@ def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
         return str(error)
     finally:
         nudger.destroy_node()
+        graph.until(lambda: 'nudge' not in graph.user.get_node_names(), 'a nudger that is gone')
 
 
 def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:

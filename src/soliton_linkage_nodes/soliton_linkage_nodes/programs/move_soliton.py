@@ -16,16 +16,13 @@ from typing import Any
 
 import rclpy
 from rclpy.action import ActionClient
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
-from soliton_linkage_nodes.programs.spinning import spin_until
+from soliton_linkage_nodes.programs.spinning import WaitingNode
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import refuse_unknown
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -41,19 +38,15 @@ _LAST_WORDS = 0.3
 pressed Ctrl-C waits longer."""
 
 
-class Mover(Node):
+class Mover(WaitingNode):
     """Sends one goal, shows the way, and cancels it when it is interrupted."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         """Connect to the action; `stopping` is set to interrupt."""
-        super().__init__('move_soliton', **kwargs)
-        self._stopping = stopping
+        super().__init__('move_soliton', stopping, **kwargs)
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON)
         self._line = LeanLine(self)
         self._heard_at = math.inf
-        refuse_unknown(self)
-        self._spinning = EventsExecutor(context=self.context)
-        self._spinning.add_node(self)
 
     def move(self, rotor: float, speed: float) -> MoveSoliton.Result:
         """Return how it ended.
@@ -72,23 +65,22 @@ class Mover(Node):
         self._heard_at = time.monotonic()
         handle = sent.result()
         ended = handle.get_result_async()
-        if not self._wait(lambda: ended.done() or self._loss(), math.inf):
+        if not self.wait(lambda: ended.done() or self._loss(), math.inf):
             handle.cancel_goal_async()
-            spin_until(self._spinning, ended.done, _LAST_WORDS)
+            self.wait_on(ended.done, _LAST_WORDS)
         if ended.done():
             result: MoveSoliton.Result = ended.result().result
             self._line.end(result.message)
             return result
         loss = self._loss()
-        if self._stopping.is_set():
+        if self.stopping.is_set():
             self._line.end(f'cancelled; {loss or "soliton_steering brings the soliton to rest"}')
             raise KeyboardInterrupt
         self._line.end('the move is given up')
         raise ValueError(loss)
 
     def destroy_node(self) -> None:
-        """Leave the graph, which the executor and the client would else stay on."""
-        self._spinning.shutdown()
+        """Leave the graph, and the action."""
         self._client.destroy()
         super().destroy_node()
 
@@ -111,14 +103,10 @@ class Mover(Node):
         )
 
     def _until(self, condition: Callable[[], bool], complaint: str) -> None:
-        if not self._wait(condition, _LONGEST_WAIT):
-            if self._stopping.is_set():
+        if not self.wait(condition, _LONGEST_WAIT):
+            if self.stopping.is_set():
                 raise KeyboardInterrupt
             raise ValueError(complaint)
-
-    def _wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds; False where it is too late or interrupted."""
-        return spin_until(self._spinning, condition, seconds, self._stopping.is_set)
 
 
 def main() -> None:

@@ -11,22 +11,18 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.duration import Duration
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import EdgeCommand, LastKick
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
-from soliton_linkage_nodes.programs.spinning import spin_until
+from soliton_linkage_nodes.programs.spinning import WaitingNode
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import refuse_unknown
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -44,13 +40,12 @@ _LAST_WORDS = Duration(seconds=0.5)
 _EDGES = {EdgeCommand.FIRST: 'first', EdgeCommand.LAST: 'last'}
 
 
-class Nudger(Node):
+class Nudger(WaitingNode):
     """Nudges a chain by its actuator, and hears what that says of it."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         """Connect the topics; `stopping` is set to interrupt it."""
-        super().__init__('nudge', **kwargs)
-        self._stopping = stopping
+        super().__init__('nudge', stopping, **kwargs)
         self._reports: dict[str, DiagnosticStatus] = {}
         self._kicks: list[LastKick] = []
         self._nudges = interfaces.NUDGE.publisher(self)
@@ -59,9 +54,6 @@ class Nudger(Node):
             topic.type, topic.name, self._kicks.append, topic.qos
         )
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
-        refuse_unknown(self)
-        self._spinning = EventsExecutor(context=self.context)
-        self._spinning.add_node(self)
 
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
         """Nudge [rad/s] and return the actuator's answer, None where it is interrupted.
@@ -70,20 +62,20 @@ class Nudger(Node):
         longer than `timeout` [s]. Raises ValueError where there is none, or no answer.
         """
         deadline = time.monotonic() + timeout
-        self._wait(self._actuators, timeout)
+        self.wait(self._actuators, timeout)
         met = time.monotonic()
-        ready = self._wait(lambda: self._ready(subscribers), deadline - met)
-        if not (ready or self._stopping.is_set()):
+        ready = self.wait(lambda: self._ready(subscribers), deadline - met)
+        if not (ready or self.stopping.is_set()):
             self._check_heard(subscribers, timeout)
-        self._wait(lambda: False, met + _TIME_TO_MEET_ANOTHER - time.monotonic())
-        if self._stopping.is_set():
+        self.wait(lambda: False, met + _TIME_TO_MEET_ANOTHER - time.monotonic())
+        if self.stopping.is_set():
             return None
         refused = {name: _refused(report) for name, report in self._reports.items()}
         self._kicks.clear()
         self._nudges.publish(Float64(data=speed))
-        self._wait(lambda: self._answer() or self._refusal(refused), timeout)
+        self.wait(lambda: self._answer() or self._refusal(refused), timeout)
         answer = self._answer()
-        if answer is None and not self._stopping.is_set():
+        if answer is None and not self.stopping.is_set():
             raise ValueError(self._refusal(refused) or self._silence(timeout))
         self._nudges.wait_for_all_acked(_LAST_WORDS)
         return answer
@@ -142,9 +134,6 @@ class Nudger(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self._reports.update({status.hardware_id: status for status in message.status})
-
-    def _wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        return spin_until(self._spinning, condition, seconds, self._stopping.is_set)
 
 
 def described(kick: LastKick) -> str:
