@@ -39,6 +39,7 @@ def said(
     """Run a command on the domain of the test, which goes on meanwhile; return what it prints."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     monkeypatch.setattr(visitor, 'FOUND_WITHIN', 60.0)
+    monkeypatch.setattr(visitor, '_ALL_ANNOUNCED', 0.0)
     graph.start(Pendulum)
 
     def run_beside(command: Any, *arguments: str) -> str:
@@ -106,13 +107,16 @@ def test_a_list_is_complete_once_it_no_longer_grows(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    monkeypatch.setattr(visitor, '_ALL_ANNOUNCED', 0.5)
     monkeypatch.setattr(visitor, '_SETTLED', 0.2)
     begin = time.monotonic()
     with visitor.visiting() as visiting:
         names = visiting.settled(
             lambda: ['a', 'b', 'c'][: 1 + int(8 * (time.monotonic() - begin))]
         )
+        late = visiting.settled(lambda: ['a', 'b'][: 1 + (time.monotonic() - begin > 0.8)])
     assert names == ['a', 'b', 'c']
+    assert late == ['a', 'b'], 'nobody is missed who announces himself within a period'
 
 
 def test_what_is_not_there_is_named(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,8 @@ from rclpy.signals import SignalHandlerOptions
 FOUND_WITHIN = 10.0
 """What is looked for by its name has to show itself within this [s]; on one machine it is there in
 a fraction, now and then in 3, on a busy one later."""
+_ALL_ANNOUNCED = 3.2
+"""Each process announces itself every 3 s [s]: a list that is asked for sooner may lack some."""
 _SETTLED = 1.0
 """Without a change, before a list is taken to be complete [s]."""
 ANSWER_LIMIT = 10.0
@@ -41,6 +43,11 @@ class Visitor:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 
+    def leave(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
     def spin(self, seconds: float = _SPIN) -> None:
         """Take what comes next."""
         self._executor.spin_once(timeout_sec=seconds)
@@ -61,11 +68,12 @@ class Visitor:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """What is there, as soon as it has not changed for a while."""
-        deadline = time.monotonic() + FOUND_WITHIN
+        """What is there once all have announced themselves, and it no longer changes."""
+        begun = since = time.monotonic()
         found = there()
-        since = time.monotonic()
-        while time.monotonic() < min(since + _SETTLED, deadline):
+        while time.monotonic() < min(
+            max(begun + _ALL_ANNOUNCED, since + _SETTLED), begun + FOUND_WITHIN
+        ):
             self.spin()
             before, found = found, there()
             if found != before:
@@ -116,6 +124,6 @@ def visiting() -> Iterator[Visitor]:
         try:
             yield visitor
         finally:
-            visitor.node.destroy_node()
+            visitor.leave()
     finally:
         rclpy.try_shutdown()
