@@ -72,7 +72,7 @@ def test_topics_come_with_their_definitions(
     graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
     graph.user.create_publisher(Chain, 'lab/chain', interfaces.CHAIN.qos)
-    graph.user.create_subscription(EdgeCommand, 'edge_command', print, 10)
+    graph.user.create_subscription(EdgeCommand, 'edge_command', [].append, 10)
     client = connect(served)
     wanted = {'/lab/chain', '/edge_command'}
     until(graph, client, lambda: wanted <= client.channels.keys(), 'topics')
