@@ -26,7 +26,10 @@ def test_every_panel_shows_what_was_published(at_rest: Visit, view: Any) -> None
     assert shown['rotors'] == ROTORS
     assert shown['charge'] == 1
     assert (shown['winding_before'], shown['winding_beyond']) == (0, 1)
-    visit.says('chain-note', 'rotor 5.5')
+    visit.wait(
+        'document.getElementById("live-chain-note").textContent'
+        '.includes(`rotor ${live.shown.rotor.toFixed(2)}`)'
+    )
     assert 'flipper · 12 rotors · soliton at rotor 5.5' in visit.text('chain-note')
     assert 'charge 1, zero mode at 5.5' in visit.text('topology-note')
     assert 'wall at 5.5' in visit.text('lean-note')

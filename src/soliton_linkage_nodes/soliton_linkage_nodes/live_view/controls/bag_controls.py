@@ -96,6 +96,7 @@ class BagControls:
         """List them when they are asked for."""
         self._view, self._chosen = view, chosen
         self._listings = 0
+        self._rows: dict[str, tuple[ShelvedBag | None, ui.element]] = {}
         with ui.element('div').classes('live-row'):
             ui.label('Bags').classes('live-title')
             ui.button('Look again', icon='refresh', on_click=self.list_bags).props(
@@ -131,25 +132,36 @@ class BagControls:
         """Show what the folders hold now."""
         self._listings += 1
         listing = self._listings
-        bags = await asyncio.to_thread(self._view.shelf.bags)
-        self._list.clear()
+        bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.shelf.bags)}
+        # Rows that stay are left alone: somebody may be about to press their button.
+        for name, (shown, row) in list(self._rows.items()):
+            if shown is None or shown != bags.get(name):
+                row.delete()
+                del self._rows[name]
         with self._list:
-            for bag in bags:
-                self._row(bag)
+            for place, (name, bag) in enumerate(bags.items()):
+                if name in self._rows:
+                    continue
+                row = self._row(bag)
+                row.move(target_index=place)
+                self._rows[name] = bag, row
                 # Many take long, in which browsers want their pictures.
                 await asyncio.sleep(0)
                 if listing != self._listings:
                     return
             if not bags:
-                folders = ', '.join(map(str, self._view.shelf.folders))
-                ui.label(
-                    f'No bags in {folders}.'
-                    if folders
-                    else 'No folder was named: start live_view with bag_folders.'
-                ).classes('live-hint')
+                self._rows[''] = None, self._none()
 
-    def _row(self, bag: ShelvedBag) -> None:
-        with ui.element('div').classes('live-bag'):
+    def _none(self) -> ui.element:
+        folders = ', '.join(map(str, self._view.shelf.folders))
+        return ui.label(
+            f'No bags in {folders}.'
+            if folders
+            else 'No folder was named: start live_view with bag_folders.'
+        ).classes('live-hint')
+
+    def _row(self, bag: ShelvedBag) -> ui.element:
+        with ui.element('div').classes('live-bag') as row:
             with ui.element('div'):
                 ui.label(bag.name).classes('live-bag-name')
                 topics = sorted((name.lstrip('/'), n) for name, n in bag.topics.items() if n)
@@ -158,6 +170,7 @@ class BagControls:
                 ui.label(f'{bag.duration:.1f} s{lost}: {held}').classes('live-hint')
             play = button('Play', partial(self._view.replay.play, bag.name), 'play_arrow')
             play.set_enabled(bool(bag.played) and not self._view.read_only)
+        return row
 
     async def _pause(self, paused: bool) -> str:
         return await self._view.replay.pause(self._view.commands(REPLAY), paused)
