@@ -10,10 +10,11 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from soliton_linkage_nodes.runtime.parameter_files import path_of
 
 PACKAGE = 'soliton_linkage_nodes'
 EXAMPLES = Path(get_package_share_directory(PACKAGE), 'config', 'chains')
-NAMES = sorted(path.stem for path in EXAMPLES.glob('*.yaml'))
+NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
@@ -63,12 +64,7 @@ def processes(context):
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('chains', 'record', 'bags')
     )
-    path = EXAMPLES / f'{given}.yaml' if given in NAMES else Path(given)
-    if not path.is_file():
-        raise ValueError(
-            f'chains:={given} is no file and none of {", ".join(NAMES)}; '
-            f'files are looked for from {Path.cwd()}'
-        )
+    path = path_of('chains', given, NAMED)
     if bags not in BAGS:
         raise ValueError(f'bags:={bags} must be one of {", ".join(BAGS)}')
     chains = chains_of(path)
@@ -84,7 +80,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'chains',
                 default_value='three_motions',
-                description=f'parameters: {", ".join(NAMES)}, or the path of a file like them',
+                description=f'parameters: {", ".join(NAMED)}, or the path of a file like them',
             ),
             DeclareLaunchArgument(
                 'record', default_value='', description='bag to record; empty for none'

@@ -13,10 +13,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
+from soliton_linkage_nodes.runtime.parameter_files import path_of
 
 PACKAGE = 'soliton_linkage_nodes'
 BAGS = Path(get_package_share_directory(PACKAGE), 'bags')
-NAMES = sorted(path.name for path in BAGS.iterdir() if path.is_dir())
+NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
 class BagFolder(Substitution):
@@ -24,14 +25,8 @@ class BagFolder(Substitution):
 
     def perform(self, context):
         """Return the path; raises ValueError where there is none."""
-        bag = context.perform_substitution(LaunchConfiguration('bag'))
-        path = BAGS / bag if bag in NAMES else Path(bag)
-        if not path.exists():
-            raise ValueError(
-                f'bag:={bag} is no bag and none of {", ".join(NAMES)}; '
-                f'bags are looked for from {Path.cwd()}'
-            )
-        return str(path)
+        given = context.perform_substitution(LaunchConfiguration('bag'))
+        return str(path_of('bag', given, NAMED))
 
 
 def generate_launch_description():
@@ -53,7 +48,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'bag',
                 default_value='flipper_0',
-                description=f'bag to play: {", ".join(NAMES)}, or the path of one',
+                description=f'bag to play: {", ".join(NAMED)}, or the path of one',
             ),
             DeclareLaunchArgument(
                 'rate', default_value='1.0', description='how much faster than recorded'

@@ -18,25 +18,15 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from soliton_linkage_nodes.runtime.parameter_files import path_of
 
 PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
-NAMES = sorted(path.stem for path in CONFIGURATIONS.glob('*.yaml'))
+NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator', 'simulator')
 """The nodes that hear come before those that speak."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
 """What dies is begun anew after a second [s], but not for ever what cannot start."""
-
-
-def configuration(given):
-    """Return the path of a file that a name means, or that is given itself; ValueError else."""
-    path = CONFIGURATIONS / f'{given}.yaml' if given in NAMES else Path(given)
-    if not path.is_file():
-        raise ValueError(
-            f'config:={given} is no file and none of {", ".join(NAMES)}; '
-            f'files are looked for from {Path.cwd()}'
-        )
-    return str(path)
 
 
 def nodes(context):
@@ -45,7 +35,7 @@ def nodes(context):
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'record')
     )
-    path = configuration(config)
+    path = str(path_of('config', config, NAMED))
     actions = [
         Node(
             package=PACKAGE,
@@ -74,7 +64,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'config',
                 default_value='flipper',
-                description=f'parameters: {", ".join(NAMES)}, or the path of a file like them',
+                description=f'parameters: {", ".join(NAMED)}, or the path of a file like them',
             ),
             DeclareLaunchArgument('namespace', default_value='', description='of all nodes'),
             DeclareLaunchArgument(

@@ -19,10 +19,11 @@ from launch_ros.actions import Node
 from launch import LaunchDescription
 from soliton_linkage_nodes.programs.robot_description import description_of_file
 from soliton_linkage_nodes.runtime.interfaces import DRAWN, SUITE
+from soliton_linkage_nodes.runtime.parameter_files import path_of
 
 PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
-NAMES = sorted(path.stem for path in CONFIGURATIONS.glob('*.yaml'))
+NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 LAYOUTS = {
     'rviz': 'linkage.rviz',
     'foxglove': 'foxglove.json',
@@ -148,12 +149,7 @@ def view_of(context):
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'view')
     )
-    path = CONFIGURATIONS / f'{config}.yaml' if config in NAMES else Path(config)
-    if not path.is_file():
-        raise ValueError(
-            f'config:={config} is no file and none of {", ".join(NAMES)}; '
-            f'files are looked for from {Path.cwd()}'
-        )
+    path = path_of('config', config, NAMED)
     drawing = Node(
         package=PACKAGE,
         executable='visualisation',
@@ -172,7 +168,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'config',
                 default_value='flipper',
-                description=f'parameters: {", ".join(NAMES)}, or the path of a file like them',
+                description=f'parameters: {", ".join(NAMED)}, or the path of a file like them',
             ),
             DeclareLaunchArgument('namespace', default_value='', description='of the chain'),
             DeclareLaunchArgument(

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import math
+import signal
+import time
+from pathlib import Path
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,7 +14,22 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from graphs import Graph, values
+from programs import Program
 from sensor_msgs.msg import JointState
+from simulated_streams import (
+    CHAIN,
+    GIVEN,
+    KICK,
+    NAMES,
+    RATE,
+    ROTORS,
+    Stream,
+    hold,
+    kick,
+    kick_message,
+    let_go,
+    torque_message,
+)
 from std_srvs.srv import SetBool
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
@@ -26,101 +44,6 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
 pytestmark = pytest.mark.usefixtures('often')
-
-ROTORS = 8
-RATE = 300.0  # a period that is no whole number of nanoseconds
-GIVEN = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
-CHAIN = Chain(number_of_rotors=ROTORS)
-NAMES = [f'rotor_{rotor}' for rotor in range(ROTORS)]
-KICK = 10.0 * CHAIN.moment_of_inertia * edge_mode(CHAIN, CHAIN.uniform_state(-1), Edge.FIRST)
-TORQUES = np.linspace(-1e-3, 2e-3, ROTORS)
-
-Act = Callable[[ElasticSimulation], None]
-
-
-def kick(simulation: ElasticSimulation) -> None:
-    simulation.kick(KICK)
-
-
-def hold(simulation: ElasticSimulation) -> None:
-    simulation.hold(TORQUES)
-
-
-def let_go(simulation: ElasticSimulation) -> None:
-    simulation.hold(np.zeros(ROTORS))
-
-
-def kick_message() -> RotorImpulses:
-    return RotorImpulses(name=NAMES, impulse=list(KICK))
-
-
-def torque_message() -> JointState:
-    return JointState(name=NAMES, effort=list(TORQUES))
-
-
-class Stream:
-    """The frames that a simulator publishes, and the same chain simulated without it."""
-
-    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
-        self.graph = graph
-        self.frames: list[JointState] = graph.hear(interfaces.JOINT_STATES)
-        chains = graph.hear(interfaces.CHAIN)
-        self.node = graph.start(Simulator, {**GIVEN, **(parameters or {})})
-        graph.until(lambda: chains and self.frames, 'the chain and a frame')
-        self.rate = self.node.settings.publish_rate
-        self.chain = chain_from_msg(chains[0]).chain
-        self._epoch = time_from_msg(chains[0].header.stamp)
-
-    def grow(self, frames: int) -> None:
-        """Wait for more frames than are published now, of which some may be on their way."""
-        target = self.node.control.status.frames + frames
-        self.graph.until(lambda: self.number(self.frames[-1]) >= target, f'{frames} frames')
-
-    def number(self, frame: JointState) -> int:
-        """Return which frame it is; its stamp is exactly that many periods after the chain's."""
-        since = time_from_msg(frame.header.stamp) - self._epoch
-        number = round(since * self.rate / 1e9)
-        assert since == round(number * 10**9 / self.rate)
-        return number
-
-    def explain(self, commands: Sequence[Act], lean: int = -1) -> list[int]:
-        """Assert that the frames are those of a simulation with these commands in this order.
-
-        The numbers of the frames at which they took effect are returned. Of kicks the frame
-        itself shows it, of torques the next one.
-        """
-        took_effect: list[int] = []
-        while (unexplained := self._first_unlike(commands, took_effect, lean)) is not None:
-            assert len(took_effect) < len(commands), f'frame {unexplained} is like no simulation'
-            at = unexplained - (commands[len(took_effect)] is not kick)
-            assert at not in took_effect
-            took_effect.append(at)
-        assert len(took_effect) == len(commands)
-        return took_effect
-
-    def _first_unlike(
-        self, commands: Sequence[Act], took_effect: list[int], lean: int
-    ) -> int | None:
-        due = dict(zip(took_effect, commands, strict=False))
-        twin = ElasticSimulation(
-            self.chain,
-            self.chain.uniform_state(lean),
-            period=1 / self.rate,
-            tolerance=self.node.settings.tolerance,
-        )
-        numbers = [self.number(frame) for frame in self.frames]
-        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-        for number in range(numbers[-1] + 1):
-            if number in due:
-                due[number](twin)
-            if number >= numbers[0]:
-                frame = self.frames[number - numbers[0]]
-                torques = self.chain.spring_torques(twin.angles)
-                seen = (frame.position, frame.velocity, frame.effort)
-                if not all(map(np.array_equal, seen, (twin.angles, twin.rates, torques))):
-                    return number
-            twin.advance()
-        return None
 
 
 def test_a_chain_at_rest_is_published_as_it_is(graph: Graph) -> None:
@@ -273,154 +196,6 @@ def test_a_command_of_nothing_changes_nothing(graph: Graph) -> None:
     stream.explain([kick])
 
 
-def pause(graph: Graph, paused: bool) -> Any:
-    return graph.call(SetBool, 'simulator/pause', data=paused)
-
-
-def step(graph: Graph, periods: int) -> Any:
-    return graph.call(Step, 'simulator/step', periods=periods)
-
-
-def reset(graph: Graph, state: int = Reset.Request.INITIAL) -> Any:
-    return graph.call(Reset, 'simulator/reset', state=state)
-
-
-def settled(stream: Stream) -> int:
-    """Return the number of frames once everything that was published has come."""
-    last = stream.node.control.status.frames
-    stream.graph.until(lambda: stream.number(stream.frames[-1]) == last - 1, 'the last frame')
-    return len(stream.frames)
-
-
-def test_a_pause_stops_time_at_once_and_can_be_repeated(graph: Graph) -> None:
-    stream = Stream(graph)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    impulses.publish(kick_message())
-    stream.grow(60)
-    for _ in range(2):
-        response = pause(graph, True)
-        assert (response.success, response.message) == (True, 'paused')
-    paused_at = settled(stream)
-    report = graph.next_report('simulator')
-    assert (report.message, report.level) == ('paused', report.OK)
-    assert len(stream.frames) == paused_at
-    for _ in range(2):
-        response = pause(graph, False)
-        assert (response.success, response.message) == (True, 'running')
-    stream.grow(60)
-    stream.explain([kick])
-
-
-def test_steps_are_taken_while_paused_and_answered_when_done(graph: Graph) -> None:
-    stream = Stream(graph)
-    pause(graph, True)
-    before = settled(stream)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    impulses.publish(kick_message())
-    graph.until(lambda: stream.node.control.status.pending, 'the kick')
-    response = step(graph, 25)
-    assert response.success
-    reached = stream.number(stream.frames[before - 1]) + 1 + 25
-    assert response.message == f'reached t = {reached / RATE:g} s'
-    assert settled(stream) == before + 25
-    (kicked,) = stream.explain([kick])
-    assert kicked == stream.number(stream.frames[before])
-
-
-def test_a_step_while_running_or_of_nothing_or_too_far_is_refused(graph: Graph) -> None:
-    stream = Stream(graph)
-    response = step(graph, 5)
-    assert (response.success, response.message) == (
-        False,
-        'the simulation is running; pause it before stepping',
-    )
-    pause(graph, True)
-    before = settled(stream)
-    for periods in (0, 1001, 2**32 - 1):
-        response = step(graph, periods)
-        assert not response.success
-        assert f'periods = {periods} must lie in the range 1 to 1000' in response.message
-    assert step(graph, 1).success
-    assert settled(stream) == before + 1
-    stream.explain([])
-
-
-@pytest.mark.parametrize(
-    ('state', 'lean', 'message'),
-    [
-        (Reset.Request.INITIAL, -1, 'in the initial state'),
-        (Reset.Request.LEFT_LEANING, -1, 'at rest, left-leaning'),
-        (Reset.Request.RIGHT_LEANING, 1, 'at rest, right-leaning'),
-    ],
-)
-def test_a_reset_forgets_commands_but_not_the_time(
-    graph: Graph, state: int, lean: int, message: str
-) -> None:
-    stream = Stream(graph)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    torques = graph.speak(interfaces.ROTOR_TORQUES)
-    torques.publish(torque_message())
-    stream.grow(30)
-    pause(graph, True)
-    impulses.publish(kick_message())
-    graph.until(lambda: stream.node.control.status.pending, 'the kick')
-    response = reset(graph, state)
-    assert (response.success, response.message) == (True, message)
-    before = settled(stream)
-    assert step(graph, 200).success
-    settled(stream)
-    numbers = [stream.number(frame) for frame in stream.frames]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(lean), period=1 / RATE)
-    for frame in stream.frames[before:]:
-        np.testing.assert_array_equal(frame.position, twin.angles)
-        np.testing.assert_array_equal(frame.velocity, twin.rates)
-        twin.advance()
-
-
-def test_a_reset_to_an_unknown_state_changes_nothing(graph: Graph) -> None:
-    stream = Stream(graph)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    impulses.publish(kick_message())
-    stream.grow(30)
-    response = reset(graph, 7)
-    assert (response.success, response.message) == (False, 'state = 7 must be one of 0 to 4')
-    stream.grow(30)
-    stream.explain([kick])
-
-
-@pytest.mark.parametrize('stepping', [False, True])
-def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, stepping: bool) -> None:
-    stream = Stream(graph, {'impulse_limit': 1e308})
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    if stepping:
-        pause(graph, True)
-    impulses.publish(RotorImpulses(name=['rotor_3'], impulse=[1e9 if stepping else 1e308]))
-    if stepping:
-        graph.until(lambda: stream.node.control.status.pending, 'the kick')
-        response = step(graph, 10)
-        assert not response.success
-        assert 'call ~/reset to go on' in response.message
-    graph.until(lambda: stream.node.control.status.failure, 'the failure')
-    frames = settled(stream)
-    report = graph.next_report('simulator')
-    assert report.level == report.WARN
-    assert report.message.startswith('paused, ')
-    for response in (pause(graph, False), step(graph, 1)):
-        assert not response.success
-        assert 'call ~/reset to go on' in response.message
-    assert len(stream.frames) == frames
-    assert reset(graph).success
-    if stepping:
-        pause(graph, False)
-    stream.grow(30)
-    numbers = [stream.number(frame) for frame in stream.frames]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    for frame in stream.frames[frames:]:
-        # Rounding of the springs' lengths moves a chain at rest by no more.
-        np.testing.assert_allclose(frame.velocity, 0, atol=1e-10)
-
-
 def test_a_report_holds_rate_lateness_and_energy(graph: Graph) -> None:
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
@@ -506,3 +281,19 @@ def test_time_begins_once_there_are_as_many_subscribers_as_asked_for(graph: Grap
     graph.until(lambda: len(first) > 5 and len(second) > 5, 'frames')
     assert first[0] == second[0]
     assert first[0].header.stamp == chains[0].header.stamp
+
+
+def test_it_goes_once_its_last_frames_are_heard_or_cannot_be(graph: Graph, tmp_path: Path) -> None:
+    stream = Stream(graph)
+    arguments = ['--ros-args', '-p', f'output:={tmp_path / "run"}']
+    recorder = Program('bag_recorder', arguments, graph.domain, tmp_path / 'log')
+    try:
+        graph.until(lambda: stream.node.frames.subscribers == 2, 'the recorder')
+        recorder.process.send_signal(signal.SIGSTOP)
+        stream.grow(10)
+        begin = time.monotonic()
+        graph.stop(stream.node)
+        assert time.monotonic() - begin >= interfaces.LAST_WORDS
+    finally:
+        recorder.process.kill()
+        recorder.process.wait()

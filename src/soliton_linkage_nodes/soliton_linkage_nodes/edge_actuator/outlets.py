@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from rclpy.duration import Duration
 from rclpy.node import Node
 
 from soliton_linkage.actuation.kick_record import Kick
@@ -14,8 +13,6 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, torques_to_ms
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import let_others_go
 
-_LAST_WORDS = Duration(seconds=0.5)
-"""How long it waits until the torques that release a chain are known."""
 
 
 class ActuatorOutlets:
@@ -65,7 +62,7 @@ class ActuatorOutlets:
 
     def flush(self) -> None:
         """Wait, not for long, until the torques are known."""
-        self._torques.wait_for_all_acked(_LAST_WORDS)
+        interfaces.let_be_heard(self._torques)
 
     def tell(self, named: NamedChain, kick: Kick) -> None:
         """Tell of a kick that is over."""

@@ -15,7 +15,6 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.duration import Duration
 from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.quantities import Quantity
@@ -35,8 +34,6 @@ _LONGEST_WAIT = 5.0
 """For an actuator that runs to be found, and to answer, with room for a busy machine [s]."""
 _TIME_TO_MEET_ANOTHER = 1.0
 """For others to be met, as a recorder is, and for the last kick that was before [s]."""
-_LAST_WORDS = Duration(seconds=0.5)
-"""For those to have the nudge who only listen."""
 _EDGES = {EdgeCommand.FIRST: 'first', EdgeCommand.LAST: 'last'}
 
 
@@ -77,7 +74,7 @@ class Nudger(WaitingNode):
         answer = self._answer()
         if answer is None and not self.stopping.is_set():
             raise ValueError(self._refusal(refused) or self._silence(timeout))
-        self._nudges.wait_for_all_acked(_LAST_WORDS)
+        interfaces.let_be_heard(self._nudges)
         return answer
 
     def _actuators(self) -> set[str]:

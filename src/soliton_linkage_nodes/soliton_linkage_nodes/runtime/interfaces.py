@@ -9,6 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -31,6 +32,8 @@ _DEEPEST_QUEUE = 1000
 """Messages: a second of a rotor chain at 1000 Hz, longer than any stall of a subscriber."""
 _QUEUE_BYTES = 64 * 2**20
 """What the queues of a stream may take of the memory of each end."""
+LAST_WORDS = 0.5
+"""How long a node that goes waits until it was heard [s]: longer than a busy machine takes."""
 
 
 def stream_qos(message_size: int = 0) -> QoSProfile:
@@ -57,6 +60,11 @@ def latched_qos() -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
+
+
+def let_be_heard(publisher: Publisher) -> None:
+    """Wait, not for long, until those who listen have what was published: before a node goes."""
+    publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,20 @@ class Notice(NamedTuple):
     warning: bool
 
 
+def path_of(argument: str, given: str, known: Mapping[str, Path]) -> Path:
+    """Return the path that a known name means, or that is given itself, to a launch file.
+
+    Raises ValueError, which names the argument, where nothing is there.
+    """
+    path = known.get(given, Path(given))
+    if not path.exists():
+        raise ValueError(
+            f'{argument}:={given} is not there and none of {", ".join(sorted(known))}; '
+            f'paths are looked for from {Path.cwd()}'
+        )
+    return path
+
+
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     """Parameters of a file by the pattern of the nodes that they are for, and by their name.
 

@@ -55,6 +55,10 @@ class FramePublisher:
         self._chain.publish(chain_to_msg(self._named, time_to_msg(self.epoch)))
         self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
 
+    def flush(self) -> None:
+        """Wait, not for long, until the last frames are heard."""
+        interfaces.let_be_heard(self._joint_states)
+
     def publish(self, frame: int, simulation: Simulation) -> None:
         """Publish the frame of a number, that a simulation is at."""
         stamp = (self.epoch or 0) + round(frame * SECOND / self._rate)

@@ -111,6 +111,7 @@ class Simulator(ManagedNode):
         self.control.stop()
         self.loop.stop()
         self.control.hold(np.zeros(self.named.rotors))
+        self.frames.flush()
 
     @property
     def failure(self) -> Exception | None:

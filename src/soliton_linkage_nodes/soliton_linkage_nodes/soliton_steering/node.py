@@ -11,7 +11,6 @@ import numpy as np
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
@@ -40,8 +39,6 @@ from soliton_linkage_nodes.soliton_steering.steered_chain import SteeredChain
 
 _WATCH_PERIOD = 0.02
 """Between two looks at the age of the joint states [s]: short beside the usual state_timeout."""
-_LAST_WORDS = Duration(seconds=0.5)
-"""How long a node that goes waits until the torques are known to be 0."""
 
 
 class SolitonSteering(ManagedNode):
@@ -92,7 +89,7 @@ class SolitonSteering(ManagedNode):
     def deactivate(self) -> None:
         """Let the soliton go and end the goal."""
         self._let_go('the steering is stopped')
-        self.torques.wait_for_all_acked(_LAST_WORDS)
+        interfaces.let_be_heard(self.torques)
 
     def cleanup(self) -> None:
         """Close the action."""

@@ -52,6 +52,14 @@ def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
     assert gate.snapshot() == []
 
 
+def test_a_topic_that_is_taken_late_lengthens_no_snapshot() -> None:
+    gate = MessageGate(snapshot=2.0)
+    newest, late = message(STREAM, 4 * SECOND), message(STREAM, 3 * SECOND)
+    for one in (message(STREAM, SECOND), newest, late, message(STREAM, SECOND)):
+        gate.take([one])
+    assert gate.snapshot() == [newest, late]
+
+
 def test_the_last_seconds_take_no_more_memory_than_they_may() -> None:
     gate = MessageGate(snapshot=3600.0, most_kept=1000)
     messages = [message(STREAM, stamp, 100) for stamp in range(50)]

@@ -29,6 +29,7 @@ class MessageGate:
         self._window = round(snapshot * SECOND)
         self._latched: dict[str, Taken] = {}
         self._kept: deque[Taken] = deque()
+        self._newest = 0
         self._bytes = 0
 
     @property
@@ -45,6 +46,7 @@ class MessageGate:
             return list(messages)
         for message in messages:
             self._kept.append(message)
+            self._newest = max(self._newest, message.stamp)
             self._bytes += len(message.serialized)
         self._forget()
         return []
@@ -56,10 +58,12 @@ class MessageGate:
 
     def snapshot(self) -> list[Taken]:
         """Return the last seconds, with the last latched messages before them, and forget them."""
-        taken = [*self._take_latched(), *self._kept]
+        # On a busy machine a topic may be taken later than others that came after it.
+        recent = [message for message in self._kept if not self._is_old(message)]
+        self._remember(filter(self._is_old, self._kept))
         self._kept.clear()
         self._bytes = 0
-        return taken
+        return [*self._take_latched(), *recent]
 
     def _remember(self, messages: Iterable[Taken]) -> None:
         self._latched.update((m.source.name, m) for m in messages if m.source.latched)
@@ -69,11 +73,11 @@ class MessageGate:
         self._latched.clear()
         return latched
 
+    def _is_old(self, message: Taken) -> bool:
+        return self._newest - message.stamp > self._window
+
     def _forget(self) -> None:
-        while self._kept and (
-            self._kept[-1].stamp - self._kept[0].stamp > self._window
-            or self._bytes > self._most_kept
-        ):
+        while self._kept and (self._is_old(self._kept[0]) or self._bytes > self._most_kept):
             old = self._kept.popleft()
             self._bytes -= len(old.serialized)
             self._remember([old])

@@ -142,8 +142,9 @@ class Experiment:
 
     def _ready(self) -> bool:
         heard = set(self._observer.figures('bag_recorder').get('topics heard', '').split())
+        # A simulator that is late, as on a busy machine, is told in the summary.
         return (
-            all(self._observer.well(node) for node in _NODES)
+            all(self._observer.well(node) for node in _NODES if node != 'simulator')
             and heard >= _RECORDED_TOPICS
             and self._observer.nudge_publisher.get_subscription_count() == 2
             and self._observer.figures('edge_actuator').get('subscribers') == '2'
