@@ -7,7 +7,6 @@ import math
 import signal
 import time
 from pathlib import Path
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,14 +29,9 @@ from simulated_streams import (
     let_go,
     torque_message,
 )
-from std_srvs.srv import SetBool
 
-from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import State
-from soliton_linkage.linear.rigidity import Edge, edge_mode
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import RotorImpulses
-from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg

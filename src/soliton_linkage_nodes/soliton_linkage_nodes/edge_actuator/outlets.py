@@ -14,7 +14,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import let_others_go
 
 
-
 class ActuatorOutlets:
     """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with the node's stamps."""
 
