@@ -11,7 +11,7 @@ from typing import Any
 
 from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.live_view.bag_shelf import BagShelf, BagTrack, ShelvedBag, track_of
-from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
+from soliton_linkage_nodes.live_view.chain_topics import REPORTS_LAST, ChainFinder
 from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.messages.view_conversions import NodeReport
@@ -40,13 +40,27 @@ class BagRecording:
     def report(self) -> NodeReport | None:
         """What the recorder last said of itself."""
         told = self._finder.reports.get(f'{self.namespace}{_RECORDER}')
-        fresh = told is not None and time.monotonic() - told[0] < 3.5
+        fresh = told is not None and time.monotonic() - told[0] < REPORTS_LAST
         return told[1] if told and fresh else None
 
     @property
     def running(self) -> bool:
         """Whether this page has started it and it has not ended."""
         return self._running
+
+    def told(self) -> dict[str, Any] | None:
+        """What the page says of it."""
+        report = self.report
+        if report is None:
+            return None
+        figures = report.figures
+        return {
+            'bag': figures.get('bag', ''),
+            'messages': figures.get('messages', ''),
+            'lost': figures.get('lost messages', ''),
+            'message': report.message,
+            'own': self.running,
+        }
 
     @property
     def refusal(self) -> str:

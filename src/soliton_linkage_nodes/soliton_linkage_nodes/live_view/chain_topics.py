@@ -19,6 +19,8 @@ from soliton_linkage_nodes.messages.view_conversions import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.newest import Newest
 
+REPORTS_LAST = 3.5
+"""After which a node that reports once a second is silent [s]."""
 _SEARCH_INTERVAL = 0.5
 """How often the graph is asked for chains and their services, in about a millisecond [s]."""
 _MOST_REPORTS = 200

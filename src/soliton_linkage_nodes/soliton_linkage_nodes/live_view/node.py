@@ -18,8 +18,9 @@ from rclpy.node import Node
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
+from soliton_linkage_nodes.live_view.canvas_actions import CanvasActions
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
-from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
+from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.gate import is_loopback
 from soliton_linkage_nodes.live_view.status import status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
@@ -90,6 +91,7 @@ class LiveView(Node):
         )
         self._logs = tempfile.TemporaryDirectory(prefix='live_view_')
         self.replay = BagReplay(self.shelf, Path(self._logs.name), self.finder, settings.read_only)
+        self._actions = CanvasActions(self.finder, self.commands, self.replay, settings.read_only)
         self.status = ''
         self.complaints: list[str] = []
         """What the recorder and the player failed of, for a page to tell."""
@@ -190,36 +192,13 @@ class LiveView(Node):
         super().destroy_node()
 
     async def _stream(self, websocket: Any) -> None:
-        stream = BrowserStream(websocket, self, self.act)
+        stream = BrowserStream(websocket, self, self._actions.carry_out)
         self._streams.add(stream)
         try:
             await stream.run()
         finally:
             self._streams.discard(stream)
             self._sent_before += stream.sent
-
-    async def act(self, name: str, arguments: Mapping[str, Any]) -> str:
-        """Do what a page asks for on its canvases; ValueError where it is refused."""
-        if self.settings.read_only:
-            raise ValueError(READ_ONLY)
-        namespace = str(arguments.get('chain', ''))
-        if namespace not in self.finder.chains:
-            raise ValueError(f'chain {namespace!r} is not there')
-        commands, chain = self.commands(namespace), self.finder.chains[namespace]
-        if name == 'move':
-            now = chain.model.numbers.get('rotor', float('nan'))
-            return await commands.carry(arguments['rotor'], arguments.get('speed', 0.0), now)
-        if name == 'nudge':
-            edge = str(arguments.get('edge', 'nearest'))
-            return commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
-        if name == 'seek':
-            return await self.replay.seek(commands, float(arguments['at']))
-        if name == 'pause':
-            paused = bool(arguments['paused'])
-            if namespace == self.replay.namespace:
-                return await self.replay.pause(commands, paused)
-            return await commands.pause(paused)
-        raise ValueError(f'action {name!r} is not known')
 
     def _tick(self) -> float:
         """Take what is newest and tell what has changed; returns the time to the next."""
@@ -244,19 +223,10 @@ class LiveView(Node):
         return 1 / self.settings.frame_rate if self._streams else _IDLE_PERIOD
 
     def _status(self) -> str:
-        told = self.recording.report
         more = {
             'read_only': self.settings.read_only,
             'replay': self.replay.told(),
-            'recorder': None
-            if told is None
-            else {
-                'bag': told.figures.get('bag', ''),
-                'messages': told.figures.get('messages', ''),
-                'lost': told.figures.get('lost messages', ''),
-                'message': told.message,
-                'own': self.recording.running,
-            },
+            'recorder': self.recording.told(),
             'complaints': self.complaints,
         }
         return status(self.finder, {n: self.commands(n) for n in self.finder.chains}, more)

@@ -9,12 +9,10 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.chain_topics import REPORTS_LAST, ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
-_REPORTS_LAST = 3.5
-"""After which a node that reports once a second is silent [s]."""
 _FORGOTTEN = 30.0
 """After which a silent node is not spoken of any more [s]."""
 _ACTUATOR = 'start edge_actuator'
@@ -75,12 +73,12 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
         name = report.node.rpartition('/')[2]
         if 'missed deadlines' in report.figures:
             figures = report.figures
-            paused = report.message.startswith('paused') and age < _REPORTS_LAST
-        if name == 'bag_player' and age < _REPORTS_LAST:
+            paused = report.message.startswith('paused') and age < REPORTS_LAST
+        if name == 'bag_player' and age < REPORTS_LAST:
             replay = report.figures.get('bag', '').rpartition('/')[2]
         losses = figure(report.figures, 'lost messages')
         lost = lost if math.isnan(losses) else (lost or 0) + int(losses)
-        if age > _REPORTS_LAST:
+        if age > REPORTS_LAST:
             warnings.append(f'{name} has not reported for {age:.0f} s')
         elif report.level:
             warnings.append(f'{name}: {report.message}')
