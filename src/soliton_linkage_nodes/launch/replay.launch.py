@@ -4,13 +4,16 @@
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
-from launch.substitution import Substitution
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from soliton_linkage_nodes.runtime.parameter_files import path_of
@@ -20,29 +23,32 @@ BAGS = Path(get_package_share_directory(PACKAGE), 'bags')
 NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
-class BagFolder(Substitution):
-    """Directory of the bag that `bag:=` names, or is."""
-
-    def perform(self, context):
-        """Return the path; raises ValueError where there is none."""
-        given = context.perform_substitution(LaunchConfiguration('bag'))
-        return str(path_of('bag', given, NAMED))
-
-
-def generate_launch_description():
-    """Return the player, which ends the launch when it ends, and the analyser."""
+def nodes(context):
+    """Return the analyser and the player, which ends the launch when it ends."""
+    given, rate = (
+        context.perform_substitution(LaunchConfiguration(name)) for name in ('bag', 'rate')
+    )
+    # Where there is no bag nothing begins: launch leaves behind what it has started by then.
+    bag = path_of('bag', given, NAMED)
     player = Node(
         package=PACKAGE,
         executable='bag_player',
         output='screen',
         parameters=[
-            {
-                'bag': ParameterValue(BagFolder(), value_type=str),
-                'rate': ParameterValue(LaunchConfiguration('rate'), value_type=float),
-                'topics': ['chain', 'joint_states'],
-            }
+            {'bag': str(bag), 'rate': float(rate), 'topics': ['chain', 'joint_states']},
         ],
     )
+    return [
+        Node(package=PACKAGE, executable='soliton_analyser', output='screen'),
+        player,
+        RegisterEventHandler(
+            OnProcessExit(target_action=player, on_exit=[EmitEvent(event=Shutdown())])
+        ),
+    ]
+
+
+def generate_launch_description():
+    """Return the arguments and the nodes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -53,10 +59,6 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'rate', default_value='1.0', description='how much faster than recorded'
             ),
-            Node(package=PACKAGE, executable='soliton_analyser', output='screen'),
-            player,
-            RegisterEventHandler(
-                OnProcessExit(target_action=player, on_exit=[EmitEvent(event=Shutdown())])
-            ),
+            OpaqueFunction(function=nodes),
         ]
     )
