@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 
@@ -33,7 +33,7 @@ class FoxgloveServerParameters:
     read_only: bool = quantity(False, 'whether clients may only look, and publish nothing')
 
 
-class FoxgloveServer(Node):
+class FoxgloveServer(GuardedNode):
     """Serves the graph to Foxglove and Lichtblick, as foxglove_bridge does in a ROS install.
 
     Subscribes to whatever topics its clients want, and publishes what they do. Publishes

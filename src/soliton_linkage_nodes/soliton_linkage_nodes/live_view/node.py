@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import rclpy
-from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
@@ -25,6 +24,7 @@ from soliton_linkage_nodes.live_view.gate import is_loopback
 from soliton_linkage_nodes.live_view.status import status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 
@@ -56,7 +56,7 @@ class LiveViewParameters:
     )
 
 
-class LiveView(Node):
+class LiveView(GuardedNode):
     """Serves a page that shows chains and takes commands to them.
 
     Subscribes in every namespace that has `joint_states` to them, `soliton_state` and `chain`,

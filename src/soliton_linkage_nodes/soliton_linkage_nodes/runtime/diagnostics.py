@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import wraps
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from soliton_linkage_nodes.runtime.intake.complaints import Complaints
+from soliton_linkage_nodes.runtime.intake.guarded import in_one_line
 from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 
 _PERIOD = 1.0
-"""Of the reports, and of the log of a flood of refusals [s]: that of ROS's own updater."""
+"""Of the reports [s]: that of ROS's own updater."""
+_SAID_AGAIN = 1.0
+"""After which a refusal is said that is like one before [s]: a person reads no faster."""
 
 
 @dataclass(frozen=True)
@@ -29,52 +32,83 @@ class Report:
 
 
 class Diagnostics:
-    """Publishes a node's report once a second and counts what the node refused."""
+    """Publishes a node's report once a second and counts what the node refused or failed of.
+
+    What `watches` return is told with the report: a sentence, empty where all is well, and figures.
+    """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
         """Start reporting as '<node>: <task>'."""
         self.refused = 0
+        self.failed = 0
+        self.watches: list[Callable[[], tuple[str, Mapping[str, Any]]]] = []
         self._node = node
         self._task = task
         self._report = report
-        self._refused_before = 0
-        self._last_refusal = ''
-        self._said_at = -math.inf
+        self._refused_before = self._failed_before = 0
+        self._last_refusal = self._last_failure = ''
+        # rclpy's own throttle looks up the caller in the source for each message, in 0.7 ms.
+        self._refusals = Complaints(lambda line: node.get_logger().warning(line), _SAID_AGAIN)
+        self._failures = Complaints(lambda line: node.get_logger().error(line), _SAID_AGAIN)
         self._publisher = DIAGNOSTICS.publisher(node)
         self._timer = node.create_timer(
             _PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def refuse(self, source: str, reason: object) -> None:
-        """Count a refused input and say why in one line; a flood is said once a second."""
+        """Count a refused input and say each distinct reason in a line, a flood once a second."""
         self.refused += 1
         self._last_refusal = f'{source}: {reason}'
-        # rclpy's own throttle looks up the caller in the source for each message, in 0.7 ms.
-        now = time.monotonic()
-        if now - self._said_at >= _PERIOD:
-            self._said_at = now
-            self._node.get_logger().warning(f'refused {self._last_refusal}')
+        self._refusals.tell(f'refused {self._last_refusal}')
 
-    def refusing(self, source: str, take: Callable[[Any], None]) -> Callable[[Any], None]:
+    def fail(self, failure: str) -> None:
+        """Count what the node should have been able to do, and say it as it says refusals."""
+        self.failed += 1
+        self._last_failure = failure
+        self._failures.tell(failure)
+
+    def refusing(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
         """Return what takes each message, and refuses those that cannot be taken."""
 
-        def take_or_refuse(message: Any) -> None:
+        @wraps(take)
+        def take_or_refuse(*args: Any) -> None:
             try:
-                take(message)
+                take(*args)
             except (ValueError, ArithmeticError) as error:
                 self.refuse(source, error)
+            except MemoryError:
+                raise
+            except Exception as error:
+                self.fail(f'could not take {source}: {in_one_line(error)}')
 
         return take_or_refuse
 
     def publish(self) -> None:
         """Publish the report of this moment."""
         report = self._report()
-        fresh = self.refused - self._refused_before
-        self._refused_before = self.refused
-        message = f'{fresh} refused: {self._last_refusal}' if fresh else report.message
-        values = {**report.values, 'refused': self.refused, 'last refusal': self._last_refusal}
+        told = [watch() for watch in self.watches]
+        concerns = [concern for concern, _ in told if concern]
+        values = dict(report.values)
+        for _, figures in told:
+            values |= figures
+        values |= {'refused': self.refused, 'last refusal': self._last_refusal}
+        if self.failed:
+            values |= {'failed': self.failed, 'last failure': self._last_failure}
+        refused, self._refused_before = self.refused - self._refused_before, self.refused
+        failed, self._failed_before = self.failed - self._failed_before, self.failed
+        message = (
+            f'{failed} failed: {self._last_failure}'
+            if failed
+            else f'{refused} refused: {self._last_refusal}'
+            if refused
+            else '; '.join(concerns) or report.message
+        )
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if report.warning or fresh else DiagnosticStatus.OK,
+            level=DiagnosticStatus.ERROR
+            if failed
+            else DiagnosticStatus.WARN
+            if report.warning or refused or concerns
+            else DiagnosticStatus.OK,
             name=f'{self._node.get_name()}: {self._task}',
             message=message,
             hardware_id=self._node.get_fully_qualified_name(),

@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 
 
@@ -30,7 +31,7 @@ class ManagedParameters:
     )
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(GuardedNode, LifecycleNode):
     """A node with the lifecycle of ROS: unconfigured, inactive, active.
 
     A subclass says in `PARAMETERS` what is declared at once, and in four methods what is done:
@@ -59,7 +60,9 @@ class ManagedNode(LifecycleNode):
         """Whether it is configuring and activating itself."""
         self.declare_parameters_of_node()
         refuse_unknown(self)
-        self.add_post_set_parameters_callback(lambda _changes: self._follow())
+        self.add_post_set_parameters_callback(
+            self.guarded('take up parameters', lambda _changes: self._follow())
+        )
         self._guard_change_state()
         if managed.autostart:
             self._start()

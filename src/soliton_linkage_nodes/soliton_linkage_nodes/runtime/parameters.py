@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from array import array
 from collections.abc import Mapping, Sequence
 from types import NoneType
@@ -21,6 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage_nodes.runtime.intake.guarded import unknown
 
 Parameters = TypeVar('Parameters')
 
@@ -93,9 +93,7 @@ def refuse_unknown(node: Node) -> None:
     for name in sorted(given(node).keys() - declared):
         if name.startswith(_SHARED) and not knows_chain:
             continue
-        near = difflib.get_close_matches(name, declared, n=1)
-        meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(declared))}'
-        raise ValueError(f'parameter {name!r} of {node.get_name()} is unknown; {meant}')
+        raise ValueError(unknown(node, name, declared))
 
 
 def given(node: Node) -> Mapping[str, Parameter]:

@@ -10,7 +10,6 @@ from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 
 from soliton_linkage.steering.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs.action import MoveSoliton
@@ -19,6 +18,7 @@ from soliton_linkage_nodes.messages.move_conversions import (
     move_result_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
 """Shortest time between two messages of feedback [s], which a person reads."""
@@ -29,7 +29,7 @@ class MoveServer(ActionServer):
 
     def __init__(
         self,
-        node: Node,
+        node: GuardedNode,
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
@@ -39,9 +39,13 @@ class MoveServer(ActionServer):
             MoveSoliton,
             interfaces.MOVE_SOLITON,
             lambda _: None,
-            handle_accepted_callback=take,
+            handle_accepted_callback=self._take,
             cancel_callback=cancel,
+            goal_service_qos_profile=CALLS,
+            result_service_qos_profile=CALLS,
+            cancel_service_qos_profile=CALLS,
         )
+        self._begin_or_refuse = take
         self.goal: ServerGoalHandle | None = None
         """The goal that is under way."""
         self.begun = 0
@@ -55,6 +59,15 @@ class MoveServer(ActionServer):
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
         """Leave a goal that executes to the callbacks of its node."""
+
+    def _take(self, handle: ServerGoalHandle) -> None:
+        try:
+            self._begin_or_refuse(handle)
+        except MemoryError:
+            raise
+        except Exception as error:
+            failure = self._of.fail('begin a move', error)
+            self.end(handle, Ended(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, place: float) -> None:
         """Have a goal under way, from a place on [rotor spacings]."""

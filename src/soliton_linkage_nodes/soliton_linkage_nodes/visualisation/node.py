@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
@@ -22,6 +21,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.marker_conversions import text_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.newest import Newest
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
@@ -48,7 +48,7 @@ class VisualisationParameters:
     )
 
 
-class Visualisation(Node):
+class Visualisation(GuardedNode):
     """Draws a chain for RViz, Foxglove and the like: what nobody subscribes to is not drawn.
 
     Subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless told the

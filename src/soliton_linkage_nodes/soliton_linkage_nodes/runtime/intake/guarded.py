@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that outlive what their callbacks cannot stand."""
+
+from __future__ import annotations
+
+import difflib
+import traceback
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+CALLS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Of services: that of ROS keeps ten calls, and loses more that come at once."""
+
+
+def in_one_line(error: BaseException) -> str:
+    """An error that nobody expected, and where it was raised, in a line."""
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
+    return f'{type(error).__name__}: {" ".join(str(error).split())}{where}'
+
+
+def unknown(node: Node, name: str, known: Iterable[str]) -> str:
+    """Complaint about a parameter that a node has not declared."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    meant = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(known))}'
+    return f'parameter {name!r} of {node.get_name()} is unknown; {meant}'
+
+
+class GuardedNode(Node):
+    """A node whose callbacks may fail; that costs only what they were called for then.
+
+    Memory that is used up ends it all the same.
+    """
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
+    ) -> Any:
+        """Create a subscription of which a message may be too much."""
+        guarded = self.guarded(f'take a message of {topic}', callback)
+        return super().create_subscription(msg_type, topic, guarded, *args, **kwargs)
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any
+    ) -> Any:
+        """Create a timer of which an instant may be too much."""
+        guarded = self.guarded('act on a timer', callback)
+        return super().create_timer(timer_period_sec, guarded, *args, **kwargs)
+
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
+    ) -> Any:
+        """Create a service that keeps many calls, of which one may be too much."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except MemoryError:
+                raise
+            except Exception as error:
+                reason = self.fail(f'answer {srv_name}', error)
+                return _refusing(request, response, reason)
+
+        return super().create_service(
+            srv_type, srv_name, answer, **{'qos_profile': CALLS, **kwargs}
+        )
+
+    def set_parameters_atomically(
+        self, parameter_list: Sequence[Parameter]
+    ) -> SetParametersResult:
+        """Set all parameters or none; what was not declared is refused by its name."""
+        for parameter in parameter_list:
+            if not self.has_parameter(parameter.name):
+                known = self.get_parameters_by_prefix('')
+                reason = unknown(self, parameter.name, known)
+                return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(parameter_list)
+
+    def guarded(self, what: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback that may fail of what it does."""
+
+        @wraps(call)
+        def call_or_fail(*args: Any) -> None:
+            try:
+                call(*args)
+            except MemoryError:
+                raise
+            except Exception as error:
+                self.fail(what, error)
+
+        return call_or_fail
+
+    def fail(self, what: str, error: Exception) -> str:
+        """Count a failure and say it in one line, which is returned."""
+        failure = f'could not {what}: {in_one_line(error)}'
+        diagnostics = getattr(self, 'diagnostics', None)
+        if diagnostics is None:
+            self.get_logger().error(failure)
+        else:
+            diagnostics.fail(failure)
+        return failure
+
+
+def _refusing(request: Any, response: Any, reason: str) -> Any:
+    """Return a response that refuses a request, as far as it has fields for that."""
+    if hasattr(response, 'success'):
+        response.success = False
+    for text in ('message', 'reason'):
+        if hasattr(response, text):
+            setattr(response, text, reason)
+    if hasattr(response, 'results') and hasattr(request, 'parameters'):
+        refusal = SetParametersResult(successful=False, reason=reason)
+        response.results = [refusal for _ in request.parameters]
+    return response

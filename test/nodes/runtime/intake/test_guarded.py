@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a callback cannot stand ends that message, call or instant with a line, never the node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from graphs import Graph, values
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS, GuardedNode
+
+pytestmark = pytest.mark.usefixtures('often')
+
+
+class Clumsy(GuardedNode):
+    """Fails of all that is asked of it but of what is above 0."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('clumsy', **kwargs)
+        self.taken: list[float] = []
+        self.ticks = 0
+        self.diagnostics = Diagnostics(self, 'stumbling', lambda: Report('well'))
+        self.create_subscription(Float64, 'nudge', self._on_message, 100)
+        self.create_service(Trigger, '~/ask', self._on_call)
+        self.create_timer(0.05, self._on_timer)
+        self.declare_parameter('speed', 1.0)
+        self.add_on_set_parameters_callback(lambda changes: changes[7])
+
+    def _on_message(self, message: Float64) -> None:
+        self.taken.append([message.data][0 if message.data > 0 else 1])
+
+    def _on_call(self, _request: Any, _response: Any) -> Any:
+        raise KeyError('nothing')
+
+    def _on_timer(self) -> None:
+        self.ticks += 1
+        raise RuntimeError(f'tick {self.ticks}\nwas too much')
+
+
+def test_a_message_that_cannot_be_stood_is_the_only_one_lost(
+    graph: Graph, said: Callable[[], str]
+) -> None:
+    node = graph.start(Clumsy)
+    publisher = graph.speak(interfaces.NUDGE)
+    for number in (1.0, -1.0, 2.0):
+        publisher.publish(Float64(data=number))
+    graph.until(lambda: node.taken == [1.0, 2.0], 'the others')
+    (line,) = [line for line in said().splitlines() if 'nudge' in line]
+    assert 'could not take a message of nudge: IndexError: list index out of range' in line
+    assert 'test_guarded.py:' in line
+
+
+def test_a_call_that_fails_is_answered(graph: Graph) -> None:
+    graph.start(Clumsy)
+    response = graph.call(Trigger, 'clumsy/ask')
+    assert not response.success
+    assert response.message.startswith("could not answer ~/ask: KeyError: 'nothing'")
+
+
+def test_a_timer_that_fails_goes_on_and_is_said_in_one_line(
+    graph: Graph, said: Callable[[], str]
+) -> None:
+    node = graph.start(Clumsy)
+    graph.until(lambda: node.ticks > 5, 'more ticks')
+    (line,) = [line for line in said().splitlines() if 'tick' in line]
+    assert 'RuntimeError: tick 1 was too much' in line
+    status = graph.next_report('clumsy')
+    assert int(values(status)['failed']) >= 5
+    assert 'could not act on a timer' in status.message
+
+
+def test_a_parameter_that_cannot_be_taken_is_refused_with_the_reason(graph: Graph) -> None:
+    graph.start(Clumsy)
+    for name, reason in (
+        ('speed', 'could not answer clumsy/set_parameters: IndexError'),
+        ('sped', "parameter 'sped' of clumsy is unknown; did you mean 'speed'?"),
+    ):
+        change = Parameter(name, value=2.0).to_parameter_msg()
+        (result,) = graph.call(SetParameters, 'clumsy/set_parameters', parameters=[change]).results
+        assert not result.successful
+        assert reason in result.reason
+
+
+def test_two_hundred_calls_at_once_are_all_answered(graph: Graph) -> None:
+    graph.start(Clumsy)
+    clients = [
+        graph.user.create_client(Trigger, 'clumsy/ask', qos_profile=CALLS) for _ in range(20)
+    ]
+    for client in clients:
+        graph.until(client.service_is_ready, 'the service')
+    answers = [client.call_async(Trigger.Request()) for client in clients for _ in range(10)]
+    graph.until(lambda: all(answer.done() for answer in answers), 'all answers')
