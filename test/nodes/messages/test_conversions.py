@@ -213,9 +213,11 @@ def test_a_message_that_describes_no_chain_is_refused(
         conversions.chain_from_msg(message)
 
 
-def test_finite_values_whose_sum_is_not_are_accepted() -> None:
-    message = joint_state(position=[1e308, 1e308, 0.0, 0.0, 0.0])
-    assert conversions.frame_from_msg(NAMED, message).angles[1] == 1e308
+def test_angles_that_no_encoder_shows_are_refused() -> None:
+    message = joint_state(position=[0.0, 1e308, 0.0, 0.0, 0.0])
+    complaint = 'position of rotor_1 = 1e+308 must lie in the range -1e+09 to 1e+09; mend what'
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        conversions.frame_from_msg(NAMED, message)
 
 
 def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:

@@ -41,7 +41,7 @@ def test_frames_are_read_as_far_as_they_go() -> None:
     )
     for _ in range(2):
         frame = read(message)
-        np.testing.assert_array_equal(frame.angles, [math.inf, math.nan, math.nan, math.nan, 4.5])
+        np.testing.assert_array_equal(frame.angles, [math.nan, math.nan, math.nan, math.nan, 4.5])
         assert frame.rates is not None
         np.testing.assert_array_equal(frame.rates, [2.0, math.nan, 3.0, math.nan, 1.0])
     message.velocity = []
@@ -75,3 +75,9 @@ def test_joint_states_that_contradict_themselves_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(complaint)):
         FrameReader(NAMES).read(joint_states_from_msg(message))
+
+
+def test_what_no_encoder_shows_is_not_seen() -> None:
+    message = JointState(name=['a', 'b', 'c'], position=[1e308, 0.5, -1e308])
+    frame = FrameReader(('a', 'b', 'c')).read(joint_states_from_msg(message))
+    np.testing.assert_array_equal(frame.angles, [np.nan, 0.5, np.nan])

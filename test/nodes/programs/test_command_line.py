@@ -28,7 +28,7 @@ def parser() -> ProgramParser:
         (['nan'], "argument force: 'nan' must be a finite number in the range -10 to 10 N"),
         (['-inf'], "argument force: '-inf' must be a finite number in the range -10 to 10 N"),
         (['-2e1'], "argument force: '-2e1' must lie in the range -10 to 10 N"),
-        (['1', '--times', '0'], "argument --times: '0' must lie in the range 1 to inf"),
+        (['1', '--times', '0'], "argument --times: '0' must be 1 or more"),
         (['1', '--bogus'], '--bogus: unknown'),
         (['1', '2'], '2: unknown'),
         (['1', '-r', '__ns:=/a'], 'ROS arguments come after --ros-args, as --ros-args -r '),

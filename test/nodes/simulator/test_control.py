@@ -364,3 +364,36 @@ def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(
     end(published, begin(published, endless))
     published.tick(3)
     assert published.numbers == [0]
+
+
+def test_a_state_from_which_no_frame_can_be_computed_is_refused_at_the_door() -> None:
+    control = SimulationControl(
+        lambda state, _: ElasticSimulation(CHAIN, state.angles, state.rates, 0.002),
+        State(CHAIN.uniform_state(-1), np.zeros(CHAIN.number_of_rotors)),
+        NO_GRAVITY,
+        0.0,
+        lambda *_: None,
+    )
+    before, rates = control.simulation, np.zeros(CHAIN.number_of_rotors)
+    rates[3] = 1e6
+    with pytest.raises(ValueError, match='more than 1100 steps; kick more gently'):
+        control.reset(State(CHAIN.uniform_state(-1), rates))
+    assert control.simulation is before
+    assert control.tick()
+
+
+def test_what_a_simulation_fails_of_pauses_it_with_the_reason() -> None:
+    class Broken(ElasticSimulation):
+        def step(self) -> None:
+            raise TypeError('no such step')
+
+    control = SimulationControl(
+        lambda state, _: Broken(CHAIN, state.angles),
+        State(CHAIN.uniform_state(-1), np.zeros(CHAIN.number_of_rotors)),
+        NO_GRAVITY,
+        0.0,
+        lambda *_: None,
+    )
+    control.tick()
+    assert control.status.paused
+    assert 'TypeError: no such step' in str(control.status.failure)

@@ -116,12 +116,12 @@ def test_no_gravity_does_nothing() -> None:
 
 @pytest.mark.parametrize('acceleration', [-9.81, math.nan, math.inf])
 def test_a_strength_that_no_field_has_is_refused(acceleration: float) -> None:
-    complaint = rf'Gravity\.acceleration = {acceleration} m/s\^2 must be .* turn the field by'
+    complaint = rf'Gravity\.acceleration = {acceleration} must .*in the range 0 to 1e\+06 m/s\^2'
     with pytest.raises(ValueError, match=complaint):
         Gravity(acceleration)
 
 
 @pytest.mark.parametrize('tilt', [math.nan, -math.inf])
 def test_a_tilt_that_is_no_angle_is_refused(tilt: float) -> None:
-    with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} rad must be a finite number'):
+    with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} must be a finite number'):
         Gravity(9.81, tilt)

@@ -377,3 +377,10 @@ def test_the_transition_is_refused() -> None:
         UniformOrbit(chain_of((1 / math.sin(0.8) ** 2, 0.8), 20))
     with pytest.raises(ValueError, match='take longer rotors or a larger rest angle'):
         UniformOrbit(chain_of((0.02, 0.001), 20))
+
+
+def test_walls_that_are_wider_than_numbers_reach_have_an_orbit() -> None:
+    chain = Chain(number_of_rotors=200, rotor_length=9.5e-05, rest_angle=1.57)
+    orbit = UniformOrbit(chain)
+    tangent = orbit.tangent(orbit.arc_at(100.0, 0))
+    assert np.linalg.norm(tangent) == pytest.approx(1.0, abs=1e-6)

@@ -163,3 +163,8 @@ def test_a_trajectory_knows_its_ends() -> None:
     trajectory = ReferenceTrajectory(1.0, 2.0, (1.0, 0.0, 0.0, 10.0, -15.0, 6.0))
     assert (trajectory.end, trajectory.goal) == (3.0, 2.0)
     assert trajectory.at(0.0) == ReferencePoint(1.0, 0.0, 0.0)
+
+
+def test_a_wall_that_radiates_at_every_number_goes_slowly() -> None:
+    chain = replace(chain_of(FLIPPER, 8), rotor_length=1000.0, rest_angle=0.001)
+    assert 0 < gentle_rate(UniformOrbit(chain)) < 1e-5

@@ -40,13 +40,13 @@ class PneumaticActuator:
         -80e3, 'lowest gauge pressure that can be asked for', 'Pa', -101325.0, 0.0
     )
     highest_pressure: float = quantity(
-        200e3, 'highest gauge pressure that can be asked for', 'Pa', 0.0
+        200e3, 'highest gauge pressure that can be asked for', 'Pa', 0.0, 1e9
     )
     torque_per_pressure: float = quantity(
-        5e-8, 'torque along the unit zero mode that a pressure gives', 'N m/Pa', 0.0
+        5e-8, 'torque along the unit zero mode that a pressure gives', 'N m/Pa', 0.0, 1.0
     )
     saturation_torque: float = quantity(
-        0.02, 'torque beyond which more pressure gives no more', 'N m', 0.0
+        0.02, 'torque beyond which more pressure gives no more', 'N m', 0.0, 1e6
     )
 
     def __post_init__(self) -> None:

@@ -167,6 +167,17 @@ class Simulation(ABC):
         self._restart()
 
     @property
+    def steps_a_frame(self) -> float:
+        """Least number of steps of the solver from a frame to the next, 0 before the first [1]."""
+        return 0.0 if self._stale else self.period / self._longest_step
+
+    @property
+    def progress(self) -> float:
+        """How much of the way to the next frame is computed [1]."""
+        done = 0.0 if self._stale else self._solver.t / self.period
+        return 1.0 if self.ready else done - (self.frame - self._first_frame)
+
+    @property
     def ready(self) -> bool:
         """Whether the next frame is computed."""
         return self._ahead < len(self._batch)
@@ -176,6 +187,7 @@ class Simulation(ABC):
         if self._stale:
             # It is made once however much happens at a frame.
             self._solver, longest_step = self._solver_from(self._packed())
+            self._longest_step = longest_step
             self._time_unit = min(self.chain.time_unit, longest_step)
             self._stale = False
         complaint = self._solver.step()

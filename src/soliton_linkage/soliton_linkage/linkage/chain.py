@@ -53,7 +53,7 @@ class Chain:
     )
     mass: float = quantity(0.02, 'mass at the end of each rotor', 'kg', 1e-9, 1e6)
     stiffness: float = quantity(50.0, 'stiffness of each spring', 'N/m', 1e-9, 1e12)
-    damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0)
+    damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0, 1e6)
     periodic: bool = quantity(False, 'whether the last rotor is joined to the first')
     deviations: Deviations = NO_DEVIATIONS
 

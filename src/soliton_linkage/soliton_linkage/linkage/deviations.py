@@ -17,6 +17,9 @@ from soliton_linkage.linkage.quantities import (
     with_fields,
 )
 
+_LARGEST_FRACTION = 1e3
+"""That a rotor or spring may have more [1]: products of lengths stay numbers."""
+
 
 @with_fields
 @dataclass(frozen=True)
@@ -48,10 +51,11 @@ class Deviations:
         """Refuse fractions that are not finite or leave nothing."""
         for name in _NAMES:
             for place, fraction in enumerate(getattr(self, name)):
-                if not (math.isfinite(fraction) and fraction > -1):
+                if not -1 < fraction <= _LARGEST_FRACTION:
                     raise ValueError(
                         f'deviation {place} of {name} = {fraction:g} must be a finite number '
-                        'above -1; give fractions of the parameter of the chain'
+                        f'above -1, {_LARGEST_FRACTION:g} or less; give fractions of the '
+                        'parameter of the chain'
                     )
 
     def check_fit(self, number_of_rotors: int, number_of_springs: int) -> None:

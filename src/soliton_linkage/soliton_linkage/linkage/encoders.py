@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import (
+    LARGEST_ANGLE,
     LARGEST_SEED,
     check_quantities,
     quantity,
@@ -37,8 +37,11 @@ class EncoderErrors:
         """Refuse values out of their range."""
         check_quantities(self)
         for rotor, offset in enumerate(self.offsets):
-            if not math.isfinite(offset):
-                raise ValueError(f'offset of rotor {rotor} = {offset} rad must be a finite number')
+            if not abs(offset) <= LARGEST_ANGLE:
+                raise ValueError(
+                    f'offset of rotor {rotor} = {offset:g} rad must lie in the range '
+                    f'{-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g} rad; give what readings are off by'
+                )
 
     @property
     def none(self) -> bool:

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import quantity, with_fields
+from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
 
 
 @with_fields
@@ -17,28 +16,24 @@ from soliton_linkage.linkage.quantities import quantity, with_fields
 class Gravity:
     """A field of constant strength whose direction tilts from -z (tilt 0) towards +x (pi / 2).
 
-    Raises ValueError for a strength that is negative and for values that are not finite.
+    Raises ValueError for values out of their range.
     """
 
     acceleration: float = quantity(
-        0.0, 'acceleration of a free mass', 'm/s^2', 0.0, adjustable=True
+        0.0, 'acceleration of a free mass', 'm/s^2', 0.0, 1e6, adjustable=True
     )
     tilt: float = quantity(
         0.0,
         'tilt of the chain from horizontal, above 0 where the last rotor is the lower end',
         'rad',
+        -1e6,
+        1e6,
         adjustable=True,
     )
 
     def __post_init__(self) -> None:
-        """Refuse values that no field has."""
-        if not (math.isfinite(self.acceleration) and self.acceleration >= 0):
-            raise ValueError(
-                f'Gravity.acceleration = {self.acceleration} m/s^2 must be a finite number of 0 '
-                'or more; turn the field by its tilt'
-            )
-        if not math.isfinite(self.tilt):
-            raise ValueError(f'Gravity.tilt = {self.tilt} rad must be a finite number')
+        """Refuse values out of their range."""
+        check_quantities(self)
 
     def energy(self, chain: Chain, angles: Array) -> Array:
         """Potential energy of the masses, 0 at their pivots [J], shape (...).

@@ -12,6 +12,9 @@ from typing import Any, TypeVar
 LARGEST_SEED = 10**9
 """Of random numbers; any is as good, and parameters of nodes are whole numbers of 64 bits."""
 
+LARGEST_ANGLE = 1e9
+"""Of a rotor, turns and all [rad], of which a number tells 1e-7 rad: less than encoders do."""
+
 Described = TypeVar('Described')
 
 
@@ -33,19 +36,20 @@ class Quantity:
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
             number = float(value)
             if not math.isfinite(number):
-                return f'must be a finite number{self._range()}'
+                return f'must be a finite number{self._range(" in the range", " of")}'
             below = self.minimum is not None and number < self.minimum
             above = self.maximum is not None and number > self.maximum
             if below or above:
-                return f'must lie{self._range()}'
+                return f'must {self._range("lie in the range", "be")}'
         return None
 
-    def _range(self) -> str:
-        if self.minimum is None and self.maximum is None:
-            return ''
-        low = '-inf' if self.minimum is None else f'{self.minimum:g}'
-        high = 'inf' if self.maximum is None else f'{self.maximum:g}'
-        return f' in the range {low} to {high}{" " + self.unit if self.unit else ""}'
+    def _range(self, between: str, beyond: str) -> str:
+        low, high, unit = self.minimum, self.maximum, f' {self.unit}' if self.unit else ''
+        if low is not None and high is not None:
+            return f'{between} {low:g} to {high:g}{unit}'
+        if low is not None:
+            return f'{beyond} {low:g}{unit} or more'
+        return '' if high is None else f'{beyond} {high:g}{unit} or less'
 
 
 def quantity(

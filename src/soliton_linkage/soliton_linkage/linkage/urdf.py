@@ -29,8 +29,8 @@ points, and readers of URDF refuse a moment of 0."""
 class JointLimits:
     """What a rotor is not to exceed; it may turn as far as it will."""
 
-    torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0)
-    speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0)
+    torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0, 1e6)
+    speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)
 
     def __post_init__(self) -> None:
         """Refuse limits below 0."""

@@ -193,8 +193,23 @@ class _ShortOrbit:
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
-        mode[1:] *= np.cumprod(self._scale * first)
-        mode[:-1] *= np.cumprod(self._scale * second[::-1])[::-1]
+        with np.errstate(over='ignore', invalid='ignore'):
+            mode[1:] *= np.cumprod(self._scale * first)
+            mode[:-1] *= np.cumprod(self._scale * second[::-1])[::-1]
+            square = float(mode @ mode)
+        if not 0 < square < math.inf:
+            return self._wide(first, second)
+        return np.asarray(mode / math.sqrt(square))
+
+    def _wide(self, first: Array, second: Array) -> Array:
+        """The same where the products leave the range of numbers, by their logarithms."""
+        signs, logarithms = self._signs.copy(), np.zeros(len(self._signs))
+        with np.errstate(divide='ignore'):
+            logarithms[1:] += np.cumsum(np.log(np.abs(first)))
+            logarithms[:-1] += np.cumsum(np.log(np.abs(second[::-1])))[::-1]
+        signs[1:] *= np.cumprod(np.sign(first))
+        signs[:-1] *= np.cumprod(np.sign(second[::-1]))[::-1]
+        mode = signs * np.exp(logarithms - logarithms.max())
         return np.asarray(mode / math.sqrt(mode @ mode))
 
     def _pieces(self) -> list[_BetweenMiddles]:

@@ -115,7 +115,9 @@ def gentle_rate(orbit: UniformOrbit, settings: SteeringSettings = DEFAULTS) -> f
     spectrum = np.fft.rfft(passing * np.hanning(_SAMPLES))
     shares = (np.abs(spectrum) * step * numbers) ** 2
     radiating = np.flatnonzero(shares.max(axis=0) > settings.radiated_share)
-    return settings.gentle_share * gap(orbit.chain) / float(numbers[max(radiating, default=0) + 1])
+    # Of a wall that radiates at every number, as it jumps, the samples tell no more.
+    first_quiet = min(max(radiating, default=0) + 1, len(numbers) - 1)
+    return settings.gentle_share * gap(orbit.chain) / float(numbers[first_quiet])
 
 
 def bandwidth(orbit: UniformOrbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:

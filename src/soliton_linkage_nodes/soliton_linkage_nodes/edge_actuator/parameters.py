@@ -46,14 +46,16 @@ class EdgeActuatorParameters:
         'commands are refused, 0 for never',
         's',
         0.0,
+        86_400.0,
     )
-    speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0)
+    speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0, 1e6)
     torque_limit: float = quantity(
         0.1,
         'largest torque of a pulse along the unit zero mode, and of a joint without a limit of '
         'its own',
         'N m',
         0.0,
+        1e6,
     )
     joints: tuple[str, ...] = quantity((), 'joints that carry an actuator; empty for all of them')
 
@@ -73,8 +75,9 @@ def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mappi
 
     Raises ValueError where the joints are not names, each once.
     """
+    own = settings.torque_limit
     fields = [
-        (name, float, quantity(settings.torque_limit, f'largest torque of {name}', 'N m', 0.0))
+        (name, float, quantity(own, f'largest torque of {name}', 'N m', 0.0, 1e6))
         for name in settings.joints
     ]
     try:

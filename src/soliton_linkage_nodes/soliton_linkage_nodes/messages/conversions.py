@@ -18,11 +18,16 @@ from std_msgs.msg import Header
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 FRAME = 'linkage'
 """In which the pivots stand along x."""
+_FARTHEST = 1e6
+"""Angle that a reset may turn a rotor to [rad]: beyond, solvers lose the digits of small steps."""
+_FASTEST = 1e6
+"""Rate that a reset may give a rotor [rad/s], a bullet's at a millimetre."""
 _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
 )
@@ -163,10 +168,11 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
     and, where there are any, a rate that are finite.
     """
     rotors = named.numbers
-    given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, math.inf)
+    what = 'start from angles and rates that rotors have'
+    given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, _FARTHEST, what)
     rates = np.zeros(named.rotors)
     if len(request.rate):
-        rates = _by_rotor(rotors, 'reset.rate', request.name, request.rate, math.inf)
+        rates = _by_rotor(rotors, 'reset.rate', request.name, request.rate, _FASTEST, what)
     angles = now.angles.copy()
     at = [rotors[name] for name in request.name]
     angles[at] = given[at]
@@ -215,6 +221,7 @@ def _by_rotor(
     names: Sequence[str],
     values: Sequence[float],
     largest: float,
+    remedy: str = 'send less or raise the limit parameter',
 ) -> Array:
     array = np.asarray(values, dtype=np.float64)
     check_names(source, names)
@@ -227,7 +234,7 @@ def _by_rotor(
         if abs(value) > largest:
             raise ValueError(
                 f'{source} of {name} = {value:g} must lie in the range {-largest:g} to '
-                f'{largest:g}; send less or raise the limit parameter'
+                f'{largest:g}; {remedy}'
             )
     by_rotor = np.zeros(len(rotors))
     by_rotor[[rotors[name] for name in names]] = array
@@ -244,7 +251,15 @@ def check_length(source: str, names: Sequence[str], values: Sequence[float] | Ar
 
 def _check_array(source: str, names: Sequence[str], values: Array) -> None:
     check_length(source, names, values)
-    finite = np.isfinite(values)
-    if not finite.all():
-        worst = int(np.argmin(finite))
-        raise ValueError(f'{source} of {names[worst]} = {values[worst]} must be a finite number')
+    known = np.abs(values) <= LARGEST_ANGLE
+    if known.all():
+        return
+    worst = int(np.argmin(known))
+    told = f'{source} of {names[worst]} = {values[worst]:g}'
+    if not math.isfinite(values[worst]):
+        raise ValueError(f'{told} must be a finite number')
+    if source.startswith('joint_states'):
+        raise ValueError(
+            f'{told} must lie in the range {-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g}; mend what '
+            'publishes it'
+        )

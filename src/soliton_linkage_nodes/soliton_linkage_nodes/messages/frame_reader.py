@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
     JointStates,
@@ -30,8 +31,9 @@ class FrameReader:
     def read(self, joints: JointStates) -> Frame:
         """Angles and rates of all rotors, NaN where the joint states do not tell them.
 
-        Joints that are no rotors are passed over. Raises ValueError where no rotor is named, or
-        a joint is twice, and for arrays that are not as long as that of the names.
+        They do not where a value is infinite or beyond 1e9, which no encoder shows. Joints that
+        are no rotors are passed over. Raises ValueError where no rotor is named, or a joint is
+        twice, and for arrays that are not as long as that of the names.
         """
         check_length('joint_states.position', joints.name, joints.position)
         if joints.name is not self._names and joints.name != self._names:
@@ -56,6 +58,8 @@ class FrameReader:
         self._names = names
 
     def _ordered(self, values: Array) -> Array:
+        if not np.abs(values).max(initial=0.0) <= LARGEST_ANGLE:
+            values = np.where(np.abs(values) <= LARGEST_ANGLE, values, np.nan)
         if self._as_they_are:
             return values.copy()
         ordered = np.full(len(self._rotors), np.nan)

@@ -34,7 +34,8 @@ class Report:
 class Diagnostics:
     """Publishes a node's report once a second and counts what the node refused or failed of.
 
-    What `watches` return is told with the report: a sentence, empty where all is well, and figures.
+    What `watches` return is told with the report: a sentence, empty where all is well, and
+    figures.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:

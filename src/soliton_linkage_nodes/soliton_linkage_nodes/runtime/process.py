@@ -7,8 +7,10 @@ import gc
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import rclpy
@@ -114,6 +116,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     code = 0
     try:
         initialise(arguments)
+        _tell_warnings()
         gc.collect()
         with ExitStack() as stack:
             nodes = [_created(component, stack, arguments) for component in components]
@@ -134,6 +137,20 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     finally:
         rclpy.try_shutdown()
     sys.exit(code)
+
+
+def _tell_warnings() -> None:
+    """Say what libraries warn of as a node says what it has to, each in one line."""
+
+    def tell(
+        message: Warning | str, category: type[Warning], file: str, line: int, *_: Any
+    ) -> None:
+        told = ' '.join(str(message).split())
+        get_logger('soliton_linkage').warning(
+            f'{category.__name__}: {told} ({Path(file).name}:{line})'
+        )
+
+    warnings.showwarning = tell
 
 
 def _is_of_limits(error: Exception) -> bool:

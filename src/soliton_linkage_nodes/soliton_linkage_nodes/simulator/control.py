@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -11,7 +12,13 @@ from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage_nodes.runtime.intake.guarded import in_one_line
 
+_LONGEST_TRIAL = 1.0
+"""Of the first frame after a reset, in time of the processor [s], for which the caller waits."""
+_LEAST_PROGRESS = 1e-3
+"""Share of a frame that must be computed in that time [1]: one that takes a quarter of an hour is
+refused."""
 _MOST_KICKS = 10_000
 """Kicks that may wait for a frame: a second of the fastest topic, and no lasting growth."""
 
@@ -164,10 +171,13 @@ class SimulationControl:
     def reset(self, state: State) -> None:
         """Drop all commands and put the chain into a state; time goes on.
 
-        Raises ValueError, with nothing changed, where the mechanics do not allow the state.
+        Raises ValueError, with nothing changed, where the mechanics do not allow the state or no
+        frame can be computed from it.
         """
+        simulation = self._begin(state, self._gravity)
+        _try(simulation)
         with self._lock:
-            self._simulation = self._begin(state, self._gravity)
+            self._simulation = simulation
             self._commands = _Pending()
             self._torques_expire = None
             if self._failure is not None:
@@ -184,7 +194,7 @@ class SimulationControl:
     def _begin_frame(self) -> Simulation:
         try:
             self._carry_out_commands()
-        except ValueError as error:
+        except Exception as error:
             self._fail(error)
         self._publish(self._frame, self._simulation)
         self._frame += 1
@@ -192,19 +202,19 @@ class SimulationControl:
 
     def _finish_frame(self, simulation: Simulation) -> None:
         """Go on to the next frame, with the lock free until that is computed."""
-        failure = None
+        failure: Exception | None = None
         self._given_up = simulation
         try:
             while not (simulation.ready or self._failure or self._forsaken(simulation)):
                 simulation.step()
-        except ArithmeticError as error:
+        except Exception as error:
             failure = error
         with self._lock:
             if self._failure is None and not self._forsaken(simulation):
                 try:
                     if failure is None:
                         simulation.advance()
-                except ArithmeticError as error:
+                except Exception as error:
                     failure = error
                 self._given_up = None
                 if failure is not None:
@@ -215,7 +225,8 @@ class SimulationControl:
 
     def _fail(self, error: Exception) -> None:
         self._paused = True
-        self._failure = f'{error}; call ~/reset to go on'
+        expected = isinstance(error, (ArithmeticError, ValueError))
+        self._failure = f'{error if expected else in_one_line(error)}; call ~/reset to go on'
 
     def _carry_out_commands(self) -> None:
         simulation = self._simulation
@@ -229,3 +240,19 @@ class SimulationControl:
         if self._torques_expire is not None and self._frame >= self._torques_expire:
             simulation.hold(0 * simulation.torques)
             self._torques_expire = None
+
+
+def _try(simulation: Simulation) -> None:
+    """Compute the first frame, or as much as there is time for; ValueError where it cannot be."""
+    deadline = time.thread_time() + _LONGEST_TRIAL
+    try:
+        while not simulation.ready and time.thread_time() < deadline:
+            simulation.step()
+    except ArithmeticError as error:
+        raise ValueError(str(error)) from error
+    if 0 < simulation.progress < _LEAST_PROGRESS:
+        raise ValueError(
+            f'a frame of this state takes {_LONGEST_TRIAL / _LEAST_PROGRESS:g} s to compute or '
+            f'more, and {simulation.steps_a_frame:.3g} steps at least; start from slower rotors, '
+            'or from softer springs and heavier masses'
+        )

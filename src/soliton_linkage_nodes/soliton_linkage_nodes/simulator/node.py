@@ -15,6 +15,7 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder
 from soliton_linkage_nodes.messages.chain_source import declare_chain
@@ -84,7 +85,7 @@ class Simulator(ManagedNode):
         pace = self._pace(settings.real_time_factor)
         self.loop = PacedLoop(pace, self.control.tick, self.real_time)
         self._figures = SimulationReport(
-            self.control, self.loop, settings.publish_rate, self.get_logger().error
+            self.control, self.loop, settings, self.get_logger().error
         )
         self.diagnostics = Diagnostics(self, 'simulation', self.reporting(self._report))
         self._obstacles = find_obstacles(chain)
@@ -146,6 +147,9 @@ class Simulator(ManagedNode):
         self.control.hold(torques_from_msg(self.named.numbers, message, limit))
 
     def _on_tilt(self, message: Float64) -> None:
+        complaint = described_fields(Gravity)['tilt'].complaint(message.data)
+        if complaint:
+            raise ValueError(f'gravity.tilt = {message.data} {complaint}')
         (result,) = self.set_parameters([Parameter('gravity.tilt', value=message.data)])
         if not result.successful:
             raise ValueError(result.reason)

@@ -32,10 +32,22 @@ class SimulatorParameters(WorldParameters):
         (), 'joints left out of joint_states, by name or number; empty for none'
     )
     command_timeout: float = quantity(
-        0.5, 'time after which torques are dropped without a new message, 0 for never', 's', 0.0
+        0.5,
+        'time after which torques are dropped without a new message, 0 for never',
+        's',
+        0.0,
+        86_400.0,
     )
-    impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0)
-    torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0)
+    impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0, 1e6)
+    torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0, 1e6)
+    energy_drift_limit: float = quantity(
+        1e-3,
+        'energy that the solver may gain or lose, over the largest there was, before that is a '
+        'warning; half of it warns earlier, twice later, and nothing else changes',
+        '',
+        0.0,
+        1.0,
+    )
     publish_clock: bool = quantity(False, 'whether to publish the simulated time on /clock')
     subscribers: int = quantity(
         0, 'number of subscribers of joint_states to wait for before time begins', '', 0, 1000

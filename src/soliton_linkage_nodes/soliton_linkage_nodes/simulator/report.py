@@ -27,15 +27,16 @@ class SimulationReport:
         self,
         control: SimulationControl,
         loop: PacedLoop,
-        publish_rate: float,
+        settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """`complain` is called once with what stops the simulation until a reset."""
+        """`complain` is called once with what stops the simulation, slows or spoils it."""
         self._control = control
         self._loop = loop
-        self._publish_rate = publish_rate
+        self._publish_rate = settings.publish_rate
+        self._drift_limit = settings.energy_drift_limit
         self._complain = complain
-        self._said: str | None = None
+        self._said = ''
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
@@ -48,8 +49,12 @@ class SimulationReport:
         late = 0 if status.paused else punctuality.missed - missed_before
         overdue = (now - before) * min(self._loop.rate, self._publish_rate) > _FRAMES_OVERDUE
         slow = not status.paused and not rate and overdue
+        message, trouble = self._message(status, late, slow)
+        if trouble and trouble != self._said:
+            self._complain(trouble)
+        self._said = trouble
         return Report(
-            self._message(status, late, slow),
+            message,
             {
                 'publish rate [Hz]': rate,
                 'real-time factor': rate / self._publish_rate,
@@ -62,19 +67,32 @@ class SimulationReport:
                 'energy drift': status.energy_drift,
                 **world,
             },
-            warning=bool(status.failure or late or slow),
+            warning=bool(trouble or late),
         )
 
-    def _message(self, status: SimulationStatus, late: int, slow: bool) -> str:
-        message = f'{late} deadlines missed in the last second' if late else 'on time'
+    def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
+        """How it is doing, and what of that is to be said once, empty where all is as meant."""
+        if status.failure:
+            told = f'paused, {status.failure}'
+            return told, told
         if slow:
-            message = 'the next frame takes long to compute'
+            steps = self._control.simulation.steps_a_frame
+            told = (
+                f'the next frame takes long to compute, {steps:.1g} steps of the solver at least; '
+                'take softer springs, heavier masses, less damping or slower rotors'
+            )
+            return told, told
+        trouble = ''
+        if abs(status.energy_drift) > self._drift_limit:
+            trouble = (
+                f'the solver has gained or lost more of the energy than energy_drift_limit = '
+                f'{self._drift_limit:g} allows; take a smaller tolerance'
+            )
         if status.paused:
-            message = f'paused, {status.failure}' if status.failure else 'paused'
-        if status.failure and status.failure != self._said:
-            self._complain(message)
-        self._said = status.failure
-        return message
+            return 'paused', trouble
+        if late:
+            return f'{late} deadlines missed in the last second', trouble
+        return trouble or 'on time', trouble
 
 
 def simulation_in_words(chain: Chain, settings: SimulatorParameters) -> str:

@@ -17,7 +17,7 @@ class SolitonSteeringParameters:
     actuated_joints: tuple[str, ...] = quantity(
         (), 'joints that carry an actuator; empty for all of them'
     )
-    torque_limit: float = quantity(0.1, 'largest torque of an actuator', 'N m', 1e-9)
+    torque_limit: float = quantity(0.1, 'largest torque of an actuator', 'N m', 1e-9, 1e6)
     strain_limit: float = quantity(
         0.1,
         'angle by which springs may give way, where not all joints carry actuators',

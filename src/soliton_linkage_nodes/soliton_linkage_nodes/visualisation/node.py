@@ -44,7 +44,11 @@ class VisualisationParameters:
     kymograph_rate: float = quantity(10.0, 'most pictures a second', 'Hz', 0.1, 30.0)
     kymograph_length: float = quantity(20.0, 'time that a picture shows', 's', 1.0, 600.0)
     kick_shown: float = quantity(
-        3.0, 'how long the last kick is shown after its end, 0 for until the next', 's', 0.0
+        3.0,
+        'how long the last kick is shown after its end, 0 for until the next',
+        's',
+        0.0,
+        86_400.0,
     )
 
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 MOST_LINES = 100
-"""In a period [1]: more than a person reads, and no burden where names are made up by thousands."""
+"""In a period [1]: more than a person reads, and no burden where thousands are made up."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 """A complaint with other numbers is the same."""
 
