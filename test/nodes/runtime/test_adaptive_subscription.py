@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription, heard_by_all
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -31,7 +32,8 @@ def listen(graph: Graph) -> list[JointState]:
     """Return a list to which all joint states are added that a node of its own hears."""
     heard: list[JointState] = []
     node = graph.start(lambda **kwargs: Node('listener', **kwargs))
-    AdaptiveSubscription(node, interfaces.JOINT_STATES, heard.append)
+    diagnostics = Diagnostics(node, 'listening', lambda: Report('well'))
+    AdaptiveSubscription(node, interfaces.JOINT_STATES, heard.append, diagnostics)
     return heard
 
 
@@ -84,11 +86,14 @@ def test_several_publishers_are_named_once(graph: Graph, said: Callable[[], str]
     listen(graph)
     speak(graph, RELIABLE)
     speak(graph, qos_profile_sensor_data)
-    complaint = '2 publishers of /joint_states, whose messages mix: /user, /user; stop all but one'
+    complaint = (
+        '2 publishers of /joint_states, of which the one that was heard first is kept to: /user, '
+        '/user; stop all but one'
+    )
     graph.until(lambda: complaint in said(), 'the warning')
     third = speak(graph, RELIABLE)
     graph.until(third.get_subscription_count, 'a subscriber')
-    assert said().count('whose messages mix') == 1
+    assert said().count('publishers of /joint_states') == 1
     assert 'offering incompatible' not in said()
 
 

@@ -105,7 +105,14 @@ class EdgeActuator(ManagedNode):
         interfaces.DELIVERY.subscribe(self, self._on_delivery)
         take_fresh = self.while_active(self._on_joint_states)
         take_joints = self.diagnostics.refusing('joint_states', take_fresh)
-        AdaptiveSubscription(self, interfaces.JOINT_STATES, take_joints, raw=True)
+        AdaptiveSubscription(
+            self,
+            interfaces.JOINT_STATES,
+            take_joints,
+            self.diagnostics,
+            raw=True,
+            succeeded=self.source.renew,
+        )
 
     def _counting(self, source: str, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
         def carry_out(message: Any) -> None:

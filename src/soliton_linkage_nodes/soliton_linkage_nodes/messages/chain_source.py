@@ -113,6 +113,7 @@ class ChainSource:
         Raises ValueError where the parameters describe no chain.
         """
         self.named: NamedChain | None = None
+        self._subscription: AdaptiveSubscription | None = None
         self._logger = node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
         self._learnt = learnt
@@ -123,7 +124,7 @@ class ChainSource:
             self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
         elif self.parameters.chain_from == 'topic':
             take = diagnostics.refusing('chain', self._on_chain)
-            AdaptiveSubscription(node, interfaces.CHAIN, take)
+            self._subscription = AdaptiveSubscription(node, interfaces.CHAIN, take, diagnostics)
 
     @property
     def in_words(self) -> str:
@@ -132,6 +133,11 @@ class ChainSource:
             return chain_in_words(self.named.chain)
         known = self.parameters.chain_from == 'topic'
         return f'the chain of {self._topic}' if known else 'a chain that is not known'
+
+    def renew(self) -> None:
+        """Hear the chain again: another has taken the place of who told it."""
+        if self._subscription is not None:
+            self._subscription.renew()
 
     def _on_chain(self, message: msg.Chain) -> None:
         before = self.named

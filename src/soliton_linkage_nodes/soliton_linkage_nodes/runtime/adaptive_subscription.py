@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -11,10 +11,15 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.intake.informed import Info, Informed
+from soliton_linkage_nodes.runtime.intake.kept_stream import KeptStream
+from soliton_linkage_nodes.runtime.intake.lag import Lag
 from soliton_linkage_nodes.runtime.interfaces import Topic
 
+LONGEST_LAG = 0.5
+"""How long a node may be behind before it skips what waits [s]: it is current in a second."""
 _LOOK_PERIOD = 0.5
 """Between two looks at who publishes [s]: a look costs 30 us, and a person waits no longer."""
 
@@ -38,52 +43,135 @@ def same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 class AdaptiveSubscription:
     """Subscribes anew where publishers of a topic offer less than was asked for, or more again.
 
-    What is published meanwhile is lost. Says once where several publish, whose messages mix.
+    What is published meanwhile is lost. Where several publish, the messages of the one that was
+    heard first are taken, until it falls silent or is gone; that is said, and told in the reports
+    of the node, as is what was lost. A node that has been behind for longer than `longest_lag` [s]
+    skips what waits but the newest.
     """
 
     def __init__(
-        self, node: Node, topic: Topic, take: Callable[[Any], None], raw: bool = False
+        self,
+        node: Node,
+        topic: Topic,
+        take: Callable[[Any], None],
+        diagnostics: Diagnostics,
+        raw: bool = False,
+        longest_lag: float = LONGEST_LAG,
+        succeeded: Callable[[], None] = lambda: None,
     ) -> None:
-        """Have a node take each message of a topic, or its CDR bytes where it is `raw`."""
+        """Have a node take each message of a topic, or its CDR bytes where it is `raw`.
+
+        `succeeded` is called where another publisher has taken the place of the first.
+        """
+        self.skipped = 0
+        """Messages that were passed over by a node that was behind."""
         self._node = node
         self._topic = topic
         self._take = take
         self._raw = raw
+        self._succeeded = succeeded
+        self._lag = Lag(longest_lag)
         self._qos = topic.qos
+        self._kept = KeptStream()
         self._subscription = self._subscribe()
-        self._several = False
+        self._publishers: list[str] = []
+        self._lost_before = self._skipped_before = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_LOOK_PERIOD, self._look, clock=steady)
+        diagnostics.watches.append(self._watch)
+
+    def renew(self) -> None:
+        """Hear again what publishers that are there have latched."""
+        self._node.destroy_subscription(self._subscription)
+        lost, foreign = self._kept.lost, self._kept.foreign
+        self._kept = KeptStream()
+        self._kept.lost, self._kept.foreign = lost, foreign
+        self._subscription = self._subscribe()
+
+    def _take_informed(self, message: Any, info: Info) -> None:
+        if not self._keeps(info):
+            return
+        if not self._topic.latched and self._lag.too_long(info['source_timestamp']):
+            message = self._newest(message)
+        self._take(message)
+
+    def _keeps(self, info: Info) -> bool:
+        number, successions = info['publication_sequence_number'], self._kept.successions
+        count = self._subscription.get_publisher_count
+        if number is None or self._kept.take(number, info['source_timestamp'], count):
+            if self._kept.successions != successions:
+                self._succeeded()
+            return True
+        return False
+
+    def _newest(self, message: Any) -> Any:
+        """The newest message that waits, or the one given where none does."""
+        handle = self._subscription.handle
+        with handle:
+            while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
+                if self._keeps(taken[1]):
+                    self.skipped += 1
+                    message = taken[0]
+        return message
 
     def _look(self) -> None:
         offered = self._node.get_publishers_info_by_topic(self._topic.name)
-        if not offered:
-            return
-        qos = heard_by_all([info.qos_profile for info in offered], self._topic.qos.depth)
-        if not same_offer(qos, self._qos):
-            self._node.destroy_subscription(self._subscription)
-            self._qos = qos
-            self._subscription = self._subscribe()
-            self._node.get_logger().info(
-                f'{self._subscription.topic_name} is offered {qos.reliability.name.lower()} and '
-                f'{qos.durability.name.lower()}, and so subscribed to'
-            )
-        if len(offered) > 1 and not self._several:
-            self._several = True
-            self._node.get_logger().warning(self._warning(offered))
-
-    def _warning(self, offered: Sequence[TopicEndpointInfo]) -> str:
+        if offered:
+            self._adapt([info.qos_profile for info in offered])
         names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in offered)
+        before, self._publishers = self._publishers, names
+        if len(names) > 1 and len(before) < 2:
+            self._node.get_logger().warning(self._warning())
+        elif len(names) < len(before) and self._topic.latched and self._kept.foreign:
+            self.renew()
+
+    def _adapt(self, offered: Sequence[QoSProfile]) -> None:
+        qos = heard_by_all(offered, self._topic.qos.depth)
+        if same_offer(qos, self._qos):
+            return
+        self._node.destroy_subscription(self._subscription)
+        self._qos = qos
+        self._subscription = self._subscribe()
+        self._node.get_logger().info(
+            f'{self._subscription.topic_name} is offered {qos.reliability.name.lower()} and '
+            f'{qos.durability.name.lower()}, and so subscribed to'
+        )
+
+    def _watch(self) -> tuple[str, Mapping[str, Any]]:
+        name = self._topic.name
+        lost, self._lost_before = self._kept.lost - self._lost_before, self._kept.lost
+        skipped, self._skipped_before = self.skipped - self._skipped_before, self.skipped
+        figures = {
+            f'publishers of {name}': len(self._publishers),
+            f'{name} of others': self._kept.foreign,
+            f'lost {name}': self._kept.lost,
+            f'skipped {name}': self.skipped,
+        }
+        concerns = []
+        if len(self._publishers) > 1:
+            concerns.append(self._warning())
+        # Who asks for the newest alone has the others lost on purpose.
+        if (lost or skipped) and self._topic.qos.depth > 1:
+            loss = (
+                f'{lost} messages of {self._subscription.topic_name} were lost and {skipped} '
+                'skipped, as this node was stopped or too slow'
+            )
+            self._node.get_logger().warning(loss)
+            concerns.append(loss)
+        return '; '.join(concerns), figures
+
+    def _warning(self) -> str:
         return (
-            f'{len(offered)} publishers of {self._subscription.topic_name}, whose messages mix: '
-            f'{", ".join(names)}; stop all but one'
+            f'{len(self._publishers)} publishers of {self._subscription.topic_name}, of which '
+            f'the one that was heard first is kept to: {", ".join(self._publishers)}; stop all '
+            'but one'
         )
 
     def _subscribe(self) -> Subscription:
         return self._node.create_subscription(
             self._topic.type,
             self._topic.name,
-            self._take,
+            Informed(self._take_informed),
             self._qos,
             raw=self._raw,
             # Those of rclpy warn of what is offered, which is being seen to.

@@ -19,7 +19,10 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
+from soliton_linkage_nodes.runtime.adaptive_subscription import (
+    LONGEST_LAG,
+    AdaptiveSubscription,
+)
 from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -35,6 +38,22 @@ class AnalyserParameters:
 
     noise: float = quantity(
         0.0, "standard deviation of the encoders' noise, 0 to have it estimated", 'rad', 0.0, 1.0
+    )
+    longest_lag: float = quantity(
+        LONGEST_LAG,
+        'how long the analysis may be behind the frames before it skips those that wait; half of '
+        'it skips more and is current sooner, twice skips less and is current later',
+        's',
+        0.05,
+        60.0,
+    )
+    misfit_limit: float = quantity(
+        0.1,
+        "root mean square by which angles may miss the chain's configurations before that is a "
+        'warning; half of it warns of weaker phonons too, twice of grossly wrong chains alone',
+        'rad',
+        1e-3,
+        10.0,
     )
 
 
@@ -65,14 +84,23 @@ class SolitonAnalyser(ManagedNode):
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
-        self._analysis = JointStateAnalysis(current(self, AnalyserParameters).noise or None)
+        settings = self.settings = current(self, AnalyserParameters)
+        self._analysis = JointStateAnalysis(settings.noise or None)
         self._publisher = interfaces.SOLITON_STATE.publisher(self)
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
         self._encoders = EncoderWatch(self.get_logger().warning)
         take = self.while_active(self.take)
-        AdaptiveSubscription(self, interfaces.JOINT_STATES, take, raw=True)
+        AdaptiveSubscription(
+            self,
+            interfaces.JOINT_STATES,
+            take,
+            self.diagnostics,
+            raw=True,
+            longest_lag=settings.longest_lag,
+            succeeded=self._source.renew,
+        )
         frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
         self.get_logger().info(f'analysing {frames} of {self._source.in_words}')
 
@@ -126,7 +154,7 @@ class SolitonAnalyser(ManagedNode):
             'subscribers': self._publisher.get_subscription_count(),
             **self._stamps.figures(),
         }
-        message, warning = describe(self._analysis)
+        message, warning = describe(self._analysis, self.settings.misfit_limit)
         if not fresh:
             message, warning = self._waits_for(), True
         return Report(message, {**values, **figures(self._analysis)}, warning)

@@ -10,12 +10,17 @@ import numpy as np
 from soliton_linkage.estimation.analyser import Analysis
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
+_OF_NOISE = 3.0
+"""How many times the noise of the angles their misfit may be, however large that is [1]."""
 _SURE_TO_DISAGREE = 0.999
 """Confidence in another class of motion above which the parameters are called wrong [1]."""
 
 
-def describe(analysis: JointStateAnalysis) -> tuple[str, bool]:
-    """How the analysis is doing, in a sentence, and whether that is a warning."""
+def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
+    """How the analysis is doing, in a sentence, and whether that is a warning.
+
+    It is one where angles miss the chain's configurations by more than a limit [rad].
+    """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
         return 'no frame yet', False
@@ -24,6 +29,13 @@ def describe(analysis: JointStateAnalysis) -> tuple[str, bool]:
         return disagreement, True
     if latest.unseen:
         return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not seen', True
+    misfit = latest.estimate.misfit
+    if misfit > max(misfit_limit, _OF_NOISE * latest.estimate.noise):
+        return (
+            f'the angles miss the configurations of the chain by {misfit:.3g} rad, more than the '
+            f'misfit_limit of {misfit_limit:g} rad; check who publishes chain, and its parameters',
+            True,
+        )
     solitons = f'{len(latest.solitons)} solitons, {latest.estimate.status.value}'
     if analyser.limitation:
         return f'{solitons}; {analyser.limitation}', True

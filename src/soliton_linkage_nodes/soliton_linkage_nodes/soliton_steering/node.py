@@ -74,7 +74,9 @@ class SolitonSteering(ManagedNode):
         take_frame = self.while_active(self._on_joint_states)
         take = diagnostics.refusing('joint_states', take_frame)
         joint_states = replace(interfaces.JOINT_STATES, qos=latest)
-        AdaptiveSubscription(self, joint_states, take, raw=True)
+        AdaptiveSubscription(
+            self, joint_states, take, diagnostics, raw=True, succeeded=source.renew
+        )
         self.create_service(Trigger, '~/release', self._on_release)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watch = self.create_timer(_WATCH_PERIOD, self._on_watch, clock=steady)
