@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
-from graphs import Graph
+from diagnostic_msgs.msg import DiagnosticStatus
+from graphs import Graph, values
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -42,13 +45,13 @@ def speak(graph: Graph, qos: QoSProfile) -> Publisher:
     return graph.speak(replace(interfaces.JOINT_STATES, qos=qos))
 
 
-def assert_heard(graph: Graph, publisher: Publisher, heard: list[JointState], name: str) -> None:
+def assert_heard(graph: Graph, publisher: Publisher, heard: list[Any], name: str) -> None:
     graph.until(publisher.get_subscription_count, 'a subscriber')
     message = JointState(name=[name])
 
     def again() -> bool:
         publisher.publish(message)
-        return message in heard
+        return message in heard or name in heard
 
     graph.until(again, f'the joint states of {name}')
 
@@ -103,3 +106,76 @@ def test_what_all_publishers_offer_is_asked_for() -> None:
     assert heard_by_all([latched, RELIABLE], 7).durability == DurabilityPolicy.VOLATILE
     both = heard_by_all([latched, qos_profile_sensor_data], 7)
     assert (both.reliability, both.depth) == (ReliabilityPolicy.BEST_EFFORT, 7)
+
+
+class Listener:
+    """Hears joint states, and takes a while for each."""
+
+    def __init__(self, graph: Graph, longest_lag: float = 60.0, takes: float = 0.0) -> None:
+        self.heard: list[str] = []
+        self._takes = takes
+        self.node = graph.start(lambda **kwargs: Node('listener', **kwargs))
+        self.diagnostics = Diagnostics(self.node, 'listening', lambda: Report('well'))
+        self.subscription = AdaptiveSubscription(
+            self.node,
+            interfaces.JOINT_STATES,
+            self._take,
+            self.diagnostics,
+            longest_lag=longest_lag,
+        )
+
+    def _take(self, message: JointState) -> None:
+        time.sleep(self._takes)
+        self.heard.append(message.name[0])
+
+
+def test_what_did_not_fit_into_the_queue_is_counted_and_told(
+    graph: Graph, said: Callable[[], str]
+) -> None:
+    listener = Listener(graph)
+    publisher = speak(graph, RELIABLE)
+    publisher.publish(JointState(name=['0']))
+    graph.until(lambda: listener.heard, 'the first')
+    for number in range(1, 1501):
+        publisher.publish(JointState(name=[str(number)]))
+    graph.until(lambda: listener.heard[-1] == '1500', 'the last')
+    lost = 1501 - len(listener.heard)
+    assert lost > 0
+    status = graph.next_report('listener')
+    assert values(status)['lost joint_states'] == str(lost)
+    assert status.level == DiagnosticStatus.WARN
+    assert f'{lost} messages of /joint_states were lost and 0 skipped' in said()
+
+
+def test_who_is_behind_for_too_long_skips_to_the_newest(graph: Graph) -> None:
+    listener = Listener(graph, longest_lag=0.1, takes=0.005)
+    publisher = speak(graph, RELIABLE)
+    publisher.publish(JointState(name=['0']))
+    graph.until(lambda: listener.heard, 'the first')
+    for number in range(1, 501):
+        publisher.publish(JointState(name=[str(number)]))
+    graph.until(lambda: listener.heard[-1] == '500', 'the last')
+    assert len(listener.heard) + listener.subscription.skipped == 501
+    assert listener.subscription.skipped > 300
+    assert values(graph.next_report('listener'))['lost joint_states'] == '0'
+
+
+def test_the_first_of_two_publishers_is_kept_to_until_it_is_gone(graph: Graph) -> None:
+    listener = Listener(graph)
+    first, second = speak(graph, RELIABLE), speak(graph, RELIABLE)
+    for number in range(20):
+        first.publish(JointState(name=[f'first {number}']))
+    graph.until(lambda: len(listener.heard) == 20, 'the first publisher')
+    for _ in range(5):
+        second.publish(JointState(name=['second']))
+        first.publish(JointState(name=['first again']))
+    graph.until(lambda: listener.heard.count('first again') == 5, 'the first publisher again')
+    assert 'second' not in listener.heard
+    status = graph.next_report('listener')
+    assert (status.level, values(status)['joint_states of others']) == (
+        DiagnosticStatus.WARN,
+        '5',
+    )
+    assert 'the one that was heard first is kept to' in status.message
+    graph.user.destroy_publisher(first)
+    assert_heard(graph, second, listener.heard, 'second')

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -388,6 +389,41 @@ def test_angles_of_another_class_than_the_parameters_are_said(graph: Graph) -> N
     report = next(r for r in reports if said in r.message)
     assert report.level == report.WARN
     assert 'the parameters those of a flipper' in report.message
+
+
+def test_a_second_chain_that_contradicts_is_not_believed_until_the_first_is_gone(
+    graph: Graph, said: Callable[[], str]
+) -> None:
+    true, false = named_chain(CHAINS['flipper'][0]), named_chain(CHAINS['spinner'][0])
+    reports = graph.reports('soliton_analyser')
+    graph.start(SolitonAnalyser)
+    first = graph.speak(interfaces.CHAIN)
+    first.publish(chain_to_msg(true, time_to_msg(0)))
+    graph.until(lambda: 'tells of a chain of 16 rotors (flipper' in said(), 'the chain')
+    second = graph.speak(interfaces.CHAIN)
+    second.publish(chain_to_msg(false, time_to_msg(0)))
+    warning = '2 publishers of /chain, of which the one that was heard first is kept to'
+    graph.until(lambda: any(warning in r.message for r in reports), 'the warning')
+    assert said().count(warning) == 1
+    assert 'spinner' not in said()
+    graph.user.destroy_publisher(first)
+    graph.until(lambda: 'the chain has changed' in said(), 'the other chain')
+    assert 'tells of a chain of 16 rotors (spinner' in said()
+
+
+def test_angles_that_the_chain_cannot_explain_are_said(graph: Graph) -> None:
+    chain, speed = CHAINS['flipper']
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named_chain(dataclasses.replace(chain, rest_angle=0.6)))
+    graph.start(SolitonAnalyser)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames_of(named_chain(chain), speed):
+        publisher.publish(frame)
+    said = 'the angles miss the configurations of the chain by'
+    graph.until(lambda: any(said in r.message for r in reports), 'a warning')
+    report = next(r for r in reports if said in r.message)
+    assert report.level == report.WARN
+    assert 'check who publishes chain' in report.message
 
 
 def test_offsets_of_encoders_are_told(graph: Graph) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from soliton_linkage.estimation.analyser import Analysis
+from soliton_linkage.estimation.analyser import Analyser, Analysis
+from soliton_linkage.linear.bands import gap
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
 _OF_NOISE = 3.0
@@ -30,7 +31,8 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
     if latest.unseen:
         return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not seen', True
     misfit = latest.estimate.misfit
-    if misfit > max(misfit_limit, _OF_NOISE * latest.estimate.noise):
+    explained = max(misfit_limit, _OF_NOISE * latest.estimate.noise, _swing(analysis))
+    if misfit > explained:
         return (
             f'the angles miss the configurations of the chain by {misfit:.3g} rad, more than the '
             f'misfit_limit of {misfit_limit:g} rad; check who publishes chain, and its parameters',
@@ -53,6 +55,18 @@ def _disagreement(latest: Analysis) -> str:
         f'the parameters those of a {told.value}; check chain.rotor_length, chain.spacing and '
         'chain.rest_angle'
     )
+
+
+def _swing(analysis: JointStateAnalysis) -> float:
+    """Root mean square that vibrations of the rotors' rates may have, at most [rad]: w / omega_0.
+
+    None vibrates more slowly than with omega_0, the gap of the phonons.
+    """
+    frame, analyser = analysis.frame, analysis.analyser
+    if frame is None or frame.rates is None or not isinstance(analyser, Analyser):
+        return 0.0
+    rates = frame.rates[np.isfinite(frame.rates)]
+    return float(np.sqrt(np.mean(rates**2)) / gap(analyser.chain)) if len(rates) else 0.0
 
 
 def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
