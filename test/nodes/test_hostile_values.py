@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import pytest
@@ -29,6 +30,7 @@ NODES = {
     Visualisation: SMALL,
 }
 MOST_MESSAGES = 12
+INFO = {'publication_sequence_number': None, 'source_timestamp': 0}
 PATIENT = settings(
     max_examples=20,
     deadline=None,
@@ -45,7 +47,9 @@ def attack(node: Any, data: DataObject) -> None:
     ):
         message = data.draw(messages(subscription.msg_type))
         raw = subscription.raw
-        subscription.callback(serialize_message(message) if raw else message)
+        told = serialize_message(message) if raw else message
+        informed = len(inspect.signature(subscription.callback).parameters) == 2
+        subscription.callback(*([told, INFO] if informed else [told]))
     for service in node.services:
         if service.srv_type is Reset:
             service.callback(data.draw(messages(Reset.Request)), Reset.Response())

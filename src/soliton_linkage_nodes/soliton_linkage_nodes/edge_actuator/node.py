@@ -29,6 +29,7 @@ from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.parameters import current, declare
 from soliton_linkage_nodes.runtime.process import run
@@ -101,7 +102,7 @@ class EdgeActuator(ManagedNode):
         ):
             source = self.resolve_topic_name(name)
             command = self.diagnostics.refusing(source, self._counting(source, take))
-            replace(topic, name=name).subscribe(self, command)
+            CountedSubscription(self, replace(topic, name=name), command, self.diagnostics)
         interfaces.DELIVERY.subscribe(self, self._on_delivery)
         take_fresh = self.while_active(self._on_joint_states)
         take_joints = self.diagnostics.refusing('joint_states', take_fresh)

@@ -26,6 +26,7 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current
@@ -130,8 +131,9 @@ class Simulator(ManagedNode):
         refusing = self.diagnostics.refusing
         take_impulses = refusing('rotor_impulses', self._on_impulses)
         take_torques = refusing('rotor_torques', self._on_torques)
-        interfaces.ROTOR_IMPULSES.subscribe(self, take_impulses, raw=True)
-        interfaces.ROTOR_TORQUES.subscribe(self, take_torques)
+        diagnostics = self.diagnostics
+        CountedSubscription(self, interfaces.ROTOR_IMPULSES, take_impulses, diagnostics, raw=True)
+        CountedSubscription(self, interfaces.ROTOR_TORQUES, take_torques, diagnostics)
         interfaces.TILT.subscribe(self, refusing('tilt', self._on_tilt))
 
     def _on_impulses(self, serialized: bytes) -> None:

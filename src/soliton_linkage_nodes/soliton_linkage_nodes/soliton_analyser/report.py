@@ -66,7 +66,10 @@ def _swing(analysis: JointStateAnalysis) -> float:
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):
         return 0.0
     rates = frame.rates[np.isfinite(frame.rates)]
-    return float(np.sqrt(np.mean(rates**2)) / gap(analyser.chain)) if len(rates) else 0.0
+    slowest = gap(analyser.chain)
+    if not (len(rates) and slowest):
+        return 0.0
+    return float(np.sqrt(np.mean(rates**2))) / slowest
 
 
 def figures(analysis: JointStateAnalysis) -> dict[str, Any]:

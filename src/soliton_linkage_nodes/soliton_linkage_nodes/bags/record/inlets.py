@@ -12,9 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.bags.read.reading import message_class, type_name
-from soliton_linkage_nodes.bags.record.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
 from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
+from soliton_linkage_nodes.runtime.intake.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
 
 _DEPTH = 5000

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.record.sequence_gaps import SequenceGaps
+from soliton_linkage_nodes.runtime.intake.sequence_gaps import SequenceGaps
 
 
 def lost(numbers: Iterable[int], publishers: int = 1) -> int:
