@@ -27,6 +27,7 @@ JOINTS, EFFORTS = interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS
 TRAJECTORY = interfaces.JOINT_TRAJECTORY
 PERIOD = 0.01
 LONG_AGO = Header(stamp=time_to_msg(10**18))
+FAR_AHEAD = Header(stamp=time_to_msg((2**31 - 1) * 10**9))
 
 
 class Desk:
@@ -193,8 +194,22 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (EFFORTS, Float64MultiArray(), 'has 0 efforts for 8 joints'),
     (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [math.nan]), 'rotor_7 = nan N m must'),
     (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [0.2]), 'rotor_7 = 0.2 N m must lie in'),
-    (TRAJECTORY, JointTrajectory(joint_names=['rotor_1']), 'has no points or no joints'),
-    (TRAJECTORY, trajectory([], (0.1, [])), 'has no points or no joints'),
+    (TRAJECTORY, trajectory([], (0.1, [])), 'has points but no joints'),
+    (TRAJECTORY, trajectory(['rotor_1'], (2.1e9, [1e-3])), 'from now, the limit is 600 s'),
+    (
+        TRAJECTORY,
+        JointTrajectory(
+            header=FAR_AHEAD,
+            joint_names=['rotor_1'],
+            points=[JointTrajectoryPoint(effort=[1e-3])],
+        ),
+        'from now, the limit is 600 s; send shorter ones, or raise longest_command',
+    ),
+    (
+        JOINTS,
+        JointState(header=FAR_AHEAD, name=['rotor_1'], effort=[1e-3]),
+        'ahead, the limit is 0.05 s; set the clocks',
+    ),
     (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
     (
         TRAJECTORY,
@@ -222,6 +237,15 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
         '/edge_actuator/joint_trajectory was over',
     ),
 ]
+
+
+@pytest.mark.parametrize('names', [[], ['rotor_4', 'rotor_5']])
+def test_a_trajectory_without_points_ends_torques(desk: Desk, names: list[str]) -> None:
+    desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.0, [1e-3]), (10.0, [1e-3])))
+    assert desk.frames(2)[-1][4] == pytest.approx(1e-3)
+    desk.say(TRAJECTORY, JointTrajectory(joint_names=names))
+    assert not desk.frames(1).any()
+    desk.frames(5, 0)
 
 
 def test_wrong_commands_are_refused_whole(desk: Desk) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from graphs import Graph, values
 from programs import Program
@@ -29,6 +30,7 @@ from simulated_streams import (
     let_go,
     torque_message,
 )
+from std_msgs.msg import Header
 
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage_msgs.msg import RotorImpulses
@@ -291,3 +293,18 @@ def test_it_goes_once_its_last_frames_are_heard_or_cannot_be(graph: Graph, tmp_p
     finally:
         recorder.process.kill()
         recorder.process.wait()
+
+
+@pytest.mark.parametrize(('seconds', 'when'), [(1, 'ago'), (2**31 - 1, 'ahead')])
+def test_commands_of_another_time_are_refused(graph: Graph, seconds: int, when: str) -> None:
+    stream = Stream(graph)
+    header = Header(stamp=Time(sec=seconds))
+    graph.speak(interfaces.ROTOR_TORQUES).publish(
+        JointState(header=header, name=['rotor_3'], effort=[1e-3])
+    )
+    graph.speak(interfaces.ROTOR_IMPULSES).publish(
+        RotorImpulses(header=header, name=['rotor_3'], impulse=[1e-6])
+    )
+    graph.until(lambda: stream.node.diagnostics.refused == 2, 'two refusals')
+    last = values(graph.next_report('simulator'))['last refusal']
+    assert f'{when}, the limit is 10 s; stamp it with now or with 0, or raise stamp_' in last

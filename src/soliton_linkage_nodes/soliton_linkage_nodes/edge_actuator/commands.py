@@ -28,8 +28,9 @@ from soliton_linkage_nodes.messages.command_conversions import (
     efforts_from_msg,
     trajectory_from_msg,
 )
+from soliton_linkage_nodes.messages.command_stamps import StampRule
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
-from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
 """Half of what the queue of rotor_impulses holds, so that none that is accepted is lost."""
@@ -76,14 +77,16 @@ class Commands:
     def edge_command(self, source: str, message: msg.EdgeCommand) -> None:
         """Command an actuator at an edge."""
         command = edge_command_from_msg(message)
-        self._check_age(message.header.stamp)
+        self._check_made(message.header.stamp)
+        lasting = command.duration + command.ramp_up + command.ramp_down
+        self._rule.check_length(source, lasting)
         self._command(source, command)
 
     def joint_commands(self, source: str, message: JointState) -> None:
         """Hold torques of named joints."""
         chain = self._ready()
         rotors, torques = efforts_from_msg(chain.joints, source, message)
-        self._check_age(message.header.stamp)
+        self._check_made(message.header.stamp)
         self._frames.check_fresh()
         chain.driver.hold(source, rotors, torques)
 
@@ -95,17 +98,27 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
-        """Lead torques of joints through points."""
+        """Lead torques of joints through points; without any, end their torques.
+
+        One without joints is for all that carry an actuator.
+        """
         chain = self._ready()
+        if not message.points:
+            names = message.joint_names or chain.joints.names
+            chain.driver.hold(source, *chain.joints.checked(source, names, np.zeros(len(names))))
+            return
         rotors, times, torques = trajectory_from_msg(chain.joints, source, message)
-        delay = -self._age(message.header.stamp)
-        if times[-1] + delay < 0:
-            raise ValueError(
-                f'{source} was over {-times[-1] - delay:.3g} s ago; send it in time, or '
-                'with a stamp of 0, which means now'
-            )
+        made = time_from_msg(message.header.stamp)
+        delay = self._rule.delay(source, made, self._outlets.now, float(times[-1]))
         self._frames.check_fresh()
         chain.driver.follow(source, rotors, times, torques, delay)
+
+    def _check_made(self, stamp: Time) -> None:
+        self._rule.check_at_once('the command', time_from_msg(stamp), self._outlets.now)
+
+    @property
+    def _rule(self) -> StampRule:
+        return StampRule(self.settings.command_timeout, self.settings.longest_command)
 
     def _command(self, source: str, command: EdgeCommand) -> None:
         command.check(self._limits, self._actuator)
@@ -150,16 +163,3 @@ class Commands:
                 'the chain is not known yet; publish chain or set chain_from to parameters'
             )
         return self.chain
-
-    def _age(self, stamp: Time) -> float:
-        """How long ago a command was made [s]; 0 for one without a stamp."""
-        made = time_from_msg(stamp)
-        return (self._outlets.now - made) / SECOND if made else 0.0
-
-    def _check_age(self, stamp: Time) -> None:
-        age, limit = self._age(stamp), self.settings.command_timeout
-        if limit and age > limit:
-            raise ValueError(
-                f'the command is {age:.3g} s old, the limit is {limit:g} s; send it in time, or '
-                'raise command_timeout'
-            )

@@ -48,6 +48,14 @@ class EdgeActuatorParameters:
         0.0,
         86_400.0,
     )
+    longest_command: float = quantity(
+        600.0,
+        'how long a command may last, and how far ahead one may lie; half of it refuses shorter '
+        'ones, twice takes longer ones, and nothing else changes',
+        's',
+        1e-3,
+        86_400.0,
+    )
     speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0, 1e6)
     torque_limit: float = quantity(
         0.1,

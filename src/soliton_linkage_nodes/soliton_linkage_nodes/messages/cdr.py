@@ -223,6 +223,14 @@ class ImpulseBuffer(_StampedArrays):
         return self._bytes
 
 
+def stamp_of(serialized: bytes) -> int:
+    """Stamp of a message that begins with a header [ns], 0 where it is not little-endian."""
+    if not serialized.startswith(_LITTLE_ENDIAN):
+        return 0
+    seconds, nanoseconds = _STAMP.unpack_from(serialized)
+    return int(seconds) * SECOND + int(nanoseconds)
+
+
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
     """Publish a serialized message; `Publisher.publish` takes bytes only, which are a copy."""
     handle = publisher.handle

@@ -147,8 +147,8 @@ def trajectory_from_msg(
 
     Raises ValueError unless all are acceptable.
     """
-    if not (message.points and message.joint_names):
-        raise ValueError(f'{source} has no points or no joints; give one or more')
+    if not message.joint_names:
+        raise ValueError(f'{source} has points but no joints; name those that they are for')
     for number, point in enumerate(message.points):
         if len(point.positions) or len(point.velocities) or len(point.accelerations):
             raise ValueError(

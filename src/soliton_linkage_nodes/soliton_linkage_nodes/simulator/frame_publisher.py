@@ -28,6 +28,8 @@ class FramePublisher:
         """Publish as a node."""
         self.epoch: int | None = None
         """Stamp of the first frame [ns], None before time has begun."""
+        self.stamp = 0
+        """Of the last frame [ns]."""
         self._node = node
         self._named = named
         self._joints = joints
@@ -61,7 +63,7 @@ class FramePublisher:
 
     def publish(self, frame: int, simulation: Simulation) -> None:
         """Publish the frame of a number, that a simulation is at."""
-        stamp = (self.epoch or 0) + round(frame * SECOND / self._rate)
+        stamp = self.stamp = (self.epoch or 0) + round(frame * SECOND / self._rate)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))

@@ -17,7 +17,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.solitons.passage import find_obstacles
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
 from soliton_linkage_nodes.messages.chain_source import declare_chain
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
@@ -31,6 +31,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, run
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
 from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters
@@ -139,6 +140,7 @@ class Simulator(ManagedNode):
     def _on_impulses(self, serialized: bytes) -> None:
         self.check_active()
         impulses = self._impulses.decode(serialized)
+        self._check_made('rotor_impulses', stamp_of(serialized))
         complaint = self.control.kick(impulses) if impulses.any() else None
         if complaint:
             raise ValueError(complaint)
@@ -146,7 +148,21 @@ class Simulator(ManagedNode):
     def _on_torques(self, message: JointState) -> None:
         self.check_active()
         limit = self.settings.torque_limit
+        self._check_made('rotor_torques', time_from_msg(message.header.stamp))
         self.control.hold(torques_from_msg(self.named.numbers, message, limit))
+
+    def _check_made(self, source: str, stamp: int) -> None:
+        """Refuse a stamp [ns] that is of another time than this one, by clock and frames."""
+        limit = self.settings.stamp_tolerance
+        if not (stamp and limit):
+            return
+        clock, frames = self.get_clock().now().nanoseconds, self.frames.stamp
+        apart = min(abs(clock - stamp), abs(frames - stamp)) / SECOND
+        if apart > limit:
+            raise ValueError(
+                f'{source} is of {apart:.3g} s {"ahead" if stamp > clock else "ago"}, the limit '
+                f'is {limit:g} s; stamp it with now or with 0, or raise stamp_tolerance'
+            )
 
     def _on_tilt(self, message: Float64) -> None:
         complaint = described_fields(Gravity)['tilt'].complaint(message.data)

@@ -38,6 +38,14 @@ class SimulatorParameters(WorldParameters):
         0.0,
         86_400.0,
     )
+    stamp_tolerance: float = quantity(
+        10.0,
+        'by how much the stamp of impulses and torques may differ from the clock and from that of '
+        'the frames, 0 for any; half of it refuses what waited for less long, twice takes more',
+        's',
+        0.0,
+        86_400.0,
+    )
     impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0, 1e6)
     torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0, 1e6)
     energy_drift_limit: float = quantity(
