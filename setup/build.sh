@@ -17,7 +17,7 @@ else
         ! -name '*.pyc' ! -name '*.nb[ci]')
     if [ -z "$changed" ]; then
         # Settings need no build.
-        cp config/*.yaml install/share/soliton_linkage_nodes/config
+        cp config/*.yaml config/*.xml install/share/soliton_linkage_nodes/config
         cp config/studies/*.yaml install/share/soliton_linkage/studies
         exit 0
     fi

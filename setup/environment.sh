@@ -9,4 +9,16 @@ if [ -f "$soliton_root/install/local_setup.bash" ]; then
     export PATH=$soliton_root/install/lib/soliton_linkage_nodes:$PATH
 fi
 
+# No other machine sees the nodes, unless ROS_AUTOMATIC_DISCOVERY_RANGE says which ones do; its
+# LOCALHOST alone leaves sockets of Fast DDS open to all.
+if [ -z "$ROS_AUTOMATIC_DISCOVERY_RANGE$FASTRTPS_DEFAULT_PROFILES_FILE" ]; then
+    case ${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp} in
+        rmw_fastrtps*)
+            export FASTRTPS_DEFAULT_PROFILES_FILE=$soliton_root/config/loopback.xml
+            export ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
+            ;;
+        *) export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ;;
+    esac
+fi
+
 unset soliton_home soliton_root

@@ -67,6 +67,7 @@ setup(
         *files(
             'launch/*.launch.py',
             'config/*.yaml',
+            'config/*.xml',
             'config/chains/*.yaml',
             'config/views/*',
             'bags/*.md',

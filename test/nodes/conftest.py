@@ -30,6 +30,7 @@ _next_domain = partial(next, itertools.cycle(range(1 + WORKER, 101, WORKERS)))
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

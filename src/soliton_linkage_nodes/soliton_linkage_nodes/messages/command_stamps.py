@@ -25,8 +25,8 @@ class StampRule:
         limit = self.oldest or self.longest
         if age > limit:
             raise ValueError(
-                f'{source} is {age:.3g} s old, the limit is {limit:g} s; send it in time, or with a '
-                'stamp of 0, which means now, or raise command_timeout'
+                f'{source} is {age:.3g} s old, the limit is {limit:g} s; send it in time, or with '
+                'a stamp of 0, which means now, or raise command_timeout'
             )
         if -age > limit:
             raise ValueError(

@@ -15,7 +15,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import domain_coordinator
-from ament_index_python.packages import get_package_prefix
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_prefix,
+    get_package_share_directory,
+)
 
 _PACKAGE = 'soliton_linkage_nodes'
 LONGEST_START = 60.0
@@ -137,11 +141,31 @@ def private_domain() -> Iterator[None]:
 
 def _isolate(domain: int) -> None:
     os.environ['ROS_DOMAIN_ID'] = str(domain)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    _bind_the_loopback_alone()
     # Shared memory left behind by a killed process can keep new ones from talking.
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
         os.environ.pop(name, None)
+
+
+def _bind_the_loopback_alone() -> None:
+    """Let no other machine reach this process and its children.
+
+    LOCALHOST alone leaves sockets of Fast DDS open to all.
+    """
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    profile = _share() / 'config' / 'loopback.xml'
+    middleware = os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
+    if middleware.startswith('rmw_fastrtps') and profile.is_file():
+        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+
+
+def _share() -> Path:
+    try:
+        return Path(get_package_share_directory('soliton_linkage_nodes'))
+    except PackageNotFoundError:
+        return Path()
 
 
 def _end(process: subprocess.Popen[bytes], rest: float, deadline: float) -> int:

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the environment of the suite starts is open to this machine alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from programs import LONGEST_WAIT, Program
+
+ROOT = Path(__file__).parents[2]
+ENTER = f'unset ROS_AUTOMATIC_DISCOVERY_RANGE; . {ROOT}/setup/environment.sh; exec "$0" "$@"'
+
+
+def addresses(process: int) -> set[str]:
+    """Local addresses of the sockets of a process, IPv4 and IPv6."""
+    links = (str(file.readlink()) for file in Path(f'/proc/{process}/fd').iterdir())
+    sockets = {link[8:-1] for link in links if link.startswith('socket:[')}
+    found = set()
+    for protocol in ('udp', 'udp6', 'tcp', 'tcp6'):
+        for line in Path(f'/proc/{process}/net/{protocol}').read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[9] in sockets:
+                raw = bytes.fromhex(fields[1].partition(':')[0])
+                found.add('.'.join(map(str, raw[::-1])) if len(raw) == 4 else raw.hex())
+    return found
+
+
+def test_a_running_graph_binds_the_loopback_alone(start: Callable[..., Program]) -> None:
+    enter = ['bash', '-c', ENTER]
+    nodes = [start(name, command=enter) for name in ('simulator', 'soliton_analyser')]
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not any('/chain tells of' in line for line in nodes[1].said):
+        assert time.monotonic() < deadline, [node.said for node in nodes]
+        time.sleep(0.1)
+    for node in nodes:
+        assert addresses(node.process.pid) == {'127.0.0.1'}
