@@ -98,6 +98,12 @@ class Loop:
         for _ in range(round(seconds / self.period)):
             self.step()
 
+    def miss(self, seconds: float) -> None:
+        """Go on without a frame, under the torques that were sent last."""
+        for _ in range(round(seconds / self.period)):
+            self.wall.go_on(self.torques, self.period)
+            self.frames += 1
+
     def until_ended(self, longest: float = 60.0) -> Ended:
         """Go on until a move ends."""
         self.ended = None

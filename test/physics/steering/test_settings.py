@@ -61,7 +61,7 @@ def test_moves_take_as_long_as_they_are_told_to() -> None:
 def test_a_wall_is_lost_where_it_is_told_to_be() -> None:
     # A blow by which it gets off by half a spacing.
     for largest, held in ((1.0, True), (0.25, False)):
-        loop = moved(replace(DEFAULTS, largest_error=largest))
+        loop = moved(replace(DEFAULTS, largest_error=largest, most_restarts=0))
         assert isinstance(loop.wall, RigidWall)
         loop.wall.rate = 6.0
         loop.go_on(2.0)

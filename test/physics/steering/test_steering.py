@@ -373,6 +373,16 @@ def test_a_wall_that_jumps_is_lost_and_let_go() -> None:
     assert not loop.steering.torques().any()
 
 
+def test_a_wall_that_jumps_while_frames_are_missing_is_lost_as_well() -> None:
+    loop = rigid_loop(FLIPPER, 2.0)
+    assert isinstance(loop.wall, RigidWall)
+    loop.steering.move(6.0)
+    loop.go_on(0.5)
+    loop.miss(0.25)
+    loop.wall.arc += 4 * loop.steering.orbit.site_arc
+    assert loop.until_ended().outcome is Outcome.SOLITON_LOST
+
+
 def test_a_wall_that_is_torn_from_its_hold_is_lost() -> None:
     loop = rigid_loop(FLIPPER, 2.0)
     assert isinstance(loop.wall, RigidWall)
@@ -421,6 +431,27 @@ def test_a_clock_that_goes_back_loses_the_wall() -> None:
     ended = loop.until_ended()
     assert ended.outcome is Outcome.SOLITON_LOST
     assert 'the clock went back by 1.' in ended.message
+
+
+@pytest.mark.parametrize(
+    ('example', 'hurry', 'seconds'),
+    [(FLIPPER, 5, 0.45), (SPINNER, 10, 0.05), (SPINNER, 10, 0.3), (WOBBLER, 10, 0.45)],
+)
+def test_a_running_wall_is_braked_and_carried_on_though_frames_went_missing(
+    example: tuple[float, float], hurry: float, seconds: float
+) -> None:
+    orbit = orbit_of_example(example, 20)
+    steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1))
+    rate = hurry * steering.gentle_speed * orbit.site_arc
+    wall = RigidWall(orbit, orbit.arc_at(2.0, 0), rate)
+    loop = Loop(steering, wall, PERIOD, noise=0.01)
+    loop.go_on(0.3)
+    assert loop.steering.move(12.0) is None
+    for _ in range(3):
+        loop.go_on(0.1)
+        loop.miss(seconds)
+    assert loop.until_ended().outcome is Outcome.REACHED
+    assert wall.place == pytest.approx(12.0, abs=0.15)
 
 
 def test_a_gap_between_frames_does_not_slow_it_down() -> None:

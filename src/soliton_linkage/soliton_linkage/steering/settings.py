@@ -95,10 +95,25 @@ class SteeringSettings:
     others arrive within 15."""
 
     largest_error: float = quantity(
-        1.5, 'distance from the reference at which a wall is lost', 'rotor spacings', 1e-3
+        1.5,
+        'distance from the reference at which that begins anew from where the wall is',
+        'rotor spacings',
+        1e-3,
     )
-    """/ 2: a wall in a disordered chain that lags by 0.9, or a blow that makes 0.8, is let go;
-    x 2: blows of twice the speed are caught."""
+    """/ 2: a wall in a disordered chain that lags by 0.9, or a blow that makes 0.8, begins its way
+    anew; x 2: torques are larger before it does."""
+
+    most_restarts: int = quantity(
+        20, 'beginnings anew after which a wall that does not come to rest is lost', '', 0
+    )
+    """/ 2 and x 2: a wall that is pushed harder than its actuators pull is let go 15 rotor
+    spacings earlier, 30 later; one that frames went missing of needs one to three."""
+
+    gap: float = quantity(
+        5.0, 'time without frames after which a wall may be elsewhere', 'periods of them', 1.0
+    )
+    """/ 2: a wall that is put elsewhere where two frames are missing is carried on; x 2: one that
+    runs on during a gap of 8 frames is let go."""
 
     seen_timeout: float = quantity(
         0.2, 'time without a frame that shows the wall after which it is lost', 's', 0.0

@@ -40,6 +40,10 @@ from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _QUIETING = 1 / 5
 """Exponent e in b ~ q^e [1]: noise makes torques that go as b^(5/2) q^(-1/2), which stay alike."""
+_LONGER = 8
+"""How often a wall that runs is given more time to be braked in [1]."""
+_MORE_TIME_TO_BRAKE = 1.5
+"""Factor by which it is [1]; forces go down with it."""
 
 
 class Outcome(enum.Enum):
@@ -110,6 +114,10 @@ class Steering:
         self._stopping = False
         self._resting_since: float | None = None
         self._moving = False
+        self._speed_limit = math.inf
+        self._restarts = 0
+        self._gap_until: float | None = None
+        self._last: WallEstimate | None = None
 
     @property
     def wall(self) -> WallState | None:
@@ -141,20 +149,30 @@ class Steering:
         """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""
         before = self._observer.estimate
         if before is not None and time > before.time:
+            if time - before.time > self.settings.gap * self._period:
+                self._gap_until = time + 2 * self.settings.seen_timeout
             self._measure_period(time - before.time)
+        elsewhere = self._gap_until is not None and time <= self._gap_until
         estimate = self._observer.update(time, angles, self._sent[0])
         if estimate is None:
-            return self._lost('no wall is seen any more in the angles')
+            lost = 'no wall is seen any more in the angles'
+            return None if self.holding and elsewhere else self._lost(lost)
+        last, self._last = self._last, estimate
+        if before is None and last is not None and self._ran_too_far(last, estimate):
+            return self._lost('the wall is somewhere else than it can have run to')
         if before is not None and estimate.time < before.time:
             return self._lost(f'the clock went back by {before.time - estimate.time:.3g} s')
         if self._trajectory is None:
             return None
         off = (self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
         if abs(off) > self.settings.largest_error:
-            return self._lost(
-                f'the wall is {abs(off):.2g} rotor spacings off its reference, more than '
-                f'{self.settings.largest_error:g}'
-            )
+            if self._restarts >= self.settings.most_restarts:
+                return self._lost(
+                    f'the wall is {abs(off):.2g} rotor spacings off its reference, more than '
+                    f'{self.settings.largest_error:g}, after it began anew {self._restarts} times'
+                )
+            self._restart(estimate)
+            return None
         return self._judged(self._trajectory, estimate)
 
     def move(self, place: float, speed: float = 0.0) -> Ended | None:
@@ -170,12 +188,14 @@ class Steering:
         shortest = self.settings.shortest_move / (self._bandwidth / self._quiet)
         point = self._reference(estimate)
         goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
-        trajectory = trajectory_to(goal, estimate.time, point, limit, shortest)
+        trajectory = self._within_reach(goal, estimate, point, limit, shortest)
         refusal = self._out_of_reach(place, estimate, trajectory)
         if refusal is None:
             self._quiet = self.allocation.least_share(estimate.arc, goal) ** _QUIETING
             shortest = self.settings.shortest_move / self._bandwidth
-            self._begin(trajectory_to(goal, estimate.time, point, limit, shortest), stopping=False)
+            self._restarts, self._speed_limit = 0, limit
+            trajectory = self._within_reach(goal, estimate, point, limit, shortest)
+            self._begin(trajectory, stopping=False)
         return refusal
 
     def stop(self) -> None:
@@ -231,6 +251,46 @@ class Steering:
         self._moving = True
         self._resting_since = None
 
+    def _ran_too_far(self, last: WallEstimate, found: WallEstimate) -> bool:
+        """Whether a wall that was found anew is farther away than twice its rate takes it."""
+        way = abs(math.remainder(found.arc - last.arc, self.orbit.length))
+        ran = 2 * abs(last.rate) * (found.time - last.time)
+        return way > ran + self.settings.largest_error * self.orbit.site_arc
+
+    def _restart(self, estimate: WallEstimate) -> None:
+        """Begin the way anew from where the wall is, to where it is to come to rest."""
+        if self._trajectory is None:
+            return
+        self._restarts += 1
+        shortest = self.settings.shortest_move / self._bandwidth
+        point = ReferencePoint(estimate.arc, estimate.rate, 0.0)
+        if self._stopping:
+            trajectory = trajectory_to_rest(estimate.time, point, shortest)
+        else:
+            place = self.orbit.place(self._trajectory.goal)
+            goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
+            trajectory = self._within_reach(goal, estimate, point, self._speed_limit, shortest)
+        moving = self._moving
+        self._begin(trajectory, self._stopping)
+        self._moving = moving
+
+    def _within_reach(
+        self,
+        goal: float,
+        estimate: WallEstimate,
+        point: ReferencePoint,
+        rate: float,
+        shortest: float,
+    ) -> ReferenceTrajectory:
+        """A trajectory as short as the actuators have the force for, or the longest tried."""
+        for _ in range(_LONGER):
+            trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
+            force = self.settings.force_reserve * self._inertia * trajectory.strongest
+            if not point.rate or self.allocation.carries(estimate.arc, goal, force):
+                break
+            shortest *= _MORE_TIME_TO_BRAKE
+        return trajectory
+
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
         """What the wall is to do now: what its trajectory says, or what it does."""
         if self._trajectory is None:
@@ -253,6 +313,7 @@ class Steering:
         elif self._resting_since is None:
             self._resting_since = estimate.time
         elif estimate.time - self._resting_since > self.settings.rest / self._bandwidth:
+            self._restarts = 0
             outcome = Outcome.STOPPED if self._stopping else Outcome.REACHED
             return self._ended(outcome, f'the wall is held at {self._here}')
         if estimate.time - trajectory.end > self.settings.rest_timeout / self._bandwidth:
