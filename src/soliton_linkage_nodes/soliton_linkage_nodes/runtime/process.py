@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -143,11 +143,16 @@ def _tell_warnings() -> None:
     """Say what libraries warn of as a node says what it has to, each in one line."""
 
     def tell(
-        message: Warning | str, category: type[Warning], file: str, line: int, *_: Any
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
     ) -> None:
         told = ' '.join(str(message).split())
         get_logger('soliton_linkage').warning(
-            f'{category.__name__}: {told} ({Path(file).name}:{line})'
+            f'{category.__name__}: {told} ({Path(filename).name}:{lineno})'
         )
 
     warnings.showwarning = tell

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -71,9 +71,7 @@ class GuardedNode(Node):
             srv_type, srv_name, answer, **{'qos_profile': CALLS, **kwargs}
         )
 
-    def set_parameters_atomically(
-        self, parameter_list: Sequence[Parameter]
-    ) -> SetParametersResult:
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all parameters or none; what was not declared is refused by its name."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
