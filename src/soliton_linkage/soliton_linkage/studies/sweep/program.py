@@ -17,12 +17,12 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.plates import save_caption, save_figure
 from soliton_linkage.studies.program import run_study, study_parser
 from soliton_linkage.studies.sweep.captions import sweep_caption
-from soliton_linkage.studies.sweep.config import SweepStudy, read_sweep_study
+from soliton_linkage.studies.sweep.config import read_sweep_study
 from soliton_linkage.studies.sweep.pictures import sweep_figure
-from soliton_linkage.studies.sweep.table import Table, read_rows
+from soliton_linkage.studies.sweep.table import Table, Tabulated, read_rows
 from soliton_linkage.studies.sweep.workers import Workers, cluster_workers, local_workers
 
-_GOES_ON = 'the same command goes on where it was'
+GOES_ON = 'the same command goes on where it was'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,14 +35,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         config='phase_diagram',
         scheduler=True,
     )
-    return run_study(parser, arguments, _swept, _GOES_ON)
+    return run_study(parser, arguments, _swept, GOES_ON)
 
 
 def _swept(options: argparse.Namespace) -> str:
     try:
         return _measured(options)
     except ChildProcessError as error:
-        raise ChildProcessError(f'a worker ended ({error}); {_GOES_ON}') from error
+        raise ChildProcessError(f'a worker ended ({error}); {GOES_ON}') from error
 
 
 def _measured(options: argparse.Namespace) -> str:
@@ -56,7 +56,7 @@ def _measured(options: argparse.Namespace) -> str:
         missing = table.missing
         if missing:
             with workers as ready:
-                _fill(study, table, missing, ready)
+                fill(study, table, missing, ready)
         table.finish()
     rows = read_rows(table.path)
     paths = [table.path]
@@ -71,7 +71,7 @@ def _measured(options: argparse.Namespace) -> str:
     return f'{study.rows} rows in {", ".join(map(str, paths))}{remark}'
 
 
-def _fill(study: SweepStudy, table: Table, missing: list[int], workers: Workers) -> None:
+def fill(study: Tabulated, table: Table, missing: list[int], workers: Workers) -> None:
     """Measure the rows that are missing and show how it goes.
 
     Rates are means since the start, that of the processes included.
