@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo live test test-interfaces check shell figures films sweep accuracy contraction moves driving benchmark format build develop clean scenario
+.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves driving benchmark format build develop clean scenario
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -43,6 +43,9 @@ films: build  ## film the motions of the paper into out/films; ARGS='--quick'
 
 sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/studies/... --quick'
 	@$(enter) soliton-linkage sweep $(ARGS)
+
+collisions: build  ## let kinks and anti-kinks meet at many speeds; ARGS='--quick'
+	@$(enter) soliton-linkage collisions --output out/collisions $(ARGS)
 
 accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
 	@$(enter) soliton-linkage accuracy --output out/accuracy $(ARGS)

@@ -25,7 +25,7 @@ from soliton_linkage.studies.program import (
 from soliton_linkage.studies.settings import load_settings
 
 SETTINGS = Path(__file__).parents[3] / 'config/studies'
-STUDIES = ['accuracy', 'driving', 'figures', 'films', 'moves', 'sweep']
+STUDIES = ['accuracy', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
 WAITING = """
 import functools, sys, time
 from soliton_linkage.studies.program import run_study, side_by_side, study_parser
