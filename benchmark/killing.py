@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much a recorder that is killed loses, at random instants while it records at 1000 Hz.
+"""How much a recorder that is killed loses, at random instants after it has said that it records.
 
-A recorder runs as a process of its own; this one publishes joint states, kills it, recovers the
-bag and compares what came back with what was sent.
+A recorder runs as a process of its own, beside as many busy processes as are asked for; this one
+publishes joint states at 1000 Hz all the time, kills the recorder with SIGKILL, recovers the bag
+and compares what came back with what was sent. The busy ones rest while the recorder's program is
+imported, which is not what is measured. With --ordinary the recorder may not go before others,
+as where a user has no real-time priority.
 """
 
 from __future__ import annotations
@@ -11,17 +14,20 @@ import argparse
 import os
 import random
 import shutil
+import signal
+import statistics
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import domain_coordinator
 import numpy as np
 import rclpy
-from ament_index_python.packages import get_package_prefix
+from processes import node_command
 from rclpy.publisher import Publisher
 
 from soliton_linkage.linkage.chain import Chain
@@ -29,12 +35,33 @@ from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.programs.child_processes import free_domain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
 RATE = 1000.0
-LONGEST_START = 30.0
+LONGEST_START = 60.0
+LATEST_KILL = 2.5
+LOOK = 0.01
+MOST_LOST = 1.0
+WITHOUT_PRIORITY = ('setpriv', '--bounding-set', '-sys_nice')
+
+
+@dataclass(frozen=True)
+class Kill:
+    """What one recorder left behind, in seconds."""
+
+    after: float
+    """After it had said that it records."""
+    lost: float
+    """Before the kill, of which nothing came back."""
+    begun: float
+    """After it had said so, of which nothing came back."""
+    received: float
+    """That the last message which came back had been on its way to the recorder."""
+    empty: bool
+    """Whether nothing came back that was sent after it had said so."""
 
 
 def main() -> None:
@@ -43,23 +70,117 @@ def main() -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     chance = random.Random(arguments.seed)
-    worst = 0.0
-    for number in range(arguments.kills):
-        storage = ('mcap', 'sqlite3')[number % 2]
-        with lone_publisher() as publisher:
-            lost = lost_by_a_kill(publisher, folder / str(number), storage, chance)
-        worst = max(worst, lost)
-        print(f'{number} {storage}: lost the last {lost:.3f} s', flush=True)
-    print(f'{arguments.kills} kills, at most {worst:.3f} s lost')
-    sys.exit(0 if worst < 1.0 else 1)
+    kills = []
+    with Load(arguments.load) as load:
+        for number in range(arguments.kills):
+            storage = ('mcap', 'sqlite3')[number % 2]
+            given = {'output': folder / str(number) / 'run', 'storage': storage}
+            command = [*arguments.before, *map(str, node_command('bag_recorder', given))]
+            kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), load)
+            kills.append(kill)
+            print(f'{number} {storage}: {told(kill)}', flush=True)
+    print(summary(kills, arguments.load))
+    sys.exit(0 if max(kill.lost for kill in kills) < MOST_LOST else 1)
 
 
 def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--kills', type=int, default=50, help='(%(default)s)')
+    parser.add_argument('--load', type=int, default=0, help='busy processes (%(default)s)')
+    parser.add_argument(
+        '--ordinary',
+        action='store_const',
+        dest='before',
+        const=WITHOUT_PRIORITY,
+        default=(),
+        help='start the recorder without the right to a real-time priority',
+    )
     parser.add_argument('--seed', type=int, default=1, help='(%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))
     return parser.parse_args()
+
+
+def told(kill: Kill) -> str:
+    return (
+        f'killed after {kill.after:.3f} s: lost the last {kill.lost:.3f} s and the first '
+        f'{kill.begun:.3f} s; the last message had come in {kill.received:.3f} s'
+    )
+
+
+def summary(kills: Sequence[Kill], load: int) -> str:
+    lost = sorted(kill.lost for kill in kills)
+    empty = sum(kill.empty for kill in kills)
+    begun = sum(kill.begun > 0 for kill in kills)
+    return (
+        f'{len(kills)} kills beside {load} busy processes: lost {statistics.median(lost):.3f} s '
+        f'at the median, {lost[int(0.9 * (len(lost) - 1))]:.3f} s of nine in ten, '
+        f'{lost[-1]:.3f} s at most; {empty} with nothing of what was sent after '
+        f'"recording to", {begun} without the first of it'
+    )
+
+
+class Load:
+    """Processes that take all the processor, except while they rest."""
+
+    def __init__(self, number: int) -> None:
+        """Start so many, at rest."""
+        self._processes = [
+            subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(number)
+        ]
+        self.rest()
+
+    def __enter__(self) -> Load:
+        return self
+
+    def __exit__(self, *_of_error: object) -> None:
+        for process in self._processes:
+            process.kill()
+            process.wait()
+
+    def rest(self) -> None:
+        """Take nothing."""
+        self._signal(signal.SIGSTOP)
+
+    def work(self) -> None:
+        """Take all there is."""
+        self._signal(signal.SIGCONT)
+
+    def _signal(self, number: signal.Signals) -> None:
+        for process in self._processes:
+            process.send_signal(number)
+
+
+@dataclass
+class Stream:
+    """Joint states that a thread publishes at the rate until it is told to stop."""
+
+    publisher: Publisher
+    stamps: list[int] = field(default_factory=list)
+    """Of what was sent [ns]."""
+    _stopping: threading.Event = field(default_factory=threading.Event)
+
+    def __enter__(self) -> Stream:
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_of_error: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Send no more."""
+        self._stopping.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        named = NamedChain(Chain(number_of_rotors=ROTORS), default_joint_names(ROTORS))
+        buffer, zeros = JointStateBuffer(named), np.zeros(ROTORS)
+        start = time.monotonic()
+        while not self._stopping.is_set():
+            stamp = time.time_ns()
+            self.publisher.publish(buffer.write(stamp, zeros, zeros, zeros))
+            self.stamps.append(stamp)
+            time.sleep(max(0.0, start + len(self.stamps) / RATE - time.monotonic()))
 
 
 @contextmanager
@@ -67,7 +188,7 @@ def lone_publisher() -> Iterator[Publisher]:
     """A publisher on a domain where no recorder was killed before: the dead are long missed."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
-    with domain_coordinator.domain_id() as domain:
+    with free_domain() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         context = rclpy.Context()
         rclpy.init(context=context)
@@ -80,42 +201,65 @@ def lone_publisher() -> Iterator[Publisher]:
             rclpy.shutdown(context=context)
 
 
-def lost_by_a_kill(
-    publisher: Publisher, folder: Path, storage: str, chance: random.Random
-) -> float:
-    """Time before the kill of which nothing came back [s]."""
-    executable = Path(get_package_prefix('soliton_linkage_nodes'), 'lib/soliton_linkage_nodes')
-    given = ['-p', f'output:={folder / "run"}', '-p', f'storage:={storage}']
-    with subprocess.Popen(
-        [executable / 'bag_recorder', '--ros-args', *given], stderr=subprocess.DEVNULL
-    ) as recorder:
-        deadline = time.monotonic() + LONGEST_START
-        while publisher.get_subscription_count() != 1:
-            if time.monotonic() > deadline:
-                raise TimeoutError(f'no recorder after {LONGEST_START:g} s')
-            time.sleep(0.01)
-        sent = publish(publisher, chance.uniform(0.3, 2.5))
+def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Kill:
+    """Kill a recorder so long after its first line [s] and look at what it left."""
+    load.rest()
+    bag = folder / 'run_0'
+    with (
+        lone_publisher() as publisher,
+        Stream(publisher) as stream,
+        subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder,
+    ):
+        wait_for(bag, recorder)
+        load.work()
+        line = next(line for line in recorder.stderr or () if 'recording to' in line)
+        said = time.time_ns()
+        time.sleep(after)
         recorder.kill()
-    _, bag = recover_bag(folder / 'run_0', folder / 'recovered')
-    with open_bag(bag) as reader:
-        stamps = [time_from_msg(m.header.stamp) for _, m in read_topic(reader, 'joint_states')]
-    # What was sent before the recorder had met the publisher does not count.
-    met = sent.index(stamps[0]) if stamps else 0
-    if stamps != sent[met : met + len(stamps)]:
-        raise AssertionError(f'{bag} is not what was sent, up to some instant')
-    return (sent[-1] - (stamps[-1] if stamps else sent[0])) * 1e-9
+        at = time.time_ns()
+        stream.stop()
+        load.rest()
+    if not line:
+        raise RuntimeError('the recorder has not begun')
+    return judged(bag, folder / 'recovered', [s for s in stream.stamps if s < at], said, at)
 
 
-def publish(publisher: Publisher, seconds: float) -> list[int]:
-    """Publish at the rate until the time is over, and return the stamps [ns]."""
-    named = NamedChain(Chain(number_of_rotors=ROTORS), default_joint_names(ROTORS))
-    buffer, zeros = JointStateBuffer(named), np.zeros(ROTORS)
-    start, stamps = time.monotonic(), []
-    while time.monotonic() < start + seconds:
-        stamps.append(time.time_ns())
-        publisher.publish(buffer.write(stamps[-1], zeros, zeros, zeros))
-        time.sleep(max(0.0, start + len(stamps) / RATE - time.monotonic()))
-    return stamps
+def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + LONGEST_START
+    while not path.exists():
+        if time.monotonic() > deadline or recorder.poll() is not None:
+            raise TimeoutError(f'no {path} after {LONGEST_START:g} s')
+        time.sleep(LOOK)
+
+
+def judged(bag: Path, recovered: Path, sent: Sequence[int], said: int, at: int) -> Kill:
+    """What came back of what was sent, given when the recorder spoke and was killed [ns]."""
+    held = recovered_stamps(bag, recovered)
+    stamps = [stamp for stamp, _ in held]
+    place = sent.index(stamps[0]) if stamps else 0
+    if stamps != sent[place : place + len(stamps)]:
+        raise AssertionError(f'{bag} is not what was sent, from some instant to another')
+    # What had been sent before the recorder spoke does not count.
+    last = max(stamps[-1], said) if stamps else said
+    first = next((stamp for stamp in sent if stamp >= said), at)
+    return Kill(
+        after=(at - said) * 1e-9,
+        lost=max(0, sent[-1] - last) * 1e-9,
+        begun=max(0, (stamps[0] if stamps else at) - first) * 1e-9,
+        received=(held[-1][1] - held[-1][0]) * 1e-9 if held else 0.0,
+        empty=last == said,
+    )
+
+
+def recovered_stamps(bag: Path, recovered: Path) -> list[tuple[int, int]]:
+    """When each message that came back was sent and was received [ns]."""
+    try:
+        _, new = recover_bag(bag, recovered)
+    except ValueError as error:
+        print(error)
+        return []
+    with open_bag(new) as reader:
+        return [(time_from_msg(m.header.stamp), r) for r, m in read_topic(reader, 'joint_states')]
 
 
 if __name__ == '__main__':

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -46,12 +49,50 @@ def test_a_thread_goes_first_and_so_do_those_that_it_begins() -> None:
     assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, os.SCHED_FIFO, ordinary]
 
 
-def test_where_it_is_not_allowed_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    def forbid(*_: object) -> None:
-        raise PermissionError
+def slices_of_a_thread() -> list[int]:
+    """Of a thread, as the system tells them [ns], before it goes first, then and afterwards."""
+    seen: list[int] = []
+
+    def note() -> None:
+        told = Path('/proc/thread-self/sched').read_text(encoding='ascii')
+        seen.append(int(re.findall(r'se\.slice\s*:\s*(\d+)', told)[0]))
+
+    def run() -> None:
+        for first in (False, True, False):
+            go_first(first)
+            note()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    return seen
+
+
+def test_where_it_is_not_allowed_a_thread_asks_for_short_slices(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    system = os.sched_setscheduler
+
+    def forbid(thread: int, policy: int, parameters: os.sched_param) -> None:
+        if policy != os.SCHED_OTHER:
+            raise PermissionError
+        system(thread, policy, parameters)
 
     monkeypatch.setattr(os, 'sched_setscheduler', forbid)
     assert len(set(policies_of_a_thread())) == 1
+    if tuple(map(int, re.findall(r'\d+', platform.release())[:2])) < (6, 12):
+        pytest.skip('the system grants no slices')
+    usual, short, again = slices_of_a_thread()
+    assert (short, again) == (100_000, usual)
+    assert usual > short
+
+
+def test_a_thread_that_has_ended_is_passed_over() -> None:
+    thread = threading.Thread()
+    thread.start()
+    thread.join()
+    assert thread.native_id is not None
+    go_first(True, [thread.native_id])
 
 
 @pytest.mark.parametrize('first', [False, True])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -65,6 +66,17 @@ class BagRecorderParameters:
     start_paused: bool = quantity(False, 'record nothing until ~/resume is called')
 
 
+@dataclass(frozen=True)
+class ManagedRecorderParameters(ManagedParameters):
+    """Those of every managed node, with what a recorder does unless it is told otherwise."""
+
+    real_time: bool = quantity(
+        True,
+        'whether to go before ordinary threads, where the system allows it, while it waits: a '
+        'kill then costs little beside programs that take all the processor',
+    )
+
+
 class BagRecorder(ManagedNode):
     """Records topics, raw, with the time at which each message was received.
 
@@ -77,7 +89,7 @@ class BagRecorder(ManagedNode):
 
     PARAMETERS: ClassVar[dict[type, str]] = {
         BagRecorderParameters: '',
-        ManagedParameters: '',
+        ManagedRecorderParameters: '',
     }
 
     def __init__(self, **kwargs: Any) -> None:
@@ -99,15 +111,15 @@ class BagRecorder(ManagedNode):
             self._inbox, settings.topics, settings.regex, settings.exclude_regex
         )
         self._gate = MessageGate(settings.snapshot_duration, self._paused or not self.starting)
-        self._bag = WritingThread(lambda: _create_writer(settings))
+        first = self.real_time
+        self._bag = WritingThread(lambda: _create_writer(settings), first=first)
         try:
-            self._taking = TakingThread(self._finder, self._gate, self._bag)
+            self._taking = TakingThread(self._finder, self._gate, self._bag, self._announce, first)
             self._diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
             self._offer_services()
         except BaseException:
             self._bag.abandon()
             raise
-        self.get_logger().info(f'recording to {self._bag.writer.path}{self._bag.writer.gap}')
         for name in sorted(self._finder.awaited):
             self.get_logger().info(f'waiting for a publisher of {name}')
 
@@ -150,6 +162,14 @@ class BagRecorder(ManagedNode):
         failure = self._taking.failure or self._bag.failure
         if failure is not None:
             raise failure
+
+    def _announce(self, missing: Sequence[str]) -> None:
+        """Say that nothing of what is published from now on is missed."""
+        writer = self._bag.writer
+        without = f', without {", ".join(missing)}, whose publisher does not answer'
+        self.get_logger().info(
+            f'recording to {writer.path}{writer.gap}{without if missing else ""}'
+        )
 
     def _offer_services(self) -> None:
         serve(self, 'pause', 'Pause', lambda _: self._pause())

@@ -48,11 +48,11 @@ class BagBegun:
 class BagWriter:
     """A bag that is being written, in a directory named `<name>_<first free number>`.
 
-    Its files are called after the directory, `<directory>_0`, `<directory>_1`, ... Every quarter
-    of a second, or when `tick` is called after that time, what was written is handed to the
-    system, which keeps it if the process is killed. Where the disk is full, a file of 1 MiB that
-    was kept free makes room for the index. Every `sync_interval` [s], unless that is 0, the disk
-    is made to take it, so that a loss of power costs no more.
+    Its files are called after the directory, `<directory>_0`, `<directory>_1`, ... Ten times
+    a second, or when `tick` is called after that time, what was written is handed to the system,
+    which keeps it if the process is killed. Where the disk is full, a file of 1 MiB that was kept
+    free makes room for the index. Every `sync_interval` [s], unless that is 0, the disk is made to
+    take it, so that a loss of power costs no more.
 
     It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
     bag cannot be written.
@@ -65,7 +65,7 @@ class BagWriter:
         compression: str = 'none',
         largest_file: int = 0,
         longest_file: float = 0.0,
-        flush_interval: float = 0.25,
+        flush_interval: float = 0.1,
         sync_interval: float = 0.0,
         begun: BagBegun | None = None,
     ) -> None:
@@ -84,6 +84,7 @@ class BagWriter:
         self.topics: list[StoredTopic] = []
         self._known: dict[tuple[str, str], StoredTopic] = {}
         self.finished = False
+        self._of_another = begun is not None
         self.gap = ''
         """What is to be said of a bag that is gone on with."""
         self._is_open = False
@@ -175,17 +176,22 @@ class BagWriter:
                 self._flushed_at = now
                 self._file.flush()
             if 0 < self._sync_interval <= now - self._synced_at:
-                self._synced_at = now
-                _sync(self.path / self._file_name())
-            if self._custom_data != self._noted and now - self._noted_at >= _NOTE_INTERVAL:
-                self._noted_at = now
-                self._noted = dict(self._custom_data)
-                self._file.note(self._noted)
+                self._sync_file()
+            if now - self._noted_at >= _NOTE_INTERVAL:
+                self._note()
 
     def flush(self) -> None:
         """Hand what was written to the system now."""
         with self._complaining():
             self._file.flush()
+
+    def keep(self) -> None:
+        """Hand all over, texts too, and have the disk take it, if it ever is made to."""
+        with self._complaining():
+            self._file.flush()
+            self._note()
+            if self._sync_interval:
+                self._sync_file()
 
     def note(self, custom_data: Mapping[str, str]) -> None:
         """Keep texts in the bag's metadata, also if the bag is never closed."""
@@ -218,7 +224,7 @@ class BagWriter:
 
     def leave_nothing(self) -> None:
         """Remove a bag of its own that has no message, be it finished or not even begun."""
-        if self.gap or (self._is_open and self.messages):
+        if self._of_another or (self._is_open and self.messages):
             return
         names = [_RESERVE, METADATA_FILE, self._file_name(), *(file.name for file in self._files)]
         with suppress(OSError):
@@ -257,6 +263,16 @@ class BagWriter:
         write_metadata(self.path, self._information([]))
         self._sync_folder()
         self.finished = True
+
+    def _note(self) -> None:
+        if self._custom_data != self._noted:
+            self._noted_at = time.monotonic()
+            self._noted = dict(self._custom_data)
+            self._file.note(self._noted)
+
+    def _sync_file(self) -> None:
+        self._synced_at = time.monotonic()
+        _sync(self.path / self._file_name())
 
     def _sync_folder(self) -> None:
         """Have the disk take the names of the files."""

@@ -33,7 +33,9 @@ class Inlet:
         self._qos = heard_by_all(source.profiles, _DEPTH)
         self._subscription = self._subscribe()
         self.publishers = 0
-        """How many publishers it heard when it last looked."""
+        """How many published when it last looked."""
+        self.connected = 0
+        """How many it heard when it last looked."""
 
     def drain(self) -> list[Taken]:
         """Take all messages that are waiting."""
@@ -42,18 +44,20 @@ class Inlet:
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
                 if not taken:
-                    self.publishers = self._subscription.get_publisher_count()
+                    self.connected = self._subscription.get_publisher_count()
                 serialized, info = message
                 number = info['publication_sequence_number']
                 if number is not None:
-                    self.gaps.take(number, self.publishers)
+                    self.gaps.take(number, self.connected)
                 taken.append(Taken(self.source, info['received_timestamp'], serialized))
         return taken
 
     def adapt(self) -> list[Taken]:
         """Subscribe anew where a publisher offers less; return what was waiting till then."""
-        offered = self._node.get_publishers_info_by_topic(self.source.name)
+        told = self._node.get_publishers_info_by_topic(self.source.name)
+        offered = [info for info in told if info.topic_type == self.source.type_name]
         self.publishers = len(offered)
+        self.connected = self._subscription.get_publisher_count()
         profiles = [info.qos_profile for info in offered]
         qos = heard_by_all(profiles, _DEPTH) if offered else self._qos
         if same_offer(qos, self._qos):

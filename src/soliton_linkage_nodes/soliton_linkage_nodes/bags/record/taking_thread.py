@@ -10,9 +10,11 @@ from collections.abc import Callable, Sequence
 from operator import attrgetter
 
 from soliton_linkage_nodes.bags.record.account import RecordingAccount
+from soliton_linkage_nodes.bags.record.connecting import Connecting
 from soliton_linkage_nodes.bags.record.inlets import Inlet, InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThread
+from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
 _POLL_INTERVAL = 0.02
 """How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""
@@ -29,12 +31,26 @@ class TakingThread:
     the raw message or its sequence number, and cost ten times as much as taking a few at a time.
     """
 
-    def __init__(self, finder: InletFinder, gate: MessageGate, bag: WritingThread) -> None:
-        """Begin to take."""
+    def __init__(
+        self,
+        finder: InletFinder,
+        gate: MessageGate,
+        bag: WritingThread,
+        announce: Callable[[Sequence[str]], None],
+        first: bool = False,
+    ) -> None:
+        """Begin to take, and go before ordinary threads if it is to be the first.
+
+        `announce` is called once all that is published is connected and the bag is kept whatever
+        comes; it is given the topics of which publishers did not answer.
+        """
         self.failure: Exception | None = None
         self._finder = finder
         self._gate = gate
         self._bag = bag
+        self._announce = announce
+        self._first = first
+        self._connecting: Connecting | None = Connecting()
         self._lock = threading.Lock()
         self._account = RecordingAccount()
         self._inlets: list[Inlet] = []
@@ -48,7 +64,7 @@ class TakingThread:
     @property
     def heard(self) -> list[str]:
         """Topics that somebody publishes."""
-        return [inlet.source.name for inlet in self._inlets if inlet.publishers]
+        return [inlet.source.name for inlet in self._inlets if inlet.connected]
 
     @property
     def losses(self) -> dict[str, int]:
@@ -83,12 +99,16 @@ class TakingThread:
 
     def _run(self) -> None:
         search_at = time.monotonic()
+        place = FirstAsLongAsIdle([0]) if self._first else None
         last_round = False
         try:
             while not last_round:
                 last_round = self._stopping.wait(_POLL_INTERVAL)
+                if place:
+                    place.look()
+                searching = time.monotonic() >= search_at and not last_round
                 batch = [message for inlet in self._inlets for message in inlet.drain()]
-                if time.monotonic() >= search_at and not last_round:
+                if searching:
                     search_at = time.monotonic() + _SEARCH_INTERVAL
                     batch += [message for inlet in self._inlets for message in inlet.adapt()]
                     self._add(self._finder.find())
@@ -97,10 +117,18 @@ class TakingThread:
                 batch.sort(key=attrgetter('stamp'))
                 with self._lock:
                     self._bag.put(self._gate.take(batch))
+                if searching:
+                    self._announce_once_connected()
                 self._end_round(1)
         except Exception as error:
             self.failure = error
             self._end_round(sys.maxsize)
+
+    def _announce_once_connected(self) -> None:
+        connecting = self._connecting
+        if connecting is not None and connecting.done(self._inlets):
+            self._connecting = None
+            self._bag.when_kept(lambda: self._announce(connecting.missing))
 
     def _end_round(self, number: int) -> None:
         with self._rounds_changed:

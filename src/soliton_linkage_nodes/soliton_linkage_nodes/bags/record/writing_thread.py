@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
 _TICK = 0.1
 """How often the bag is told of the time where no messages come, so that it flushes [s]."""
@@ -48,9 +49,15 @@ class WritingThread:
     """
 
     def __init__(
-        self, create_writer: Callable[[], BagWriter], most_waiting: int = _MOST_WAITING
+        self,
+        create_writer: Callable[[], BagWriter],
+        most_waiting: int = _MOST_WAITING,
+        first: bool = False,
     ) -> None:
-        """Create the bag; raises what the writer raises."""
+        """Create the bag, and go before ordinary threads if it is to be the first.
+
+        Raises what the writer raises.
+        """
         self.dropped: Counter[str] = Counter()
         self.failure: Exception | None = None
         self.refused: dict[str, str] = {}
@@ -59,6 +66,7 @@ class WritingThread:
         self._bytes = 0
         self._changed = threading.Condition()
         self._ending = False
+        self._first = first
         self._final: Mapping[str, str] = {}
         self._topics: dict[Source, StoredTopic | None] = {}
         self._ready = threading.Event()
@@ -118,6 +126,15 @@ class WritingThread:
             self._post(write)
             written.wait(_LONGEST_FLUSH)
 
+    def when_kept(self, act: Callable[[], object]) -> None:
+        """Have something done as soon as all that was put is kept whatever comes."""
+
+        def keep() -> None:
+            self._writer.keep()
+            act()
+
+        self._post(keep)
+
     def close(self, custom_data: Mapping[str, str]) -> None:
         """Write all that waits and finish the bag; what fails is kept."""
         with self._changed:
@@ -144,9 +161,12 @@ class WritingThread:
             return
         finally:
             self._ready.set()
+        place = FirstAsLongAsIdle([0]) if self._first else None
         try:
             while (action := self._next()) is not None:
                 action()
+                if place:
+                    place.look()
             self._writer.close(self._final)
         except Exception as error:
             self._fail(error)
