@@ -120,6 +120,9 @@ class BagRecorder(ManagedNode):
         except BaseException:
             self._bag.abandon()
             raise
+        self.get_logger().info(
+            f'{self._bag.writer.path} is begun; finding all who publish, which takes 3 s'
+        )
         for name in sorted(self._finder.awaited):
             self.get_logger().info(f'waiting for a publisher of {name}')
 

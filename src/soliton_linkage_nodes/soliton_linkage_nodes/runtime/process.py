@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import gc
+import resource
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -37,6 +39,9 @@ _LIMITS = (
 )
 _LONGEST_WAIT = 0.1
 """Of the executor, before it looks whether a signal has come [s]."""
+_LEAST_LEFT = 64 * 2**20
+"""Address space below which a node ends [B]: so much takes the last of its work, while libraries
+that get no memory end the process at once."""
 
 
 def stop_on_signals() -> threading.Event:
@@ -118,11 +123,13 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         initialise(arguments)
         _tell_warnings()
         gc.collect()
+        # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
+        executor = EventsExecutor()
         with ExitStack() as stack:
             nodes = [_created(component, stack, arguments) for component in components]
             # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
             gc.freeze()
-            _spin(list(zip(components, nodes, strict=True)), stopping)
+            _spin(executor, list(zip(components, nodes, strict=True)), stopping)
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
@@ -170,9 +177,12 @@ def _created(component: Component, stack: ExitStack, arguments: Sequence[str]) -
     return node
 
 
-def _spin(nodes: Sequence[tuple[Component, Node]], stopping: threading.Event) -> None:
-    # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
-    executor = EventsExecutor()
+def _spin(
+    executor: Any,
+    nodes: Sequence[tuple[Component, Node]],
+    stopping: threading.Event,
+) -> None:
+    memory = _AddressSpace()
     for _, node in nodes:
         executor.add_node(node)
     first = any(getattr(node, 'real_time', False) for _, node in nodes)
@@ -184,8 +194,29 @@ def _spin(nodes: Sequence[tuple[Component, Node]], stopping: threading.Event) ->
         ):
             break
         executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        memory.check()
         if place:
             place.look()
+
+
+class _AddressSpace:
+    """What a limit leaves of the memory that a process may map."""
+
+    def __init__(self) -> None:
+        self._checked = time.monotonic()
+
+    def check(self) -> None:
+        """Raise MemoryError, now and then, where too little is left to go on."""
+        now = time.monotonic()
+        if now - self._checked < _LONGEST_WAIT:
+            return
+        self._checked = now
+        allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if allowed != resource.RLIM_INFINITY:
+            pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[0])
+            taken = pages * resource.getpagesize()
+            if taken + _LEAST_LEFT > allowed:
+                raise MemoryError(f'{taken} of {allowed} bytes of address space are taken')
 
 
 def _tell_notices(node: Node, arguments: Sequence[str]) -> None:

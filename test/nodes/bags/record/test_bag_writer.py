@@ -299,7 +299,9 @@ def test_a_topic_is_in_the_file_as_soon_as_it_is_added(tmp_path: Path) -> None:
 def test_a_bag_that_cannot_be_begun_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(_path: Path) -> None:
+    def refuse(path: Path) -> None:
+        for begun in (path, path.with_name(f'{path.name}-journal')):
+            begun.write_bytes(b'begun')
         raise OSError(28, 'No space left on device')
 
     refusing = replace(STORAGES['mcap'], writers={'none': refuse})

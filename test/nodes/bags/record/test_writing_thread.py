@@ -63,9 +63,10 @@ def test_a_full_disk_ends_it_with_one_line(
 
     graph.until(ended, 'the end of the recorder')
     assert program.process.returncode == 1
-    *begun, failed = program.said
-    assert all(line.endswith(f'recording to {bag}_0') for line in begun[:1])
-    assert len(begun) <= 1
+    begun, *told, failed = program.said
+    assert f'{bag}_0 is begun; ' in begun
+    assert all(line.endswith(f'recording to {bag}_0') for line in told[:1])
+    assert len(told) <= 1
     assert f"bag '{bag}_0' cannot be written: " in failed
     assert 'choose another output; ' in failed
 

@@ -226,10 +226,11 @@ class BagWriter:
         """Remove a bag of its own that has no message, be it finished or not even begun."""
         if self._of_another or (self._is_open and self.messages):
             return
-        names = [_RESERVE, METADATA_FILE, self._file_name(), *(file.name for file in self._files)]
+        ours = (f'{self.path.name}_', METADATA_FILE, _RESERVE)
         with suppress(OSError):
-            for name in names:
-                (self.path / name).unlink(missing_ok=True)
+            for path in list(self.path.iterdir()):
+                if path.name.startswith(ours):
+                    path.unlink()
             self.path.rmdir()
 
     def _keep(self, topic: StoredTopic) -> None:

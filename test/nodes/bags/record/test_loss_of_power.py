@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A loss of power costs no more than `sync_interval`, on a disk that loses all else."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from graphs import Graph, values
+from programs import Program
+from rclpy.serialization import serialize_message
+from recordings import frame_message, messages_of
+
+from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime import interfaces
+
+SOURCE = Path(__file__).with_name('forgetful_disk.c')
+SYNC_INTERVAL = 0.5
+LASTED = 2.5
+
+
+@pytest.fixture(scope='module')
+def disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library to be preloaded."""
+    library = tmp_path_factory.mktemp('disk') / 'forgetful_disk.so'
+    command = [os.environ.get('CC', 'cc'), '-shared', '-fPIC', '-O1', '-o', library, SOURCE]
+    subprocess.run([*command, '-ldl'], check=True)
+    return library
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_what_was_sent_an_interval_before_is_kept(
+    graph: Graph,
+    start: Callable[..., Program],
+    named: NamedChain,
+    tmp_path: Path,
+    disk: Path,
+    storage: str,
+) -> None:
+    kept = tmp_path / 'kept_0'
+    (kept / 'names').mkdir(parents=True)
+    given = {'output': tmp_path / 'run', 'storage': storage, 'sync_interval': SYNC_INTERVAL}
+    program = start(
+        'bag_recorder',
+        '--ros-args',
+        *(part for name, value in given.items() for part in ('-p', f'{name}:={value}')),
+        command=['env', f'LD_PRELOAD={disk}', f'KEPT={kept}'],
+    )
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    reports = graph.reports('bag_recorder')
+    graph.until(
+        lambda: reports and '/joint_states' in values(reports[-1])['topics heard'],
+        'the recorder to hear',
+    )
+    sent = [serialize_message(frame_message(named, number)) for number in range(3000)]
+    begin, times = time.monotonic(), []
+    while time.monotonic() - begin < LASTED:
+        publisher.publish(sent[len(times)])
+        times.append(time.monotonic())
+        time.sleep(0.002)
+    program.process.kill()
+    program.process.wait()
+    named_files = {path.name for path in (kept / 'names').iterdir()}
+    shutil.rmtree(kept / 'names')
+    for path in kept.iterdir():
+        assert path.name in named_files or path.name.endswith('-journal')
+    assert 'run_0' in named_files
+    _, new = recover_bag(kept, tmp_path / 'new')
+    recovered = messages_of(new)['/joint_states']
+    assert recovered == sent[: len(recovered)]
+    assert times[len(recovered) - 1] > times[-1] - 2 * SYNC_INTERVAL
