@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A long day: the whole suite for an hour, with nudges, moves, splits and a kill each minute.
+
+A chain of 100 rotors at 1000 Hz with all nodes as processes of their own, and the live page in a
+browser where there is one. Every minute another of the nodes is killed with SIGKILL and started
+again. What was recorded is read file by file, and removed. Everything is noted as it happens, in
+OUTPUT/ledger.jsonl; the page OUTPUT/soak.html is drawn every few minutes and at the end. A day
+that was interrupted, in whatever way, is gone on with by the same command and --resume.
+The exit code is 0 where nothing was lost but what kills explain and nothing grew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from itertools import count, cycle
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from live import BROWSERS, PORT, chromium, heap, visit
+from processes import node_command, own_domain, processor_time
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from soak_bag import BagAudit
+from soak_ledger import Ledger
+from soak_page import verdicts, write_page
+from std_msgs.msg import Float64
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.bags.services import service_type
+from soliton_linkage_nodes.runtime import interfaces
+
+ROTORS, RATE = 100, 1000.0
+DAMPING = 2e-5
+PICTURES = 10.0
+NUDGE = 3.0
+PLACES = (30.0, 70.0, 50.0)
+NUDGES, MOVES, SPLITS, SAMPLES, KILLS, PAGES, HEAPS = 5.0, 20.0, 30.0, 5.0, 60.0, 300.0, 30.0
+LONGEST_STOP = 30.0
+REST = 10.0
+NEVER_ALONE = ('setpriv', '--pdeathsig', 'KILL')
+SPIN = 0.05
+NODES: dict[str, dict[str, Any]] = {
+    'simulator': {
+        'chain.number_of_rotors': ROTORS,
+        'chain.damping': DAMPING,
+        'publish_rate': RATE,
+        'integrator': 'symplectic',
+        'initial_state': 'soliton',
+        'initial_place': ROTORS / 2,
+    },
+    'edge_actuator': {},
+    'soliton_analyser': {},
+    'soliton_steering': {},
+    'bag_recorder': {'max_bag_duration': 20.0},
+    'live_view': {'port': PORT, 'frame_rate': PICTURES},
+    'visualisation': {},
+}
+FIGURES = {
+    'simulator': ('real-time factor', 'missed deadlines', 'energy [J]', 'energy drift'),
+    'soliton_analyser': ('late frames',),
+    'bag_recorder': ('lost messages', 'bytes waiting for the disk'),
+}
+
+
+class Suite:
+    """The nodes as processes, and what they say of themselves."""
+
+    def __init__(self, output: Path, ledger: Ledger) -> None:
+        self._output = output
+        self._ledger = ledger
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._lives = count(len(ledger.of('start')))
+        self._life: dict[str, int] = {}
+        self._dead: dict[str, float] = {}
+        self._audit: BagAudit | None = None
+        self._began = 0
+
+    def start(self, name: str) -> None:
+        """Begin another life of a node."""
+        life = next(self._lives)
+        settings = dict(NODES[name])
+        if name == 'bag_recorder':
+            bag = self._output / 'bags' / f'life_{life}'
+            settings['output'] = bag
+            self._began = time.time_ns()
+            self._audit = BagAudit(bag.with_name(f'{bag.name}_0'), RATE)
+        with (self._output / f'{name}.log').open('ab') as log:
+            command = [*NEVER_ALONE, *map(str, node_command(name, settings))]
+            self._running[name] = subprocess.Popen(
+                command, stdout=log, stderr=log, start_new_session=True
+            )
+        self._life[name] = life
+        self._ledger.note('start', node=name, life=life)
+
+    def revive(self) -> None:
+        """Start the nodes that have ended by themselves, which they should not, after a rest."""
+        for name, process in list(self._running.items()):
+            if process.poll() is not None and name not in self._dead:
+                self._ended(name, 'died', code=process.returncode)
+                self._dead[name] = time.monotonic()
+            elif self._dead.get(name, math.inf) < time.monotonic() - REST:
+                del self._dead[name]
+                self.start(name)
+
+    def kill(self, name: str) -> None:
+        """Kill a node and start it again."""
+        if name in self._dead:
+            return
+        self._running[name].kill()
+        self._running[name].wait()
+        self._ended(name, 'kill')
+        self.start(name)
+
+    def sample(self) -> None:
+        """Note what each process takes."""
+        for name, process in self._running.items():
+            told = Path(f'/proc/{process.pid}')
+            try:
+                pages = int((told / 'statm').read_text(encoding='ascii').split()[1])
+                sample = {
+                    'memory': pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
+                    'threads': len(list((told / 'task').iterdir())),
+                    'descriptors': len(list((told / 'fd').iterdir())),
+                    'processor': processor_time(process.pid),
+                }
+            except (OSError, IndexError):
+                continue
+            self._ledger.note('sample', node=name, life=self._life[name], **sample)
+
+    def audit(self) -> None:
+        """Read what the recorder has finished."""
+        if self._audit:
+            self._audit.read(ended=False)
+
+    def stop(self) -> None:
+        """End all, as their user would."""
+        for process in self._running.values():
+            process.send_signal(signal.SIGINT)
+        for name, process in self._running.items():
+            try:
+                process.wait(LONGEST_STOP)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            if name not in self._dead:
+                self._ended(name, 'end', code=process.returncode)
+
+    def _ended(self, name: str, how: str, **more: Any) -> None:
+        self._ledger.note(how, node=name, life=self._life[name], **more)
+        if name == 'bag_recorder' and self._audit:
+            self._audit.read(ended=True)
+            told = self._audit.told()
+            told['last'] = self._ledger.since(told['last'] or self._began)
+            told['gaps'] = [[self._ledger.since(s) for s in gap] for gap in told['gaps']]
+            self._ledger.note('bag', life=self._life[name], killed=how == 'kill', **told)
+            shutil.rmtree(self._audit.folder, ignore_errors=True)
+
+
+class User:
+    """Who nudges, moves and splits, and hears what nodes report."""
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self.node = Node('soak')
+        topic = interfaces.DIAGNOSTICS
+        self.node.create_subscription(topic.type, topic.name, self._hear, topic.qos)
+        self._nudges = interfaces.NUDGE.publisher(self.node)
+        self._moves = ActionClient(self.node, MoveSoliton, interfaces.MOVE_SOLITON)
+        self._splits = self.node.create_client(
+            service_type('SplitBagfile'), 'bag_recorder/split_bagfile'
+        )
+        self._signs = cycle((1, -1))
+        self._places = cycle(PLACES)
+        self._reports: dict[str, dict[str, str]] = {}
+
+    def nudge(self) -> None:
+        """Nudge to and fro."""
+        self._nudges.publish(Float64(data=NUDGE * next(self._signs)))
+        self._ledger.note('nudge')
+
+    def move(self) -> None:
+        """Ask for a move, and note how it ends."""
+        rotor = next(self._places)
+        asked = self._ledger.note('move', rotor=rotor)
+        if not self._moves.server_is_ready():
+            return
+        goal = MoveSoliton.Goal(rotor=rotor)
+        self._moves.send_goal_async(goal).add_done_callback(
+            lambda sent: self._follow(sent, asked['time'])
+        )
+
+    def split(self) -> None:
+        """Ask for a new file."""
+        if self._splits.service_is_ready():
+            self._splits.call_async(self._splits.srv_type.Request())
+            self._ledger.note('split')
+
+    def tell(self) -> None:
+        """Note the last reports of the nodes."""
+        for name, figures in FIGURES.items():
+            report = self._reports.pop(name, {})
+            told = {figure: float(report[figure]) for figure in figures if figure in report}
+            if told:
+                self._ledger.note('report', node=name, **told)
+
+    def _follow(self, sent: Any, asked: float) -> None:
+        handle = sent.result()
+        if handle is not None and handle.accepted:
+            handle.get_result_async().add_done_callback(lambda ended: self._end(ended, asked))
+
+    def _end(self, ended: Any, asked: float) -> None:
+        result = ended.result()
+        if result is not None:
+            told = result.result
+            self._ledger.note('moved', asked=asked, outcome=told.outcome, said=told.message)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name = status.name.partition(':')[0]
+            self._reports[name] = {pair.key: pair.value for pair in status.values}
+
+
+class Visitor:
+    """A browser that has the live page open, where there is one."""
+
+    def __init__(self, stack: ExitStack, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._page: Any = None
+        self._browser: Any = None
+        if any(map(shutil.which, BROWSERS)):
+            try:
+                self._browser = stack.enter_context(chromium())
+            except (Exception, SystemExit) as error:
+                ledger.note('no browser', why=str(error))
+
+    def look(self) -> None:
+        """Open the page, or note what its script holds."""
+        if self._browser is None:
+            return
+        try:
+            if self._page is None:
+                self._page = visit(self._browser)
+            drawn = self._page.evaluate('live.drawn')
+            self._ledger.note('page', heap=heap(self._page), drawn=drawn)
+        except Exception as error:
+            self._ledger.note('page lost', why=str(error).partition('\n')[0])
+            self._page = None
+
+
+def main() -> None:
+    arguments = parse_arguments()
+    output = arguments.output
+    if not arguments.resume:
+        shutil.rmtree(output, ignore_errors=True)
+    output.mkdir(parents=True, exist_ok=True)
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    # A killed node leaves shared memory behind, of which the next may complain.
+    os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+    ledger = Ledger(output / 'ledger.jsonl')
+    with own_domain(), ExitStack() as stack:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: stopping.set())
+        run(output, ledger, 60 * arguments.minutes, stopping, stack)
+    page = write_page(output, ledger)
+    failed = [line for line, good in verdicts(ledger) if not good]
+    print(
+        '\n'.join(f'{"  good" if good else "NOT SO"}: {line}' for line, good in verdicts(ledger))
+    )
+    print(f'drawn to {page}')
+    sys.exit(1 if failed or stopping.is_set() else 0)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--minutes', type=float, default=60.0, help='(%(default)s)')
+    parser.add_argument('--resume', action='store_true', help='go on where it was interrupted')
+    parser.add_argument('--output', type=Path, default=Path('out/soak'), help='(%(default)s)')
+    return parser.parse_args()
+
+
+def run(
+    output: Path, ledger: Ledger, seconds: float, stopping: threading.Event, stack: ExitStack
+) -> None:
+    """Run until the day is so long [s], or it is told to stop."""
+    suite, user = Suite(output, ledger), User(ledger)
+    stack.callback(user.node.destroy_node)
+    stack.callback(suite.stop)
+    for name in NODES:
+        suite.start(name)
+    visitor = Visitor(stack, ledger)
+    victims = cycle(NODES)
+    for _ in ledger.of('kill'):
+        next(victims)
+    deeds: list[tuple[float, Callable[[], object]]] = [
+        (SAMPLES, suite.sample),
+        (SAMPLES, user.tell),
+        (SAMPLES, suite.audit),
+        (NUDGES, user.nudge),
+        (MOVES, user.move),
+        (SPLITS, user.split),
+        (HEAPS, visitor.look),
+        (KILLS, lambda: suite.kill(next(victims))),
+        (PAGES, lambda: write_page(output, ledger)),
+    ]
+    due = [time.monotonic() + period for period, _ in deeds]
+    progress = ProgressLine('a long day', seconds)
+    while ledger.now < seconds and not stopping.is_set():
+        rclpy.spin_once(user.node, timeout_sec=SPIN)
+        suite.revive()
+        for place, (period, act) in enumerate(deeds):
+            if time.monotonic() >= due[place]:
+                due[place] = time.monotonic() + period
+                act()
+        progress.show(ledger.now)
+    progress.end(f'{ledger.now / 60:.1f} minutes')
+
+
+if __name__ == '__main__':
+    main()
