@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves driving benchmark format build develop clean scenario
+.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves driving benchmark format build develop clean scenario soak audit release
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -24,9 +24,17 @@ test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pyte
 test-interfaces: build develop  ## the tests of services, beside stand-ins of the packages of standards
 	@setup/interfaces.sh
 
-check: build develop  ## formatting, lint and strict typing
+check: build develop  ## formatting, lint, strict typing, unsafe calls and pins
 	@. setup/environment.sh && ruff format --check . && ruff check . && \
-	    mypy --python-executable $$(ls .python/typing/bin/python3 2>/dev/null || command -v python3)
+	    mypy --python-executable $$(ls .python/typing/bin/python3 2>/dev/null || command -v python3) && \
+	    python3 -m bandit --quiet --configfile pyproject.toml --severity-level medium \
+	    --recursive src && python3 setup/pins.py
+
+audit: build  ## ask the database of known vulnerabilities about the pinned packages
+	@$(enter) setup/audit.sh $(ARGS)
+
+release: build  ## build wheels and source archives twice, and keep them where they are the same
+	@$(enter) python3 setup/release.py
 
 shell: build  ## a shell where the nodes start by their name
 	@setup/shell.sh
@@ -61,6 +69,9 @@ driving: build  ## show on one page what drives a chain: actuator, energy balanc
 
 benchmark: build develop  ## compare with what one would use instead; ONLY=publish; ARGS='--quick'
 	@$(enter) setup/benchmark.sh $(or $(ONLY),all) $(ARGS)
+
+soak: build develop  ## run the whole suite for an hour, killing a node each minute; ARGS='--minutes 5'
+	@$(enter) python3 benchmark/soak.py $(ARGS)
 
 fuzz: build develop  ## feed wounded bags and messages to what reads them; ARGS='--minutes 60'
 	@$(enter) python3 test/fuzz/fuzz.py $(ARGS)

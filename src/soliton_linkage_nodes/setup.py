@@ -69,6 +69,7 @@ setup(
             'config/*.yaml',
             'config/*.xml',
             'config/chains/*.yaml',
+            'config/security/*',
             'config/views/*',
             'bags/*.md',
             'bags/*/*',

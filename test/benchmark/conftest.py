@@ -13,6 +13,8 @@ import pytest
 PROGRAMS = Path(__file__).parents[2] / 'benchmark'
 LONGEST_RUN = 300.0
 
+sys.path.append(str(PROGRAMS))
+
 
 @pytest.fixture(scope='session')
 def run_part(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
