@@ -61,7 +61,7 @@ class Kill:
     received: float
     """That the last message which came back had been on its way to the recorder."""
     empty: bool
-    """Whether nothing came back that was sent after it had said so."""
+    """Whether nothing came back at all."""
 
 
 def main() -> None:
@@ -114,8 +114,8 @@ def summary(kills: Sequence[Kill], load: int) -> str:
     return (
         f'{len(kills)} kills beside {load} busy processes: lost {statistics.median(lost):.3f} s '
         f'at the median, {lost[int(0.9 * (len(lost) - 1))]:.3f} s of nine in ten, '
-        f'{lost[-1]:.3f} s at most; {empty} with nothing of what was sent after '
-        f'"recording to", {begun} without the first of it'
+        f'{lost[-1]:.3f} s at most; {empty} left nothing at all, {begun} '
+        f'lacked the first that was sent after "recording to"'
     )
 
 
@@ -247,7 +247,7 @@ def judged(bag: Path, recovered: Path, sent: Sequence[int], said: int, at: int) 
         lost=max(0, sent[-1] - last) * 1e-9,
         begun=max(0, (stamps[0] if stamps else at) - first) * 1e-9,
         received=(held[-1][1] - held[-1][0]) * 1e-9 if held else 0.0,
-        empty=last == said,
+        empty=not held,
     )
 
 

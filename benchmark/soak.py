@@ -3,9 +3,10 @@
 
 A chain of 100 rotors at 1000 Hz with all nodes as processes of their own, and the live page in a
 browser where there is one. Every minute another of the nodes is killed with SIGKILL and started
-again. What was recorded is read file by file, and removed. Everything is noted as it happens, in
-OUTPUT/ledger.jsonl; the page OUTPUT/soak.html is drawn every few minutes and at the end. A day
-that was interrupted, in whatever way, is gone on with by the same command and --resume.
+again, in the first half of the day some of them, in the second the others. What was recorded is
+read file by file, and removed. Everything is noted as it happens, in OUTPUT/ledger.jsonl; the page
+OUTPUT/soak.html is drawn every few minutes and at the end. A day that was interrupted, in whatever
+way, is gone on with by the same command and --resume.
 The exit code is 0 where nothing was lost but what kills explain and nothing grew.
 """
 
@@ -305,9 +306,13 @@ def run(
     for name in NODES:
         suite.start(name)
     visitor = Visitor(stack, ledger)
-    victims = cycle(NODES)
-    for _ in ledger.of('kill'):
-        next(victims)
+
+    def kill() -> None:
+        # In each half of the day some nodes live on, so that it shows whether they grow.
+        names = list(NODES)
+        half = names[: len(names) // 2] if ledger.now < seconds / 2 else names[len(names) // 2 :]
+        suite.kill(half[len(ledger.of('kill')) % len(half)])
+
     deeds: list[tuple[float, Callable[[], object]]] = [
         (SAMPLES, suite.sample),
         (SAMPLES, user.tell),
@@ -316,7 +321,7 @@ def run(
         (MOVES, user.move),
         (SPLITS, user.split),
         (HEAPS, visitor.look),
-        (KILLS, lambda: suite.kill(next(victims))),
+        (KILLS, kill),
         (PAGES, lambda: write_page(output, ledger)),
     ]
     due = [time.monotonic() + period for period, _ in deeds]

@@ -19,19 +19,21 @@ FRAMES = '/joint_states'
 class BagAudit:
     """Counts what a recorder has written, and removes each file that it has read.
 
-    Frames are a period apart by their stamps; where they are not, some are missing.
+    Frames are a period apart by their stamps; where they are not, some are missing. Stamps of a
+    simulator that cannot keep pace fall behind the clock: what is told are times of receipt.
     """
 
     def __init__(self, folder: Path, rate: float) -> None:
         self.folder = folder
         self.messages: Counter[str] = Counter()
         self.gaps: list[tuple[int, int]] = []
-        """Stamps of the frames before and behind each place where some are missing [ns]."""
+        """When the frames before and behind each place came where some are missing [ns]."""
         self.damage: list[str] = []
         self.lost = 0
         """Messages that the recorder says that it has lost."""
         self.last = 0
-        """Stamp of the last frame [ns]."""
+        """When the last frame came [ns]."""
+        self._stamp = 0
         self._period = round(1e9 / rate)
 
     def read(self, ended: bool) -> None:
@@ -53,17 +55,17 @@ class BagAudit:
 
     def _read_file(self, path: Path) -> None:
         file = STORAGES['mcap'].rescue(path, False, DEFAULT_LIMITS)
-        for topic, _, data in file.messages():
+        for topic, received, data in file.messages():
             self.messages[topic.name] += 1
             if topic.name == FRAMES:
-                self._take_frame(data)
+                self._take_frame(received, data)
         self.damage += file.damage
         losses = json.loads(file.custom_data.get('lost_messages', '{}'))
         self.lost = max(self.lost, sum(losses.values()))
 
-    def _take_frame(self, data: bytes) -> None:
+    def _take_frame(self, received: int, data: bytes) -> None:
         seconds, nanoseconds = STAMP.unpack_from(data)
         stamp = seconds * 10**9 + nanoseconds
-        if self.last and not 0 < stamp - self.last < 1.5 * self._period:
-            self.gaps.append((self.last, stamp))
-        self.last = stamp
+        if self._stamp and not 0 < stamp - self._stamp < 1.5 * self._period:
+            self.gaps.append((self.last, received))
+        self._stamp, self.last = stamp, received

@@ -19,7 +19,7 @@ from soak_ledger import Entry, Ledger
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.studies.palette import BLACK, COLOURS, GREY, ORANGE, SKY
 
-WARMING = 60.0
+WARMING = 120.0
 FEWEST = 4
 SIGNIFICANT = 3.0
 FLAT = {'memory': 10.0, 'threads': 1.0, 'descriptors': 1.0}
