@@ -4,8 +4,8 @@
 A recorder runs as a process of its own, beside as many busy processes as are asked for; this one
 publishes joint states at 1000 Hz all the time, kills the recorder with SIGKILL, recovers the bag
 and compares what came back with what was sent. The busy ones rest while the recorder's program is
-imported, which is not what is measured. With --ordinary the recorder may not go before others,
-as where a user has no real-time priority.
+imported, which is not what is measured. With --real-time the recorder asks for a real-time
+priority.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ LONGEST_START = 60.0
 LATEST_KILL = 2.5
 LOOK = 0.01
 MOST_LOST = 1.0
-WITHOUT_PRIORITY = ('setpriv', '--bounding-set', '-sys_nice')
 
 
 @dataclass(frozen=True)
@@ -74,8 +73,12 @@ def main() -> None:
     with Load(arguments.load) as load:
         for number in range(arguments.kills):
             storage = ('mcap', 'sqlite3')[number % 2]
-            given = {'output': folder / str(number) / 'run', 'storage': storage}
-            command = [*arguments.before, *map(str, node_command('bag_recorder', given))]
+            given = {
+                'output': folder / str(number) / 'run',
+                'storage': storage,
+                'real_time': str(arguments.real_time).lower(),
+            }
+            command = list(map(str, node_command('bag_recorder', given)))
             kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), load)
             kills.append(kill)
             print(f'{number} {storage}: {told(kill)}', flush=True)
@@ -88,12 +91,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument('--kills', type=int, default=50, help='(%(default)s)')
     parser.add_argument('--load', type=int, default=0, help='busy processes (%(default)s)')
     parser.add_argument(
-        '--ordinary',
-        action='store_const',
-        dest='before',
-        const=WITHOUT_PRIORITY,
-        default=(),
-        help='start the recorder without the right to a real-time priority',
+        '--real-time',
+        action='store_true',
+        help='have the recorder ask for a real-time priority',
     )
     parser.add_argument('--seed', type=int, default=1, help='(%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))

@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,7 @@ def slices_of_a_thread() -> list[int]:
 
     def run() -> None:
         for first in (False, True, False):
-            go_first(first)
+            go_first(first, real_time=False)
             note()
 
     thread = threading.Thread(target=run)
@@ -68,7 +69,7 @@ def slices_of_a_thread() -> list[int]:
     return seen
 
 
-def test_where_it_is_not_allowed_a_thread_asks_for_short_slices(
+def test_where_it_is_not_allowed_a_thread_stays_an_ordinary_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     system = os.sched_setscheduler
@@ -80,6 +81,9 @@ def test_where_it_is_not_allowed_a_thread_asks_for_short_slices(
 
     monkeypatch.setattr(os, 'sched_setscheduler', forbid)
     assert len(set(policies_of_a_thread())) == 1
+
+
+def test_an_ordinary_thread_asks_for_short_slices() -> None:
     if tuple(map(int, re.findall(r'\d+', platform.release())[:2])) < (6, 12):
         pytest.skip('the system grants no slices')
     usual, short, again = slices_of_a_thread()
@@ -117,10 +121,15 @@ def test_a_thread_lets_others_go_where_it_goes_first_itself(
 def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[bool] = []
     now = busy = 0.0
-    monkeypatch.setattr(scheduling, 'go_first', lambda first, threads: asked.append(first))
+
+    def note(first: bool, threads: Sequence[int], real_time: bool) -> None:
+        assert real_time
+        asked.append(first)
+
+    monkeypatch.setattr(scheduling, 'go_first', note)
     monkeypatch.setattr(scheduling.time, 'monotonic', lambda: now)
     monkeypatch.setattr(scheduling.time, 'process_time', lambda: busy)
-    place = FirstAsLongAsIdle()
+    place = FirstAsLongAsIdle(real_time=True)
     for share in (0.5, 1.0, 1.0, 0.1):
         for _ in range(100):
             now += 0.001

@@ -66,17 +66,6 @@ class BagRecorderParameters:
     start_paused: bool = quantity(False, 'record nothing until ~/resume is called')
 
 
-@dataclass(frozen=True)
-class ManagedRecorderParameters(ManagedParameters):
-    """Those of every managed node, with what a recorder does unless it is told otherwise."""
-
-    real_time: bool = quantity(
-        True,
-        'whether to go before ordinary threads, where the system allows it, while it waits: a '
-        'kill then costs little beside programs that take all the processor',
-    )
-
-
 class BagRecorder(ManagedNode):
     """Records topics, raw, with the time at which each message was received.
 
@@ -87,10 +76,7 @@ class BagRecorder(ManagedNode):
     One thread takes the messages from a hidden node, another does all that touches the bag.
     """
 
-    PARAMETERS: ClassVar[dict[type, str]] = {
-        BagRecorderParameters: '',
-        ManagedRecorderParameters: '',
-    }
+    PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
         """Be configured and activated, unless a manager is to do that."""
@@ -111,10 +97,11 @@ class BagRecorder(ManagedNode):
             self._inbox, settings.topics, settings.regex, settings.exclude_regex
         )
         self._gate = MessageGate(settings.snapshot_duration, self._paused or not self.starting)
-        first = self.real_time
-        self._bag = WritingThread(lambda: _create_writer(settings), first=first)
+        self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
         try:
-            self._taking = TakingThread(self._finder, self._gate, self._bag, self._announce, first)
+            self._taking = TakingThread(
+                self._finder, self._gate, self._bag, self._announce, self.real_time
+            )
             self._diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
             self._offer_services()
         except BaseException:

@@ -54,8 +54,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         self._leaving = False
         self._failed_of: Exception | None = None
         self._of_all: set[Any] = set()
-        kinds = (kind for kind in self.PARAMETERS if issubclass(kind, ManagedParameters))
-        managed = declare(self, next(kinds, ManagedParameters))
+        managed = declare(self, ManagedParameters)
         self.real_time = managed.real_time
         self.starting = managed.autostart
         """Whether it is configuring and activating itself."""

@@ -185,8 +185,7 @@ def _spin(
     memory = _AddressSpace()
     for _, node in nodes:
         executor.add_node(node)
-    first = any(getattr(node, 'real_time', False) for _, node in nodes)
-    place = FirstAsLongAsIdle() if first else None
+    place = FirstAsLongAsIdle(any(getattr(node, 'real_time', False) for _, node in nodes))
     while not stopping.is_set():
         if any(
             component.finished is not None and component.finished(node)
@@ -195,8 +194,7 @@ def _spin(
             break
         executor.spin_once(timeout_sec=_LONGEST_WAIT)
         memory.check()
-        if place:
-            place.look()
+        place.look()
 
 
 class _AddressSpace:

@@ -30,20 +30,21 @@ _MOST_OF_A_CORE = 0.8
 """Share of a core above which a process is one that computes and no longer one that waits [1]."""
 
 
-def go_first(first: bool, threads: Sequence[int] = (0,)) -> None:
+def go_first(first: bool, threads: Sequence[int] = (0,), real_time: bool = True) -> None:
     """Let threads, and those that they start, go before ordinary ones, or no longer.
 
     Threads are told by their numbers in the system, 0 for the one that calls. It asks for the
     lowest real-time priority (SCHED_FIFO), for which a user needs the limit rtprio. Where the
-    system does not allow that, it asks for short slices of time, which any user may: from Linux
-    6.12 on the thread is then served soon after it wakes, though with no more time than others.
+    system does not allow that, or it is not to be in `real_time`, it asks for short slices of
+    time, which any user may: from Linux 6.12 on the thread is then served soon after it wakes,
+    though with no more time than others.
     """
-    policy = os.SCHED_FIFO if first else os.SCHED_OTHER
-    priority = os.sched_param(_LOWEST_PRIORITY if first else 0)
+    priority = _LOWEST_PRIORITY if first and real_time else 0
+    policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
     for thread in threads:
         with contextlib.suppress(OSError):
-            os.sched_setscheduler(thread, policy, priority)
-            if first:
+            os.sched_setscheduler(thread, policy, os.sched_param(priority))
+            if priority:
                 continue
         _ask_for_slices(thread, _SHORT_SLICE if first else 0)
 
@@ -83,12 +84,13 @@ class FirstAsLongAsIdle:
     others see to themselves.
     """
 
-    def __init__(self, threads: Sequence[int] | None = None) -> None:
-        """Let them go first."""
+    def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
+        """Let them go first, in real time or among ordinary threads."""
+        self._real_time = real_time
         self._first = True
         self._since = (time.monotonic(), time.process_time())
         self._threads = [0, *foreign_threads()] if threads is None else threads
-        go_first(True, self._threads)
+        go_first(True, self._threads, real_time)
 
     def look(self) -> None:
         """Change its place where the share of a core that it took of late asks for that."""
@@ -99,4 +101,4 @@ class FirstAsLongAsIdle:
         first = self._since[1] - busy < _MOST_OF_A_CORE * (now - then)
         if first is not self._first:
             self._first = first
-            go_first(first, self._threads)
+            go_first(first, self._threads, self._real_time)

@@ -37,9 +37,9 @@ class TakingThread:
         gate: MessageGate,
         bag: WritingThread,
         announce: Callable[[Sequence[str]], None],
-        first: bool = False,
+        real_time: bool = False,
     ) -> None:
-        """Begin to take, and go before ordinary threads if it is to be the first.
+        """Begin to take, and go before ordinary threads if it is to do so in real time.
 
         `announce` is called once all that is published is connected and the bag is kept whatever
         comes; it is given the topics of which publishers did not answer.
@@ -49,7 +49,7 @@ class TakingThread:
         self._gate = gate
         self._bag = bag
         self._announce = announce
-        self._first = first
+        self._real_time = real_time
         self._connecting: Connecting | None = Connecting()
         self._lock = threading.Lock()
         self._account = RecordingAccount()
@@ -99,13 +99,12 @@ class TakingThread:
 
     def _run(self) -> None:
         search_at = time.monotonic()
-        place = FirstAsLongAsIdle([0]) if self._first else None
+        place = FirstAsLongAsIdle(self._real_time, [0])
         last_round = False
         try:
             while not last_round:
                 last_round = self._stopping.wait(_POLL_INTERVAL)
-                if place:
-                    place.look()
+                place.look()
                 searching = time.monotonic() >= search_at and not last_round
                 batch = [message for inlet in self._inlets for message in inlet.drain()]
                 if searching:

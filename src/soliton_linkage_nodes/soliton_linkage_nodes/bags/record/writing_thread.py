@@ -52,9 +52,9 @@ class WritingThread:
         self,
         create_writer: Callable[[], BagWriter],
         most_waiting: int = _MOST_WAITING,
-        first: bool = False,
+        real_time: bool = False,
     ) -> None:
-        """Create the bag, and go before ordinary threads if it is to be the first.
+        """Create the bag, and go before ordinary threads if it is to do so in real time.
 
         Raises what the writer raises.
         """
@@ -66,7 +66,7 @@ class WritingThread:
         self._bytes = 0
         self._changed = threading.Condition()
         self._ending = False
-        self._first = first
+        self._real_time = real_time
         self._final: Mapping[str, str] = {}
         self._topics: dict[Source, StoredTopic | None] = {}
         self._ready = threading.Event()
@@ -161,12 +161,11 @@ class WritingThread:
             return
         finally:
             self._ready.set()
-        place = FirstAsLongAsIdle([0]) if self._first else None
+        place = FirstAsLongAsIdle(self._real_time, [0])
         try:
             while (action := self._next()) is not None:
                 action()
-                if place:
-                    place.look()
+                place.look()
             self._writer.close(self._final)
         except Exception as error:
             self._fail(error)
