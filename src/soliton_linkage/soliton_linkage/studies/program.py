@@ -110,11 +110,12 @@ def installed_settings(name: str) -> Path | None:
     return None
 
 
-def chosen(known: Sequence[str], asked: Sequence[str]) -> list[str]:
-    """Names that `--only` asks for, of which what comes before _ is enough; all if it is empty."""
+def chosen(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
+    """Names that an option asks for, all if it is empty; what comes before _ is enough."""
     for name in asked:
         if not any(name in _spoken(one) for one in known):
-            raise ValueError(f'--only {name}: there is no such name; there are {", ".join(known)}')
+            names = ', '.join(known)
+            raise ValueError(f'{option} {name}: there is no such name; there are {names}')
     return [name for name in known if not asked or not _spoken(name).isdisjoint(asked)]
 
 

@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from soliton_linkage.studies.accuracy.cells.program import run_cells
+from soliton_linkage.studies.accuracy.cells.study import read_cell_study
 from soliton_linkage.studies.accuracy.contraction import read_contraction_study
 from soliton_linkage.studies.accuracy.frames import read_frame_study
 from soliton_linkage.studies.accuracy.record import read_record_study
-from soliton_linkage.studies.program import run_study, side_by_side, study_parser
+from soliton_linkage.studies.program import chosen, run_study, side_by_side, study_parser
 from soliton_linkage.studies.settings import Section, load_settings
 
 
@@ -39,14 +43,42 @@ PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
 }
 
 
+_CELLS = 'cells'
+_LEFT = 'of the cells, the same command with the same --seed goes on where it was'
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure what a file of settings says; return 1 where that fails, 130 on Ctrl-C."""
-    parser = study_parser('accuracy', __doc__, 'fewer frames')
-    return run_study(parser, arguments, _written, 'nothing new is written')
+    parser = study_parser('accuracy', __doc__, 'fewer frames', selective=True)
+    cells = parser.add_argument_group('cells of the analyser, which alone are measured then')
+    cells.add_argument('--cells', nargs='+', default=[], metavar='NAME', help='these [all]')
+    cells.add_argument('--frames', type=_count, help='of each cell [as the settings say]')
+    cells.add_argument('--seed', type=_count, help='that draws them [the date, 20261231]')
+    cells.add_argument('--against', type=Path, metavar='CSV', help='earlier table: what is worse')
+    return run_study(parser, arguments, _written, _LEFT)
 
 
 def _written(options: argparse.Namespace) -> str:
-    parts = read_parts(load_settings(options.config), options.quick)
+    settings = load_settings(options.config)
+    alone = options.cells or options.frames or options.seed or options.against
+    names = [_CELLS] if alone else chosen(list(settings.values), options.only)
+    study = None
+    if _CELLS in names:
+        seed = options.seed or int(time.strftime('%Y%m%d'))
+        section = settings.section(_CELLS)
+        study = read_cell_study(section, options.quick, seed, options.frames, options.cells)
+    said = []
+    if set(names) - {_CELLS}:
+        values = {name: settings.values[name] for name in names if name != _CELLS}
+        said.append(_parts_written(replace(settings, values=values), options))
+    if study:
+        folder = options.output / f'{study.name}_{study.seed}'
+        said.append(run_cells(study, folder, options.workers, options.against))
+    return '\n'.join(said)
+
+
+def _parts_written(settings: Section, options: argparse.Namespace) -> str:
+    parts = read_parts(settings, options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
     results = measured([task for part in parts for task in part.tasks()], options.workers)
     for part in parts:
@@ -54,6 +86,13 @@ def _written(options: argparse.Namespace) -> str:
         part.write(results[:count], options.output)
         results = results[count:]
     return f'tables and pictures are in {options.output}'
+
+
+def _count(text: str) -> int:
+    """Whole number above 0 of a command line; raises ArgumentTypeError for what is none."""
+    if not (text.isdecimal() and text.isascii() and int(text)):
+        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number above 0')
+    return int(text)
 
 
 def read_parts(settings: Section, quick: bool) -> list[AccuracyPart]:
