@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,7 +64,7 @@ class Scores:
 def records(cell: Cell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
     """Scores of records with so many frames together."""
     run = min(cell.run, frames)
-    left = frames
+    left, fresh = frames, Analyser(cell.chain)
     scenes: list[Scene] = []
     count = math.ceil(frames / run)
     pushes = math.ceil(cell.pushes / min(_SCENES, count))
@@ -73,19 +74,21 @@ def records(cell: Cell, frames: int, random: np.random.Generator) -> Iterator[Sc
         scene = scenes[number % len(scenes)]
         length = min(run, left, len(scene.angles))
         begin = int(random.integers(len(scene.angles) - length + 1))
-        yield record(cell, scene, range(begin, begin + length), random)
+        yield record(cell, fresh, scene, range(begin, begin + length), random)
         left -= length
         if left <= 0:
             return
 
 
-def record(cell: Cell, scene: Scene, frames: range, random: np.random.Generator) -> Scores:
-    """Have a new analyser follow the frames of a record, and judge what it says."""
-    analyser, scores = Analyser(cell.chain), Scores()
+def record(
+    cell: Cell, fresh: Analyser, scene: Scene, frames: range, random: np.random.Generator
+) -> Scores:
+    """Have a copy of a fresh analyser follow the frames of a record, and judge what it says."""
+    analyser, scores = deepcopy(fresh), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
         scores.speed = float(np.median(np.abs(scene.place_rates))) / sound
-    twin = Analyser(cell.chain) if cell.wrong else None
+    twin = deepcopy(fresh) if cell.wrong else None
     seen = _seen(cell, random)
     period = cell.period * cell.chain.time_unit
     for number, frame in enumerate(frames):
