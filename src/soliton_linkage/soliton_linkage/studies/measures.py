@@ -91,18 +91,12 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Whether a wall crosses the chain and returns, with springs or with rigid bars.
-
-    Rigid bars are not moved where no bond is an obstacle.
-    """
-    obstacles = int(blocked_bonds(chain).sum())
+    """Whether a wall crosses the chain and returns, with springs or with rigid bars."""
     if trial.mechanics == 'elastic':
         crossed = len(send_wall(chain, trial)[2])
-    elif obstacles:
-        crossed = sum(leg.crossed for leg in follow_wall(chain, Edge.LAST))
     else:
-        crossed = 2
-    return {'outcome': _outcome(crossed), 'obstacles': obstacles}
+        crossed = sum(leg.crossed for leg in follow_wall(chain, Edge.LAST))
+    return {'outcome': _outcome(crossed), 'obstacles': int(blocked_bonds(chain).sum())}
 
 
 def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:

@@ -184,6 +184,16 @@ def _compare_tail(plate: Plate, chain: Chain) -> None:
         f'wavelength of the oscillation / a, {name}',
         Formula('2 π / √8', {}, 'linearised; 2 is seen'),
         'two rotors, a change of sign at every one',
-        2.0 if (ratios < 0).all() else math.inf,
+        wavelength(deviation),
         2.0,
     )
+
+
+def wavelength(deviation: Array) -> float:
+    """Twice the mean distance of zeros, each on a line between two rotors [rotor spacings]."""
+    before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
+    if len(before) < 2:
+        return math.inf
+    size = np.abs(deviation)
+    zeros = before + size[before] / (size[before] + size[before + 1])
+    return 2 * float(zeros[-1] - zeros[0]) / (len(zeros) - 1)
