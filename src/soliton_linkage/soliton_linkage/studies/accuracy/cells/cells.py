@@ -31,6 +31,10 @@ _FLIPPERS = (0.1, 1.0)
 """Lean ratios d of flippers [1]."""
 _WIDEST = 3.0
 """Largest d of spinners, over d_c [1]."""
+_LONGEST = 4.0
+"""Largest r / a, the paper's."""
+_APART = 1.6
+"""Rotors for each of several walls, over those that it needs alone [1]: they have a way to go."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls, as likely as each other."""
 
@@ -106,7 +110,8 @@ def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
             Motion.SPINNER: ((1 + _NEAREST) * critical, _WIDEST * critical),
         }[motion]
         chain = chain_of(rotors, rest_angle, float(random.uniform(low, high)))
-        if chain.motion is motion and rotors >= walls * room(chain) * (1 if walls == 1 else 1.6):
+        wanted = room(chain) * (1 if walls == 1 else _APART * walls)
+        if chain.rotor_length <= _LONGEST * chain.spacing and rotors >= wanted:
             return chain
 
 

@@ -30,7 +30,7 @@ def _of_class(name: str, chain: Chain) -> list[Cell]:
         replace(plain, name=f'{name}'),
         replace(plain, name=f'outliers_1_{name}', outliers=0.01),
         replace(plain, name=f'outliers_5_{name}', outliers=0.05),
-        replace(plain, name=f'wrong_reading_{name}', wrong=3.0, run=30),
+        replace(plain, name=f'wrong_reading_{name}', wrong=3.0, run=15),
         replace(plain, name=f'edges_unseen_{name}', unseen='edges'),
         replace(plain, name=f'three_seen_{name}', unseen='all but three'),
         replace(plain, name=f'one_seen_{name}', unseen='all but one'),

@@ -2,10 +2,10 @@
 """Walls on their way along chains of springs, and where they truly are.
 
 The place of a wall is that of the nearest point of its static path to the noiseless frame, as it
-is on the mean of the frames in which the wall passes one rotor; its rate is the slope of a line
-through those of the passage of three. So phonons that only shake the wall count to neither. Pushes
-part a record: no mean reaches across them. Means take 40 and 120 time units at most, for walls
-that hardly move.
+is on the mean of one period of the slowest phonon, or of the passage of a rotor where that is
+shorter: phonons that only shake the wall do not count, what it does more slowly does. Its rate is
+the slope of a line through the places of three times as long. Pushes part a record: no mean
+reaches across them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.linear.bands import gap, speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
@@ -33,8 +33,6 @@ from soliton_linkage.studies.accuracy.cells.walls import (
 
 Flags = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
-_PASSAGE = 40.0
-"""Longest time of a mean, a third of that of a slope [time units]."""
 _SETTLING = (60.0, 400.0)
 """Time in which a wall loses its phonons [time units]."""
 _ABSORPTION = 0.5
@@ -147,7 +145,7 @@ def _settled(chain: Chain, path: WallPath, speed: float) -> Dressed | None:
             return None
     late = np.array(way[-len(way) // 3 :])
     found = float(np.polyfit(np.arange(len(late)), late, 1)[0]) / (step * unit)
-    if found < 0.2 * speed:
+    if found <= 0:
         return None
     first = 2 * (round(place - 1.5 * near) // 2)
     window = slice(first, first + 2 * round(1.5 * near) + 1)
@@ -289,7 +287,7 @@ def _several_drawn(cell: Cell, frames: int, random: np.random.Generator) -> Scen
         ]
         apart = np.diff([near - 2 * near, *places, rotors - 1 + near])
         off = [path.misfit(springs.angles, x, 3) for path, x in zip(paths, places, strict=True)]
-        if apart.min() < 2 * near or max(off) > 2 * _BROKEN * _swing(chain):
+        if apart.min() < 2 * near or max(off) > _BROKEN * _swing(chain):
             break
         shots.append(springs.angles.copy())
         kinetic.append(float(chain.kinetic_energy(springs.rates)))
@@ -364,10 +362,9 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _passage(speed: float, cell: Cell) -> int:
-    """Half the frames in which a wall passes a rotor."""
-    unit = cell.chain.time_unit
-    time = min(1 / max(abs(speed), 1e-9) / unit, _PASSAGE)
-    return max(round(time / cell.period / 2), 1)
+    """Half the frames of a mean."""
+    time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
+    return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
 
 def smoothed(values: Array, beside: int, breaks: list[int] | None = None) -> tuple[Array, Array]:

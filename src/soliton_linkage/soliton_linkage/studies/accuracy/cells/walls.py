@@ -15,6 +15,7 @@ from functools import cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 from soliton_linkage.linear.bands import penetration_depth
@@ -28,6 +29,8 @@ _SAMPLES = 65
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-7
 """Step of Newton's that is the last [rad]."""
+_BUCKLING = 1e-6
+"""Least curvature across a path, over the largest [1]: below it is rounding."""
 _LONGEST = 0.3
 """Step of Newton's, and of the way to the nearest point [rad]."""
 _GAUSS_STEPS = 6
@@ -213,8 +216,17 @@ def _costly(chain: Chain, places: Array) -> Array | None:
                 break
         else:
             return None
+        if not _holds(curvature, first):
+            return None
         found.append(angles.copy())
     return np.array(found)
+
+
+def _holds(curvature: Array, along: Array) -> bool:
+    """Whether the energy is least across a direction, or the wall would buckle."""
+    across = null_space(along[None, 1:-1])
+    values = np.linalg.eigvalsh(across.T @ curvature[1:-1, 1:-1] @ across)
+    return bool(values[0] > -_BUCKLING * values[-1])
 
 
 def _stiffness(chain: Chain, angles: Array) -> Array:
