@@ -22,8 +22,8 @@ with the seed {seed}, and in named hard cases, on the right: blue are flippers, 
 flippers, green spinners. (a) Root mean square of the error of the place over its stated standard
 deviation, and (b) the same of the rate; bars are standard errors by the jackknife over records,
 the dashed lines are at 0.95 and 1.05. (c) Failures for each 10,000 frames, drawn at 0.5 where
-there are none: walls that were lost (discs), walls that are none (triangles), and frames with the wrong
-leg (black crosses). The true place is the nearest point of the static path to the noiseless frame,
+there are none: walls that were lost (discs), walls that are none (triangles), and frames with the
+wrong leg (black crosses). The true place is the nearest point of the static path to the noiseless frame,
 on the mean of a period of the slowest phonon, or of the passage of a rotor where that is shorter,
 and the true rate is the slope over three times as long.
 """
