@@ -22,6 +22,7 @@ from soliton_linkage.studies.accuracy.cells.study import read_cell_study
 from soliton_linkage.studies.accuracy.contraction import read_contraction_study
 from soliton_linkage.studies.accuracy.frames import read_frame_study
 from soliton_linkage.studies.accuracy.record import read_record_study
+from soliton_linkage.studies.accuracy.rigid_steps import read_rigid_steps
 from soliton_linkage.studies.program import chosen, run_study, side_by_side, study_parser
 from soliton_linkage.studies.settings import Section, load_settings
 
@@ -40,6 +41,7 @@ PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
     'single_frame': read_frame_study,
     'contraction': read_contraction_study,
     'record': read_record_study,
+    'rigid_steps': read_rigid_steps,
 }
 
 

@@ -23,9 +23,9 @@ flippers, green spinners. (a) Root mean square of the error of the place over it
 deviation, and (b) the same of the rate; bars are standard errors by the jackknife over records,
 the dashed lines are at 0.95 and 1.05. (c) Failures for each 10,000 frames, drawn at 0.5 where
 there are none: walls that were lost (discs), walls that are none (triangles), and frames with the
-wrong leg (black crosses). The true place is the nearest point of the static path to the noiseless frame,
-on the mean of a period of the slowest phonon, or of the passage of a rotor where that is shorter,
-and the true rate is the slope over three times as long.
+wrong leg (black crosses). The true place is the nearest point of the static path to the noiseless
+frame, on the mean of a period of the slowest phonon, or of the passage of a rotor where that is
+shorter, and the true rate is the slope over three times as long.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
