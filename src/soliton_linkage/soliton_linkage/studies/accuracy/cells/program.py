@@ -23,7 +23,7 @@ def run_cells(study: CellStudy, folder: Path, workers: int, against: Path | None
         table.finish()
     rows = read_rows(table.path)
     write_cells(rows, folder / 'table.md')
-    draw_cells(rows, study.seed, study.frames).save(folder, study.name)
+    draw_cells(rows, study.seed, study.frames).save(folder, 'normalised_errors')
     said = f'{len(rows)} cells of seed {study.seed} are in {folder}'
     return said if earlier is None else '\n'.join([said, *worse_cells(rows, earlier)])
 

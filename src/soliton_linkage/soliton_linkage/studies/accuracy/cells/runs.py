@@ -14,7 +14,8 @@ from soliton_linkage.estimation.analyser import AnalysedSoliton, Analyser, Analy
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.studies.accuracy.cells.cells import Cell
-from soliton_linkage.studies.accuracy.cells.scenes import Scene, scene_of
+from soliton_linkage.studies.accuracy.cells.scene import Scene
+from soliton_linkage.studies.accuracy.cells.scenes import scene_of
 from soliton_linkage.studies.accuracy.cells.walls import wall_path
 
 _LOST_WIDTHS = 2.0
@@ -52,7 +53,7 @@ class Scores:
     shifts: list[float] = field(default_factory=list)
     """By how much a wrong reading moved the place, in stated deviations."""
     speed: float = 0.0
-    """Of the walls of the scene, over that of sound [1]."""
+    """Of the fastest wall of the scene, over that of sound [1]."""
     frames: int = 0
     looked_for: int = 0
     """Walls that were to be found."""
@@ -87,7 +88,7 @@ def record(
     analyser, scores = deepcopy(fresh), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
-        scores.speed = float(np.median(np.abs(scene.place_rates))) / sound
+        scores.speed = float(np.median(np.abs(scene.place_rates), axis=0).max()) / sound
     twin = deepcopy(fresh) if cell.wrong else None
     seen = _seen(cell, random)
     period = cell.period * cell.chain.time_unit

@@ -38,11 +38,11 @@ COLUMNS = (
     'false',
     'wrong_leg',
 )
-"""Of a cell: speed of its walls over that of sound. Errors of place and rate are over their stated
-deviations: root mean square and its standard error, 99 % and largest of their sizes, shares within
-1 and 2 [%], mean; `instant` is the place without a mean over time. Then error of the place and its
-median stated deviation [rotor spacings], and by how many stated deviations one wrong reading moved
-it. Walls are lost or false, frames have the wrong leg."""
+"""Of a cell: speed of its fastest wall over that of sound. Errors of place and rate are over their
+stated deviations: root mean square and its standard error, 99 % and largest of their sizes, shares
+within 1 and 2 [%], mean; `instant` is the place without a mean over time. Then error of the place
+and its median stated deviation [rotor spacings], and by how many stated deviations one wrong
+reading moved it. Walls are lost or false, frames have the wrong leg."""
 
 
 def line_of(scores: Sequence[Scores]) -> dict[str, float]:
