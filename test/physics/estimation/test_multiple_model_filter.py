@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from soliton_linkage.estimation.loops.filter_loops import COVARIANCE
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
@@ -108,8 +109,13 @@ def test_white_noise_raises_no_alarm_and_deviations_are_true() -> None:
         scores.append((motion.arc - end) / motion.arc_deviation)
         scores.append((motion.rate - RATE) / motion.rate_deviation)
     # Of 80 numbers of unit variance, five standard deviations of their mean square.
-    assert np.mean(np.square(scores)) == pytest.approx(1, abs=5 * math.sqrt(2 / 80))
-    assert np.abs(scores).max() < 4.5
+    squares = np.square(scores).reshape(10, 4, 2)
+    assert squares.mean() == pytest.approx(1, abs=5 * math.sqrt(2 / 80))
+    assert squares.max() < 4.5**2
+    # And of each noise, 20 numbers: 1 in 10,000 is beyond either end.
+    of_noises = squares.sum(axis=(0, 2))
+    assert of_noises.min() > stats.chi2.ppf(1e-4, 20)
+    assert of_noises.max() < stats.chi2.ppf(1 - 1e-4, 20)
 
 
 @pytest.mark.parametrize('share', [0.2, -0.2, -2.0])
