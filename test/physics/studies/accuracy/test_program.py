@@ -47,15 +47,25 @@ SETTINGS = {
         'runs': 2,
         'chains': {'flipper': FLIPPER},
     },
+    'rigid_steps': {
+        'steps': 100,
+        'speed': 0.05,
+        'acceleration': 9.81,
+        'tilt': 0.5,
+        'chains': {'flipper': FLIPPER | {'number_of_rotors': 5}},
+    },
 }
+CELLS = {'cells': {'count': 2, 'frames': 30}}
+PICTURES = ('contraction_simulated', 'record', 'rigid_steps')
 FILES = {
     'table.md',
     'table.csv',
     'contraction_simulated.md',
     'record.md',
+    'rigid_steps.md',
     *(
         f'{picture}.{suffix}'
-        for picture in ('single_frame', 'bias_by_place', 'contraction_simulated', 'record')
+        for picture in ('single_frame', 'bias_by_place', *PICTURES)
         for suffix in ('png', 'pdf', 'csv', 'txt')
     ),
 }
@@ -87,6 +97,33 @@ def test_all_is_written_and_tables_do_not_depend_on_the_process(
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
+def test_cells_are_measured_alone_and_compared_with_those_of_another_day(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = written(SETTINGS | CELLS, tmp_path / 'settings.yaml')
+    chosen = [str(config), '--cells', '0', '--frames', '12', '--output', str(tmp_path)]
+    assert accuracy.main([*chosen, '--seed', '7', '--workers', '1']) == 0
+    folder = tmp_path / 'cells_7'
+    table = folder / 'cells.csv'
+    assert {path.name for path in folder.iterdir()} == {
+        'configuration.yaml',
+        'cells.csv',
+        'table.md',
+        *(f'normalised_errors.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')),
+    }
+    assert len(table.read_text(encoding='utf-8').splitlines()) == 2
+    assert 'seed 7' in capsys.readouterr().out
+
+    # A table that is there is not measured again.
+    marked = table.read_text(encoding='utf-8').replace(',12,', ',1200,')
+    table.write_text(marked, encoding='utf-8')
+    assert accuracy.main([*chosen, '--seed', '7', '--against', str(table)]) == 0
+    assert table.read_text(encoding='utf-8') == marked
+    assert '0 of 1 cells are worse' in capsys.readouterr().out
+    assert accuracy.main([*chosen, '--seed', '7', '--frames', '13']) == 1
+    assert 'differs in frames' in capsys.readouterr().err
+
+
 def test_results_come_in_the_order_of_the_tasks() -> None:
     names = ['c', 'a', 'b', 'd']
     assert accuracy.measured([name.upper for name in names], 2) == ['C', 'A', 'B', 'D']
@@ -94,7 +131,7 @@ def test_results_come_in_the_order_of_the_tasks() -> None:
 
 def test_the_settings_that_come_with_it_hold_every_part() -> None:
     settings = load_settings(CONFIG)
-    assert set(settings.values) == set(accuracy.PARTS)
+    assert set(settings.values) == {*accuracy.PARTS, accuracy.CELLS}
     for quick in (False, True):
         parts = accuracy.read_parts(settings, quick)
         assert len(parts) == len(accuracy.PARTS)

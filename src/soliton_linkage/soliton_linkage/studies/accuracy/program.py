@@ -45,7 +45,7 @@ PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
 }
 
 
-_CELLS = 'cells'
+CELLS = 'cells'
 _LEFT = 'of the cells, the same command with the same --seed goes on where it was'
 
 
@@ -63,15 +63,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _written(options: argparse.Namespace) -> str:
     settings = load_settings(options.config)
     alone = options.cells or options.frames or options.seed or options.against
-    names = [_CELLS] if alone else chosen(list(settings.values), options.only)
+    names = [CELLS] if alone else chosen(list(settings.values), options.only)
     study = None
-    if _CELLS in names:
+    if CELLS in names:
         seed = options.seed or int(time.strftime('%Y%m%d'))
-        section = settings.section(_CELLS)
+        section = settings.section(CELLS)
         study = read_cell_study(section, options.quick, seed, options.frames, options.cells)
     said = []
-    if set(names) - {_CELLS}:
-        values = {name: settings.values[name] for name in names if name != _CELLS}
+    if set(names) - {CELLS}:
+        values = {name: settings.values[name] for name in names if name != CELLS}
         said.append(_parts_written(replace(settings, values=values), options))
     if study:
         folder = options.output / f'{study.name}_{study.seed}'
@@ -99,7 +99,7 @@ def _count(text: str) -> int:
 
 def read_parts(settings: Section, quick: bool) -> list[AccuracyPart]:
     """Parts of a file of settings, all checked; raises ValueError for what cannot be measured."""
-    settings.allow(*PARTS)
+    settings.allow(*PARTS, CELLS)
     if not settings.values:
         raise ValueError(f'{settings.file}: is empty; give one or more of {", ".join(PARTS)}')
     return [

@@ -106,8 +106,9 @@ def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
     section.allow('chains', 'steps', 'speed', 'acceleration', 'tilt')
     steps = section.whole_number('steps', 100, 100_000_000)
     acceleration = section.number('acceleration', 0.0, 1e3)
+    chains = tuple(chain_from(each) for each in section.section('chains').sections().values())
     return RigidSteps(
-        chains=tuple(chain_from(each) for each in section.section('chains').sections().values()),
+        chains=chains[:1] if quick else chains,
         steps=min(steps, _QUICK_STEPS) if quick else steps,
         speed=section.number('speed', 0.0, 1e6),
         gravity=Gravity(acceleration, section.number('tilt', -math.pi, math.pi)),

@@ -66,7 +66,7 @@ class Cell:
     pushes: int = 0
     """Of the wall by hand in all records together."""
     told: bool = False
-    """Whether the analyser is told of the pushes."""
+    """Whether the analyser is to be told of the pushes; it can be told of none yet."""
     unseen: str = ''
     """Rotors that give no angle: '', 'edges', 'all but one' or 'all but three'."""
     kick: float = 0.0

@@ -45,6 +45,8 @@ def _worse(row: Row, old: Row) -> list[str]:
         what.append(row['failure'])
     for name in ('place', 'rate'):
         now, was = _number(row[f'{name}_rms']), _number(old[f'{name}_rms'])
+        if math.isnan(now) and was > 0:
+            what.append(f'states no {name}')
         chance = math.hypot(
             _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
         )

@@ -20,6 +20,7 @@ COLUMNS = (
     'place_rms_error',
     'place_99',
     'place_max',
+    'place_beyond_4',
     'place_coverage_1',
     'place_coverage_2',
     'place_bias',
@@ -27,6 +28,7 @@ COLUMNS = (
     'rate_rms',
     'rate_rms_error',
     'rate_99',
+    'rate_beyond_4',
     'rate_coverage_1',
     'rate_coverage_2',
     'rate_bias',
@@ -40,9 +42,9 @@ COLUMNS = (
 )
 """Of a cell: speed of its fastest wall over that of sound. Errors of place and rate are over their
 stated deviations: root mean square and its standard error, 99 % and largest of their sizes, shares
-within 1 and 2 [%], mean; `instant` is the place without a mean over time. Then error of the place
-and its median stated deviation [rotor spacings], and by how many stated deviations one wrong
-reading moved it. Walls are lost or false, frames have the wrong leg."""
+beyond 4 and within 1 and 2 [%], mean; `instant` is the place without a mean over time. Then error
+of the place and its median stated deviation [rotor spacings], and by how many stated deviations
+one wrong reading moved it. Walls are lost or false, frames have the wrong leg."""
 
 
 def line_of(scores: Sequence[Scores]) -> dict[str, float]:
@@ -85,6 +87,7 @@ def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
         f'{name}_rms_error': spread if len(without) > 1 else math.nan,
         f'{name}_99': _or_nan(lambda values: np.quantile(values, 0.99), size),
         f'{name}_max': _or_nan(np.max, size),
+        f'{name}_beyond_4': _share(size > 4),
         f'{name}_coverage_1': _share(size < 1),
         f'{name}_coverage_2': _share(size < 2),
         f'{name}_bias': _or_nan(np.mean, whole),

@@ -184,13 +184,20 @@ def _tanh(chain: Chain, place: float) -> Array:
 
 
 def _field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Order field of each rotor [1] and its first and second derivative by its angle."""
+    """Order field of each rotor [1] and its first and second derivative by its angle.
+
+    Of flippers it is (3 m - m^3) / 2 with m = u / ub, which like that of spinners does not change
+    at rest: what holds the sum of the field does not pull at the domains.
+    """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
         beyond = theta - chain.rest_angle
         return np.cos(beyond), -np.sin(beyond) * sense, -np.cos(beyond)
     scale = 1 / math.sin(chain.rest_angle)
-    return scale * np.sin(theta), scale * np.cos(theta) * sense, -scale * np.sin(theta)
+    lean, slope = scale * np.sin(theta), scale * np.cos(theta) * sense
+    rise = 1.5 * (1 - lean**2)
+    field = 1.5 * lean - 0.5 * lean**3
+    return field, rise * slope, -rise * lean - 3 * lean * slope**2
 
 
 def _costly(chain: Chain, places: Array) -> Array | None:
