@@ -33,6 +33,7 @@ _ROUNDING = float(np.finfo(np.float64).eps)
 _POINTS = 60
 """On a scale of logarithms [1]."""
 _QUICK_STEPS = 1000
+"""In a quick study [1]."""
 _PERIOD = 0.1
 """Of frames [time units]; a step is as long as the tolerance allows."""
 _QUANTITIES = ('length', 'energy')

@@ -11,14 +11,14 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.solitons.tanh_fit import find_solitons
-from soliton_linkage.studies.accuracy.cells.cells import Cell
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
 from soliton_linkage.studies.accuracy.cells.scenes import scene_of
 
 FRAMES = 60
 
 
-def cell_of(example: tuple[float, float], rotors: int, **others: object) -> Cell:
-    cell = Cell('mine', chain_of(example, rotors), 0.01, 0.15, 0.2, FRAMES)
+def cell_of(example: tuple[float, float], rotors: int, **others: object) -> AccuracyCell:
+    cell = AccuracyCell('mine', chain_of(example, rotors), 0.01, 0.15, 0.2, FRAMES)
     return replace(cell, **others)
 
 

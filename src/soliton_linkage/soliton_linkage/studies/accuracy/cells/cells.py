@@ -13,6 +13,7 @@ from soliton_linkage.studies.accuracy.cells.walls import reach
 
 _MOTIONS = tuple(Motion)
 _ROTORS = (10, 200)
+"""Of a chain [1]."""
 _NOISES = (0.001, 0.1)
 """Standard deviation of an angle [rad]."""
 _SPEEDS = (0.02, 0.9)
@@ -40,7 +41,7 @@ _SEVERAL = (1, 1, 1, 2, 4)
 
 
 @dataclass(frozen=True)
-class Cell:
+class AccuracyCell:
     """Chain, walls and readings of one line of the table."""
 
     name: str
@@ -75,18 +76,18 @@ class Cell:
     """Whether angles are noise alone."""
 
 
-def drawn_cells(seed: int, count: int) -> list[Cell]:
+def drawn_cells(seed: int, count: int) -> list[AccuracyCell]:
     """Cells drawn at random from the ranges, the classes by turns."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
-def _drawn(number: int, random: np.random.Generator) -> Cell:
+def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
     motion = _MOTIONS[number % len(_MOTIONS)]
     walls = int(random.choice(_SEVERAL))
     chain = _chain(motion, walls, random)
     lively = bool(random.integers(2))
     phonons = _between(_PHONONS, random)
-    return Cell(
+    return AccuracyCell(
         name=f'{number}',
         chain=chain,
         noise=_between(_NOISES, random),

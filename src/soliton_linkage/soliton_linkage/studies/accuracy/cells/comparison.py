@@ -12,6 +12,8 @@ _TRUE = (0.95, 1.05)
 """Root mean squares of normalised errors that are as they should be."""
 _SIGNIFICANT = 3.0
 """Standard errors from which on a difference is no chance: 1 in 400."""
+_UNKNOWN = 0.3
+"""Standard error, relative, of what one record tells."""
 _LARGER = 1.1
 """Ratio of errors from which on they are larger."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
@@ -50,8 +52,7 @@ def _worse(row: Row, old: Row) -> list[str]:
         chance = math.hypot(
             _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
         )
-        off, was_off = _off(now), _off(was)
-        if off - was_off > _SIGNIFICANT * (chance if math.isfinite(chance) else 0.0):
+        if _off(now) - _off(was) > _SIGNIFICANT * (chance if math.isfinite(chance) else _UNKNOWN):
             what.append(f'{name} rms {now:.3g} after {was:.3g}')
     now, was = _number(row['error_rms']), _number(old['error_rms'])
     if now > _LARGER * was and not _fewer_found(old, row):

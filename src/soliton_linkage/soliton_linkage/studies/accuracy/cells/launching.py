@@ -25,6 +25,7 @@ _STEP = 0.5
 _SLOWER = 0.8
 """Factor of the speed that is tried where a wall breaks up."""
 _TRIES = 15
+"""Speeds that are tried, the last a thirtieth of the first [1]."""
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,15 @@ What the analyser states against what is true, in cells of {frames} frames each,
 with the seed {seed}, and in named hard cases, on the right: blue are flippers, orange wobbling
 flippers, green spinners. (a) Root mean square of the error of the place over its stated standard
 deviation, and (b) the same of the rate; bars are standard errors by the jackknife over records,
-the dashed lines are at 0.95 and 1.05. (c) Failures for each 10,000 frames, drawn at 0.5 where
-there are none: walls that were lost (discs), walls that are none (triangles), and frames with the
+the dashed lines are at 0.95 and 1.05. (c) Failures for each 10,000 frames, nothing where there
+are none: walls that were lost (discs), walls that are none (triangles), and frames with the
 wrong leg (black crosses). The true place is the nearest point of the static path to the noiseless
 frame, on the mean of a period of the slowest phonon, or of the passage of a rotor where that is
 shorter, and the true rate is the slope over three times as long.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-_NONE = 0.5
-"""Where no failure is drawn [for each 10,000 frames]."""
+"""Of root mean squares that are as they should be [1]."""
 _MOST = 20.0
 """Largest normalised error that is drawn where it is."""
 _SHOWN = (
@@ -137,7 +136,7 @@ def _draw_failures(plate: Plate, axes: Axes, number: int, row: Row) -> None:
         ('wrong_leg', 'x', BLACK, 0.2),
     ):
         share = 1e4 * float(row[name] or 'nan') / frames
+        if share > 0:
+            axes.plot(number + shift, share, marker, color=shade, markersize=4)
         if math.isfinite(share):
-            height = max(share, _NONE)
-            axes.plot(number + shift, height, marker, color=shade, markersize=4)
             plate.note('failures', f'{row["cell"]}, {name}', ('cell', '1'), number, share)

@@ -13,8 +13,8 @@ import numpy as np
 from soliton_linkage.estimation.analyser import AnalysedSoliton, Analyser, Analysis
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Motion
-from soliton_linkage.studies.accuracy.cells.cells import Cell
-from soliton_linkage.studies.accuracy.cells.scene import Scene
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
+from soliton_linkage.studies.accuracy.cells.scene import WallScene
 from soliton_linkage.studies.accuracy.cells.scenes import scene_of
 from soliton_linkage.studies.accuracy.cells.walls import wall_path
 
@@ -62,11 +62,11 @@ class Scores:
     wrong_leg: int = 0
 
 
-def records(cell: Cell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
+def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
     """Scores of records with so many frames together."""
     run = min(cell.run, frames)
     left, fresh = frames, Analyser(cell.chain)
-    scenes: list[Scene] = []
+    scenes: list[WallScene] = []
     count = math.ceil(frames / run)
     pushes = math.ceil(cell.pushes / min(_SCENES, count))
     for number in range(10 * count):
@@ -82,7 +82,11 @@ def records(cell: Cell, frames: int, random: np.random.Generator) -> Iterator[Sc
 
 
 def record(
-    cell: Cell, fresh: Analyser, scene: Scene, frames: range, random: np.random.Generator
+    cell: AccuracyCell,
+    fresh: Analyser,
+    scene: WallScene,
+    frames: range,
+    random: np.random.Generator,
 ) -> Scores:
     """Have a copy of a fresh analyser follow the frames of a record, and judge what it says."""
     analyser, scores = deepcopy(fresh), Scores()
@@ -111,7 +115,9 @@ def record(
     return scores
 
 
-def _seen(cell: Cell, random: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _seen(
+    cell: AccuracyCell, random: np.random.Generator
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     rotors = cell.chain.number_of_rotors
     seen = np.ones(rotors, dtype=bool)
     if cell.unseen == 'edges':
@@ -130,7 +136,9 @@ def _spoilt(place: float, rotors: int, random: np.random.Generator) -> int:
     return min(max(round(place + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
 
 
-def _judge(cell: Cell, scene: Scene, frame: int, said: Analysis, scores: Scores) -> None:
+def _judge(
+    cell: AccuracyCell, scene: WallScene, frame: int, said: Analysis, scores: Scores
+) -> None:
     scores.frames += 1
     stated = [each for each in said.solitons if math.isfinite(each.position_deviation)]
     if not scene.charges:
@@ -157,7 +165,7 @@ def _judge(cell: Cell, scene: Scene, frame: int, said: Analysis, scores: Scores)
             scores.wrong_leg += said.cycle.leg != scene.legs[frame]
 
 
-def _of(cell: Cell, wall: AnalysedSoliton, place: float) -> bool:
+def _of(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
     """Whether a stated wall is the one at a place."""
     chain = cell.chain
     deviation = wall.position_deviation / chain.spacing
@@ -168,7 +176,7 @@ def _of(cell: Cell, wall: AnalysedSoliton, place: float) -> bool:
 
 
 def _numbers(
-    cell: Cell, scene: Scene, frame: int, number: int, wall: AnalysedSoliton
+    cell: AccuracyCell, scene: WallScene, frame: int, number: int, wall: AnalysedSoliton
 ) -> tuple[float, ...]:
     spacing = cell.chain.spacing
     deviation = wall.position_deviation / spacing
@@ -186,7 +194,7 @@ def _numbers(
     )
 
 
-def _is_false(cell: Cell, angles: Array, wall: AnalysedSoliton) -> bool:
+def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
     """Whether there is no wall where one is stated: none looks like these rotors."""
     chain = cell.chain
     if cell.nothing or wall.position_deviation > _SURE * chain.number_of_rotors * chain.spacing:
@@ -202,7 +210,7 @@ def _is_false(cell: Cell, angles: Array, wall: AnalysedSoliton) -> bool:
     return off > _ELSEWHERE
 
 
-def _compare(cell: Cell, said: Analysis, clean: Analysis, scores: Scores) -> None:
+def _compare(cell: AccuracyCell, said: Analysis, clean: Analysis, scores: Scores) -> None:
     """How far a wrong reading moved the only wall, where it was there before."""
     if len(clean.solitons) != 1:
         return

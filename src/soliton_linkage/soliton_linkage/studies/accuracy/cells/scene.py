@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.studies.accuracy.cells.cells import Cell
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
 
 
 @dataclass(frozen=True)
-class Scene:
+class WallScene:
     """Noiseless frames and the walls in them."""
 
     angles: Array
@@ -47,7 +47,7 @@ class Scene:
     """Angular impulses of the pushes [N m s], shape (N,) each."""
 
 
-def frames_beside(speed: float, cell: Cell) -> int:
+def frames_beside(speed: float, cell: AccuracyCell) -> int:
     """Half the frames of a mean, of a wall with a speed [rotor spacings / s]."""
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)

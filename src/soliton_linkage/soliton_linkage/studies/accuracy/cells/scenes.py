@@ -9,8 +9,8 @@ import numpy as np
 
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.studies.accuracy.cells.cells import Cell
-from soliton_linkage.studies.accuracy.cells.scene import Scene
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
+from soliton_linkage.studies.accuracy.cells.scene import WallScene
 from soliton_linkage.studies.accuracy.cells.several_walls import several_walls
 from soliton_linkage.studies.accuracy.cells.single_wall import single_wall
 from soliton_linkage.studies.accuracy.cells.springs import Springs
@@ -19,7 +19,9 @@ _SETTLED = (20, 400)
 """Frames after a kick that a scene begins."""
 
 
-def scene_of(cell: Cell, frames: int, random: np.random.Generator, pushes: int = 0) -> Scene:
+def scene_of(
+    cell: AccuracyCell, frames: int, random: np.random.Generator, pushes: int = 0
+) -> WallScene:
     """A scene of at least so many frames, but where several walls meet."""
     if cell.nothing:
         return _nothing(cell, frames, random)
@@ -30,7 +32,7 @@ def scene_of(cell: Cell, frames: int, random: np.random.Generator, pushes: int =
     return single_wall(cell, frames, random, pushes)
 
 
-def _broken(cell: Cell, frames: int, random: np.random.Generator) -> Scene:
+def _broken(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
     """What a kick of the edge leaves: frames in which no wall need be."""
     chain = cell.chain
     angles = chain.uniform_state(-1)
@@ -42,12 +44,12 @@ def _broken(cell: Cell, frames: int, random: np.random.Generator) -> Scene:
     return _empty(motion.angles, np.asarray(chain.kinetic_energy(motion.rates)))
 
 
-def _nothing(cell: Cell, frames: int, random: np.random.Generator) -> Scene:
+def _nothing(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
     angles = random.uniform(-math.pi, math.pi, (frames, cell.chain.number_of_rotors))
     return _empty(angles, np.full(frames, math.nan))
 
 
-def _empty(angles: Array, kinetic: Array) -> Scene:
+def _empty(angles: Array, kinetic: Array) -> WallScene:
     none = np.empty((len(angles), 0))
     legs = np.full(len(angles), -1)
-    return Scene(angles, kinetic, none, none, none, (), legs, none.astype(bool))
+    return WallScene(angles, kinetic, none, none, none, (), legs, none.astype(bool))

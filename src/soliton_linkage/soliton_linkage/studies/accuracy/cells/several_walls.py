@@ -9,9 +9,9 @@ import numpy as np
 
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Motion
-from soliton_linkage.studies.accuracy.cells.cells import Cell
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
 from soliton_linkage.studies.accuracy.cells.launching import dress, dressed, is_broken, left_of
-from soliton_linkage.studies.accuracy.cells.scene import Scene, frames_beside, smoothed
+from soliton_linkage.studies.accuracy.cells.scene import WallScene, frames_beside, smoothed
 from soliton_linkage.studies.accuracy.cells.springs import Springs
 from soliton_linkage.studies.accuracy.cells.walls import WallPath, reach, wall_path
 
@@ -26,7 +26,7 @@ _CORE = 3.0
 
 
 @dataclass
-class _Walls:
+class _MovingWalls:
     """Walls of a chain in motion."""
 
     angles: Array
@@ -37,7 +37,7 @@ class _Walls:
     """[rotor spacings / s]"""
 
 
-def several_walls(cell: Cell, frames: int, random: np.random.Generator) -> Scene:
+def several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
     """As many frames as are asked for, or until walls meet; raises ArithmeticError for few."""
     for _ in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
@@ -51,10 +51,12 @@ def several_walls(cell: Cell, frames: int, random: np.random.Generator) -> Scene
     raise ArithmeticError(f'cell {cell.name}: walls have no room for {_FEWEST} frames')
 
 
-def _placed(cell: Cell, charges: tuple[int, ...], random: np.random.Generator) -> _Walls:
+def _placed(
+    cell: AccuracyCell, charges: tuple[int, ...], random: np.random.Generator
+) -> _MovingWalls:
     chain, near = cell.chain, reach(cell.chain)
     rotors = chain.number_of_rotors
-    walls = _Walls(left_of(chain, charges[0]), np.zeros(rotors), [], [], [])
+    walls = _MovingWalls(left_of(chain, charges[0]), np.zeros(rotors), [], [], [])
     gap = (rotors - 1 - near) / len(charges)
     for number, charge in enumerate(charges):
         leg = int(random.integers(2)) if chain.motion is Motion.SPINNER else 0
@@ -78,7 +80,9 @@ def _placed(cell: Cell, charges: tuple[int, ...], random: np.random.Generator) -
     return walls
 
 
-def _followed(cell: Cell, frames: int, charges: tuple[int, ...], walls: _Walls) -> Scene:
+def _followed(
+    cell: AccuracyCell, frames: int, charges: tuple[int, ...], walls: _MovingWalls
+) -> WallScene:
     chain, near = cell.chain, reach(cell.chain)
     last, period = chain.number_of_rotors - 1, cell.period * chain.time_unit
     springs = Springs(chain, walls.angles, walls.rates, period)
@@ -103,7 +107,7 @@ def _followed(cell: Cell, frames: int, charges: tuple[int, ...], walls: _Walls) 
     track = np.array(way).reshape(-1, len(charges))
     beside = [frames_beside(speed, cell) for speed in walls.speeds]
     means = [smoothed(column, count) for column, count in zip(track.T, beside, strict=True)]
-    return Scene(
+    return WallScene(
         angles=np.array(shots),
         kinetic=np.array(kinetic),
         places=np.stack([mean for mean, _ in means], axis=1),

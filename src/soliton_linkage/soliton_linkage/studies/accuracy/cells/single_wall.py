@@ -12,9 +12,9 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
-from soliton_linkage.studies.accuracy.cells.cells import Cell
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
 from soliton_linkage.studies.accuracy.cells.launching import dress, dressed, launch_speed
-from soliton_linkage.studies.accuracy.cells.scene import Scene, frames_beside, smoothed
+from soliton_linkage.studies.accuracy.cells.scene import WallScene, frames_beside, smoothed
 from soliton_linkage.studies.accuracy.cells.springs import Springs
 from soliton_linkage.studies.accuracy.cells.walls import nearest_arc
 
@@ -53,7 +53,9 @@ class _Way:
     impulses: list[Array]
 
 
-def single_wall(cell: Cell, frames: int, random: np.random.Generator, pushes: int) -> Scene:
+def single_wall(
+    cell: AccuracyCell, frames: int, random: np.random.Generator, pushes: int
+) -> WallScene:
     """A wall anywhere on its orbit; so many pushes are spread over the scene and its margins."""
     start = _started(cell, random)
     rotors = cell.chain.number_of_rotors
@@ -81,7 +83,7 @@ def _scene(
     arc_rates: Array,
     kept: slice,
     pushes: list[tuple[int, Array]],
-) -> Scene:
+) -> WallScene:
     """The frames that are kept, with means of the arc [rad] and its rate [rad/s]."""
     places = np.array([orbit.place(arc) for arc in arcs])
     instants = np.array([orbit.place(arc) for arc in way.arcs[kept]])
@@ -90,7 +92,7 @@ def _scene(
     last = orbit.chain.number_of_rotors - 1
     inner = np.minimum(places, instants) > _FROM_EDGE
     inner &= np.maximum(places, instants) < last - _FROM_EDGE
-    return Scene(
+    return WallScene(
         angles=np.array(way.angles[kept]),
         kinetic=np.array(way.kinetic[kept]),
         places=places[:, None],
@@ -104,7 +106,7 @@ def _scene(
     )
 
 
-def _started(cell: Cell, random: np.random.Generator) -> _Start:
+def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     chain = cell.chain
     true, orbit = _orbit(cell, random)
     last = chain.number_of_rotors - 1
@@ -151,7 +153,7 @@ def _push(springs: Springs, start: _Start, arc: float, random: np.random.Generat
     return np.asarray(springs.chain.moments_of_inertia * rates)
 
 
-def _orbit(cell: Cell, random: np.random.Generator) -> tuple[Chain, Orbit]:
+def _orbit(cell: AccuracyCell, random: np.random.Generator) -> tuple[Chain, Orbit]:
     """The chain as it is, and its orbit; deviations are drawn until a wall passes them."""
     if not cell.disorder:
         return cell.chain, _uniform_orbit(cell.chain)

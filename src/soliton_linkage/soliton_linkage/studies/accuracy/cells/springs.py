@@ -12,28 +12,19 @@ with p = 1 / (4 - 4^(1/3)).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from soliton_linkage.compiling import COUNT, READ, READ_TABLE, ROW, compiled
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.recording import Recording
 
 _STEP = 0.1
 """Longest step in time units [1]: a wall of v = 0.9 c then keeps its energy to 1e-6."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A chain on its way, without noise."""
-
-    angles: Array
-    """Actual angles [rad], shape (T, N)."""
-    rates: Array
-    """Their rates [rad/s], shape (T, N)."""
+"""Of the five, over the step [1]."""
 
 
 class Springs:
@@ -56,7 +47,7 @@ class Springs:
         given = (self._lengths, self._inertias, self._bonds, kept)
         _advance(self.angles, self.rates, *given, _WEIGHTS * step, self._steps)
 
-    def record(self, frames: int) -> Motion:
+    def record(self, frames: int) -> Recording:
         """Record frames, of which the first is the present one."""
         angles = np.empty((frames, len(self.angles)))
         rates = np.empty_like(angles)
@@ -64,7 +55,8 @@ class Springs:
             if frame:
                 self.advance()
             angles[frame], rates[frame] = self.angles, self.rates
-        return Motion(angles, rates)
+        times = np.asarray(self.period * np.arange(frames), dtype=np.float64)
+        return Recording(times, angles, rates)
 
 
 @compiled(READ, READ, READ_TABLE, ROW)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from soliton_linkage import estimation
-from soliton_linkage.studies.accuracy.cells.cells import Cell, drawn_cells
+from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell, drawn_cells
 from soliton_linkage.studies.accuracy.cells.hard_cells import hard_cells
 from soliton_linkage.studies.accuracy.cells.runs import records
 from soliton_linkage.studies.accuracy.cells.statistics import COLUMNS, line_of
@@ -38,7 +38,9 @@ GIVEN = (
 """Of a cell: noise [rad], speed over that of sound, period [time units], frames of a record,
 phonons [rad / time unit]."""
 _QUICK_FRAMES = 200
+"""Of each cell in a quick study [1]."""
 _QUICK_CELLS = 15
+"""Of them drawn at random, five of a class [1]."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class CellStudy:
     name: str = 'cells'
 
     @cached_property
-    def all(self) -> list[Cell]:
+    def all(self) -> list[AccuracyCell]:
         """The cells in the order of the rows."""
         known = [*drawn_cells(self.seed, self.count), *hard_cells()]
         names = chosen([cell.name for cell in known], self.only, '--cells')
@@ -106,7 +108,7 @@ def read_cell_study(
     return CellStudy(seed, min(count, _QUICK_CELLS), few, tuple(only), 'cells_quick')
 
 
-def _given(cell: Cell) -> list[str]:
+def _given(cell: AccuracyCell) -> list[str]:
     chain = cell.chain
     numbers = (
         chain.rotor_length / chain.spacing,

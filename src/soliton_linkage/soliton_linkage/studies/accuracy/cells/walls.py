@@ -27,6 +27,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 _SAMPLES = 65
 """Of a path, over the two spacings after which it repeats: splines of them are good to 1e-6."""
 _NEWTON_STEPS = 30
+"""At most, to a state of least energy; some five do [1]."""
 _CONVERGED = 1e-7
 """Step of Newton's that is the last [rad]."""
 _BUCKLING = 1e-6
@@ -34,6 +35,7 @@ _BUCKLING = 1e-6
 _LONGEST = 0.3
 """Step of Newton's, and of the way to the nearest point [rad]."""
 _GAUSS_STEPS = 6
+"""At most, to the nearest point; from frame to frame two do [1]."""
 _CLOSE = 1e-6
 """Step towards the nearest point that is the last [rad]."""
 
