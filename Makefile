@@ -55,7 +55,7 @@ sweep: build  ## sweep parameters, by default the phase diagram; ARGS='config/st
 collisions: build  ## let kinks and anti-kinks meet at many speeds; ARGS='--quick'
 	@$(enter) soliton-linkage collisions --output out/collisions $(ARGS)
 
-accuracy: build  ## measure the estimators against their bound; ARGS='--quick'
+accuracy: build  ## measure the estimators against their bound, and what the analyser states; ARGS='--quick'
 	@$(enter) soliton-linkage accuracy --output out/accuracy $(ARGS)
 
 contraction: build  ## record walls at a dozen speeds and measure how they contract; ARGS='--quick'

@@ -49,7 +49,7 @@ def test_cells_that_there_are_not_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    'name', ['wrong_reading_spinner', 'one_seen_flipper', 'noise_alone_flipper']
+    'name', ['wrong_reading_spinner', 'one_seen_flipper', 'noise_alone_flipper', 'degrees_flipper']
 )
 def test_hard_cells_are_measured(name: str) -> None:
     study = CellStudy(1, 0, 30, (name,))

@@ -74,6 +74,15 @@ class AccuracyCell:
     """Rate of a kick of the edge that breaks the wall up [rad / time unit]; 0 for none."""
     nothing: bool = False
     """Whether angles are noise alone."""
+    degrees: bool = False
+    """Whether angles are in degrees, of which the analyser is not told."""
+    told_chain: Chain | None = None
+    """Another chain that the analyser is told; then, as with degrees, no place is to be stated."""
+
+    @property
+    def misread(self) -> bool:
+        """Whether the analyser cannot understand what it gets."""
+        return self.nothing or self.degrees or self.told_chain is not None
 
 
 def drawn_cells(seed: int, count: int) -> list[AccuracyCell]:

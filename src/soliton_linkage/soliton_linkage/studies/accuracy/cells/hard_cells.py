@@ -13,6 +13,8 @@ from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell, chain_of
 
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Rotors, rest angle [rad] and lean ratio d of a chain of each class."""
+_OTHER = 1.3
+"""Rotors of another chain, over those of this one [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
 """Standard deviations of r, a, k and M, relative."""
 
@@ -26,6 +28,7 @@ def hard_cells() -> list[AccuracyCell]:
 
 def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
     plain = AccuracyCell(name, chain, 0.01, 0.15, 0.2, 150)
+    other = chain_of(chain.number_of_rotors, chain.rest_angle, _OTHER * chain.lean_ratio)
     known = [
         replace(plain, name=f'{name}'),
         replace(plain, name=f'outliers_1_{name}', outliers=0.01),
@@ -35,6 +38,8 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
         replace(plain, name=f'three_seen_{name}', unseen='all but three'),
         replace(plain, name=f'one_seen_{name}', unseen='all but one'),
         replace(plain, name=f'noise_alone_{name}', nothing=True),
+        replace(plain, name=f'degrees_{name}', degrees=True),
+        replace(plain, name=f'other_chain_{name}', told_chain=other),
         replace(plain, name=f'pushed_{name}', pushes=50, run=600),
         replace(plain, name=f'pushes_told_{name}', pushes=50, run=600, told=True),
     ]

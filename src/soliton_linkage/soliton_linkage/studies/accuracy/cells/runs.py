@@ -65,7 +65,7 @@ class Scores:
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
     """Scores of records with so many frames together."""
     run = min(cell.run, frames)
-    left, fresh = frames, Analyser(cell.chain)
+    left, fresh = frames, Analyser(cell.told_chain or cell.chain)
     scenes: list[WallScene] = []
     count = math.ceil(frames / run)
     pushes = math.ceil(cell.pushes / min(_SCENES, count))
@@ -101,6 +101,8 @@ def record(
         outliers = random.random(len(seen)) < cell.outliers
         angles[outliers] = random.uniform(-math.pi, math.pi, int(outliers.sum()))
         angles[~seen] = np.nan
+        if cell.degrees:
+            angles = np.degrees(angles)
         stamp = round(1e9 * number * period)
         clean = twin.analyse(stamp, angles) if twin else None
         last = frame == frames[-1]
@@ -141,7 +143,7 @@ def _judge(
 ) -> None:
     scores.frames += 1
     stated = [each for each in said.solitons if math.isfinite(each.position_deviation)]
-    if not scene.charges:
+    if cell.misread or not scene.charges:
         scores.false += sum(_is_false(cell, scene.angles[frame], wall) for wall in stated)
         return
     if said.energies is not None and said.energies.kinetic_deviation > 0:
@@ -197,7 +199,7 @@ def _numbers(
 def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
     """Whether there is no wall where one is stated: none looks like these rotors."""
     chain = cell.chain
-    if cell.nothing or wall.position_deviation > _SURE * chain.number_of_rotors * chain.spacing:
+    if cell.misread or wall.position_deviation > _SURE * chain.number_of_rotors * chain.spacing:
         return True
     inner = chain.number_of_rotors - 1
     legs = (0, 1) if chain.motion is Motion.SPINNER and wall.charge > 0 else (0,)
