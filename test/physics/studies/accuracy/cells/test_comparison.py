@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import pytest
 
-from soliton_linkage.studies.accuracy.cells.comparison import worse_cells
+from soliton_linkage.studies.accuracy.cells.comparison import check_comparable, worse_cells
 from soliton_linkage.studies.accuracy.cells.statistics import COLUMNS
-from soliton_linkage.studies.accuracy.cells.study import GIVEN
+from soliton_linkage.studies.accuracy.cells.study import GIVEN, CellStudy, given_of
 
 
 def row(**others: object) -> dict[str, str]:
@@ -51,5 +51,10 @@ def test_what_chance_or_progress_makes_is_not(
 
 
 def test_other_cells_are_refused() -> None:
-    with pytest.raises(ValueError, match='no cell is the same in both tables'):
-        worse_cells([row()], [row(noise=0.3)])
+    study = CellStudy(1, 3, 10)
+    cell = study.all[1]
+    same = {'cell': cell.name} | dict(zip(GIVEN, given_of(cell), strict=True))
+    check_comparable(study, [row(**same)])
+    with pytest.raises(ValueError, match='no cell of seed 1 is in the earlier table; give the'):
+        check_comparable(study, [row(**same | {'noise': 0.3})])
+    assert worse_cells([row()], [row(noise=0.3)]) == ['0 of 0 cells are worse']

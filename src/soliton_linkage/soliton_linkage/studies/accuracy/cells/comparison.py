@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from soliton_linkage.studies.accuracy.cells.study import GIVEN
+from soliton_linkage.studies.accuracy.cells.study import GIVEN, CellStudy, given_of
 
 _TRUE = (0.95, 1.05)
 """Root mean squares of normalised errors that are as they should be."""
@@ -21,24 +21,29 @@ _FAILURES = ('lost', 'false', 'wrong_leg')
 Row = Mapping[str, str]
 
 
-def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
-    """A line for each cell that is worse, saying in what.
+def check_comparable(study: CellStudy, earlier: Sequence[Row]) -> None:
+    """Raise ValueError where no cell of a study is in an earlier table."""
+    known = {_key(row) for row in earlier}
+    if known.isdisjoint((cell.name, *given_of(cell)) for cell in study.all):
+        raise ValueError(
+            f'no cell of seed {study.seed} is in the earlier table; give the --seed of that one'
+        )
 
-    Raises ValueError where there is no cell that is the same in both.
-    """
-    before = {(row['cell'], *(row[name] for name in GIVEN)): row for row in earlier}
-    said, found = [], 0
-    for row in rows:
-        old = before.get((row['cell'], *(row[name] for name in GIVEN)))
-        if old is None:
-            continue
-        found += 1
-        what = _worse(row, old)
-        if what:
-            said.append(f'{row["cell"]} ({row["class"]}): {"; ".join(what)}')
-    if not found:
-        raise ValueError('no cell is the same in both tables; give the --seed of the earlier one')
-    return [f'{len(said)} of {found} cells are worse', *said]
+
+def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
+    """How many cells that are in both tables are worse, and a line for each that says in what."""
+    before = {_key(row): row for row in earlier}
+    both = [(row, before[_key(row)]) for row in rows if _key(row) in before]
+    said = [
+        f'{row["cell"]} ({row["class"]}): {"; ".join(what)}'
+        for row, old in both
+        if (what := _worse(row, old))
+    ]
+    return [f'{len(said)} of {len(both)} cells are worse', *said]
+
+
+def _key(row: Row) -> tuple[str, ...]:
+    return row['cell'], *(row[name] for name in GIVEN)
 
 
 def _worse(row: Row, old: Row) -> list[str]:

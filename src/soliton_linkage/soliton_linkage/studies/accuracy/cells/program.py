@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.accuracy.cells.comparison import worse_cells
+from soliton_linkage.studies.accuracy.cells.comparison import check_comparable, worse_cells
 from soliton_linkage.studies.accuracy.cells.pictures import draw_cells, write_cells
 from soliton_linkage.studies.accuracy.cells.study import CellStudy
 from soliton_linkage.studies.sweep.table import Table, read_rows
@@ -16,7 +16,9 @@ from soliton_linkage.studies.sweep.workers import local_workers
 
 def run_cells(study: CellStudy, folder: Path, workers: int, against: Path | None) -> str:
     """Measure the cells that are missing in a folder; returns the last words."""
-    earlier = read_rows(against) if against else None
+    earlier = read_rows(against) if against else []
+    if against:
+        check_comparable(study, earlier)
     print(f'cells: seed {study.seed}, in {folder}')
     with Table(study, folder) as table:
         _fill(study, table, workers)
@@ -25,7 +27,7 @@ def run_cells(study: CellStudy, folder: Path, workers: int, against: Path | None
     write_cells(rows, folder / 'table.md')
     draw_cells(rows, study.seed, study.frames).save(folder, 'normalised_errors')
     said = f'{len(rows)} cells of seed {study.seed} are in {folder}'
-    return said if earlier is None else '\n'.join([said, *worse_cells(rows, earlier)])
+    return said if not against else '\n'.join([said, *worse_cells(rows, earlier)])
 
 
 def _fill(study: CellStudy, table: Table, workers: int) -> None:

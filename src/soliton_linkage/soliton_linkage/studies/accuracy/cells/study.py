@@ -83,7 +83,7 @@ class CellStudy:
         except (ArithmeticError, ValueError) as error:
             failure = ' '.join(str(error).split())
         measured = [_text(line.get(name, math.nan)) for name in COLUMNS]
-        return [str(row), cell.name, *_given(cell), *measured, failure]
+        return [str(row), cell.name, *given_of(cell), *measured, failure]
 
     def described(self) -> dict[str, Any]:
         """All that the rows depend on, the estimator among it."""
@@ -108,7 +108,8 @@ def read_cell_study(
     return CellStudy(seed, min(count, _QUICK_CELLS), few, tuple(only), 'cells_quick')
 
 
-def _given(cell: AccuracyCell) -> list[str]:
+def given_of(cell: AccuracyCell) -> list[str]:
+    """`GIVEN` of a cell, as text."""
     chain = cell.chain
     numbers = (
         chain.rotor_length / chain.spacing,
