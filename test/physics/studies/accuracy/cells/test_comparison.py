@@ -53,7 +53,9 @@ def test_what_chance_or_progress_makes_is_not(
 def test_other_cells_are_refused() -> None:
     study = CellStudy(1, 3, 10)
     cell = study.all[1]
-    same = {'cell': cell.name} | dict(zip(GIVEN, given_of(cell), strict=True))
+    with pytest.raises(ValueError, match='is no table of cells; give a cells'):
+        check_comparable(study, [{'cell': '1'}])
+    same = row() | {'cell': cell.name} | dict(zip(GIVEN, given_of(cell), strict=True))
     check_comparable(study, [row(**same)])
     with pytest.raises(ValueError, match='no cell of seed 1 is in the earlier table; give the'):
         check_comparable(study, [row(**same | {'noise': 0.3})])

@@ -17,12 +17,16 @@ _UNKNOWN = 0.3
 _LARGER = 1.1
 """Ratio of errors from which on they are larger."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
+_ERRORS = ('place_rms', 'place_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
+_COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure')
 
 Row = Mapping[str, str]
 
 
 def check_comparable(study: CellStudy, earlier: Sequence[Row]) -> None:
-    """Raise ValueError where no cell of a study is in an earlier table."""
+    """Raise ValueError where no cell of a study is in an earlier table, or it is none of cells."""
+    if not earlier or not {'cell', *GIVEN, *_COMPARED} <= earlier[0].keys():
+        raise ValueError('what to compare with is no table of cells; give a cells.csv')
     known = {_key(row) for row in earlier}
     if known.isdisjoint((cell.name, *given_of(cell)) for cell in study.all):
         raise ValueError(
