@@ -15,6 +15,7 @@ from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
 from soliton_linkage.studies.accuracy.cells.scenes import scene_of
 
 FRAMES = 60
+CHAIN_OF = {example: chain_of(example, 12) for example in (FLIPPER, WOBBLER, SPINNER)}
 
 
 def cell_of(example: tuple[float, float], rotors: int, **others: object) -> AccuracyCell:
@@ -38,6 +39,17 @@ def test_a_wall_without_phonons_goes_steadily_and_as_fast_as_asked_for(
     slopes = np.diff(scene.places[:, 0]) / period
     both = inner[1:] & inner[:-1]
     assert slopes[both] == pytest.approx(scene.place_rates[1:, 0][both], rel=0.05)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_wall_that_was_nudged_runs_on_from_where_it_has_come(
+    example: tuple[float, float],
+) -> None:
+    scene = scene_of(cell_of(example, 12, nudged=True), FRAMES, np.random.default_rng(3))
+    assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
+    for frame in np.flatnonzero(scene.judged[:, 0])[::20]:
+        (wall,) = find_solitons(CHAIN_OF[example], scene.angles[frame])
+        assert wall.rotor == pytest.approx(scene.places[frame, 0], abs=0.7)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])

@@ -58,6 +58,8 @@ class AccuracyCell:
     phonons: float = 0.0
     """Rates of rotors beside those of the walls [rad / time unit], rms."""
     walls: int = 1
+    nudged: bool = False
+    """Whether the wall was kicked off the first edge, and runs among the phonons of that."""
     outliers: float = 0.0
     """Share of readings that are anything [1]."""
     wrong: float = 0.0

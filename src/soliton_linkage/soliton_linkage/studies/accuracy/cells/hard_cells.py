@@ -31,6 +31,7 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
     other = chain_of(chain.number_of_rotors, chain.rest_angle, _OTHER * chain.lean_ratio)
     known = [
         replace(plain, name=f'{name}'),
+        replace(plain, name=f'nudged_{name}', nudged=True, run=2000),
         replace(plain, name=f'outliers_1_{name}', outliers=0.01),
         replace(plain, name=f'outliers_5_{name}', outliers=0.05),
         replace(plain, name=f'wrong_reading_{name}', wrong=3.0, run=15),
@@ -63,7 +64,8 @@ def _of_few() -> list[AccuracyCell]:
     ]
     for number, (rotors, speed) in enumerate(((16, 0.14), (20, 0.18), (25, 0.23))):
         chain = chain_of(rotors, 1.1, (1.7 + 0.3 * number) * 2 / math.sin(1.1))
-        cells.append(AccuracyCell(f'short_spinner_{rotors}', chain, 0.005, speed, 0.2, 150))
+        name = f'short_spinner_{rotors}'
+        cells.append(AccuracyCell(name, chain, 0.005, speed, 0.2, 150, nudged=True))
     for share, speed in ((0.89, 0.25), (0.96, 0.33)):
         chain = chain_of(30, 0.9, share * 2 / math.sin(0.9))
         sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
@@ -74,5 +76,5 @@ def _of_few() -> list[AccuracyCell]:
     for rotors, lean, noise in ((17, 1.4, 0.05), (33, 1.87, 0.01), (33, 2.3, 0.01)):
         chain = chain_of(rotors, 0.77, lean)
         name = f'slow_wobbler_{rotors}_{lean:g}'
-        cells.append(AccuracyCell(name, chain, noise, 0.03, 0.3, 400))
+        cells.append(AccuracyCell(name, chain, noise, 0.03, 0.3, 400, nudged=True))
     return cells

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
+from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
@@ -22,6 +24,10 @@ _FROM_EDGE = 1.0
 """Places nearer to an edge are not judged [rotor spacings]: there a wall is swallowed."""
 _BEGIN = 2.0
 """Least distance from an edge at the start [rotor spacings]."""
+_SAMPLES = 200
+"""Of the orbit next to the first edge, to find a chain at rest on it [1]."""
+_LEGS = 2.0
+"""That a wall that was nudged runs at most before it is looked at [1]."""
 _DRAWS = 20
 """Of deviations, until there are some that a wall passes."""
 _PUSHED = 1.5
@@ -113,6 +119,8 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     leg = int(random.integers(orbit.number_of_legs))
     sense = 1 if random.integers(2) else -1
     place = float(random.uniform(_BEGIN, last - _BEGIN))
+    if cell.nudged:
+        return _nudged(cell, orbit, random)
     if cell.disorder:
         speed, arc = launch_speed(chain, cell.speed), orbit.arc_at(place, leg)
         rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
@@ -123,6 +131,24 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     angles, rates = orbit.configuration(arc), np.zeros(last + 1)
     dress(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
     return _Start(true, orbit, angles, rates, arc, wall.speed)
+
+
+def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
+    """A wall that was kicked off the first edge and has run for up to two legs."""
+    chain = cell.chain
+    left = chain.uniform_state(1) + math.pi
+    angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
+    speed = launch_speed(chain, cell.speed)
+    rates = speed * orbit.site_arc * mode_towards_last(chain, angles)
+    springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+    sampled = np.linspace(-orbit.site_arc, orbit.arc_at(1.0, 0), _SAMPLES)
+    apart = [np.cos(angles - orbit.configuration(arc)).sum() for arc in sampled]
+    arcs = [nearest_arc(orbit, angles, float(sampled[int(np.argmax(apart))]))] * 2
+    leg = (chain.number_of_rotors - 1) / (speed * springs.period)
+    for _ in range(int(random.uniform(0.0, _LEGS) * leg)):
+        springs.advance()
+        arcs = [arcs[1], nearest_arc(orbit, springs.angles, 2 * arcs[1] - arcs[0])]
+    return _Start(chain, orbit, springs.angles, springs.rates, arcs[1], speed)
 
 
 def _followed(
