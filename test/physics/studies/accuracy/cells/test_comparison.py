@@ -9,11 +9,19 @@ from soliton_linkage.studies.accuracy.cells.comparison import check_comparable, 
 from soliton_linkage.studies.accuracy.cells.statistics import COLUMNS
 from soliton_linkage.studies.accuracy.cells.study import GIVEN, CellStudy, given_of
 
+NOT_STATED = {'place_rms': '', 'lost': 1000, 'place_beyond_4': ''}
+
 
 def row(**others: object) -> dict[str, str]:
     plain = dict.fromkeys((*GIVEN, *COLUMNS, 'failure'), '')
     known = {'cell': '3', 'class': 'flipper', 'frames': 1000, 'lost': 0, 'false': 0}
-    known |= {'wrong_leg': 0, 'place_rms': 1.0, 'place_rms_error': 0.05, 'error_rms': 0.01}
+    known |= {
+        'wrong_leg': 0,
+        'walls_looked_for': 1000,
+        'place_rms': 1.0,
+        'place_rms_error': 0.05,
+        'error_rms': 0.01,
+    }
     return plain | {name: str(value) for name, value in (known | others).items()}
 
 
@@ -24,6 +32,7 @@ def row(**others: object) -> dict[str, str]:
         ({'place_rms': 0.4}, {}, 'place rms 0.4 after 1'),
         ({'error_rms': 0.02}, {}, 'error 0.02 after 0.01 spacings'),
         ({'lost': 30}, {}, 'lost in 3 % after 0 %'),
+        ({'place_beyond_4': 5}, {'place_beyond_4': 0}, 'lost in 5 % after 0 %'),
         ({'failure': 'jams'}, {}, 'jams'),
         ({'place_rms': ''}, {}, 'states no place'),
     ],
@@ -42,6 +51,8 @@ def test_what_got_worse_is_said(now: dict[str, object], was: dict[str, object], 
         ({'lost': 1}, {}),
         ({'error_rms': 0.02}, {'lost': 200}),
         ({}, {'place_rms': ''}),
+        (NOT_STATED, {'place_rms': 90, 'lost': 100, 'place_beyond_4': 100}),
+        ({'error_rms': 3.0}, {'place_rms': 90}),
     ],
 )
 def test_what_chance_or_progress_makes_is_not(

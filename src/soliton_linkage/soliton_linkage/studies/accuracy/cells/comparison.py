@@ -16,9 +16,13 @@ _UNKNOWN = 0.3
 """Standard error, relative, of what one record tells."""
 _LARGER = 1.1
 """Ratio of errors from which on they are larger."""
+_BELIEVED = 2.0
+"""Root mean square of normalised errors up to which a place is better stated than not [1]."""
+_FEWER = 0.01
+"""Share of walls that were lost, and are found now, from which on errors are of other walls."""
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('place_rms', 'place_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
-_COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure')
+_COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'place_beyond_4', 'walls_looked_for')
 
 Row = Mapping[str, str]
 
@@ -51,29 +55,49 @@ def _key(row: Row) -> tuple[str, ...]:
 
 
 def _worse(row: Row, old: Row) -> list[str]:
-    what = []
-    if row['failure'] and not old['failure']:
-        what.append(row['failure'])
+    what = [row['failure']] if row['failure'] and not old['failure'] else []
+    believed = _number(old['place_rms']) < _BELIEVED
     for name in ('place', 'rate'):
-        now, was = _number(row[f'{name}_rms']), _number(old[f'{name}_rms'])
-        if math.isnan(now) and was > 0:
-            what.append(f'states no {name}')
-        chance = math.hypot(
-            _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
-        )
-        if _off(now) - _off(was) > _SIGNIFICANT * (chance if math.isfinite(chance) else _UNKNOWN):
-            what.append(f'{name} rms {now:.3g} after {was:.3g}')
+        what += _less_true(name, row, old, believed)
     now, was = _number(row['error_rms']), _number(old['error_rms'])
-    if now > _LARGER * was and not _fewer_found(old, row):
+    if believed and now > _LARGER * was and not _share(old, 'lost') > _share(row, 'lost') + _FEWER:
         what.append(f'error {now:.3g} after {was:.3g} spacings')
-    for name in _FAILURES:
-        share, earlier = _share(row, name), _share(old, name)
-        frames = (_number(row['frames']), _number(old['frames']))
-        both = (share * frames[0] + earlier * frames[1]) / sum(frames)
-        chance = math.sqrt(max(both, 1 / sum(frames)) * sum(1 / each for each in frames))
-        if share - earlier > _SIGNIFICANT * chance:
-            what.append(f'{name} in {100 * share:.2g} % after {100 * earlier:.2g} %')
-    return what
+    return what + [each for name in _FAILURES for each in _more_failures(name, row, old)]
+
+
+def _less_true(name: str, row: Row, old: Row, believed: bool) -> list[str]:
+    """Whether stated deviations of place or rate are further from the errors."""
+    now, was = _number(row[f'{name}_rms']), _number(old[f'{name}_rms'])
+    if math.isnan(now):
+        return [f'states no {name}'] if believed and was > 0 else []
+    chance = math.hypot(
+        _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
+    )
+    if _off(now) - _off(was) > _SIGNIFICANT * (chance if math.isfinite(chance) else _UNKNOWN):
+        return [f'{name} rms {now:.3g} after {was:.3g}']
+    return []
+
+
+def _more_failures(name: str, row: Row, old: Row) -> list[str]:
+    """Whether there are more failures than chance makes; a wall is lost where it is misplaced."""
+    share, earlier = _share(row, name), _share(old, name)
+    misplaced = _misplaced(row), _misplaced(old)
+    if name == 'lost' and math.isfinite(sum(misplaced)):
+        share, earlier = share + misplaced[0], earlier + misplaced[1]
+    frames = (_number(row['frames']), _number(old['frames']))
+    both = (share * frames[0] + earlier * frames[1]) / sum(frames)
+    chance = math.sqrt(max(both, 1 / sum(frames)) * sum(1 / each for each in frames))
+    if share - earlier > _SIGNIFICANT * chance:
+        return [f'{name} in {100 * share:.2g} % after {100 * earlier:.2g} %']
+    return []
+
+
+def _misplaced(row: Row) -> float:
+    """Share of the frames in which a wall is more than four stated deviations off."""
+    found = _number(row['walls_looked_for']) - _number(row['lost'])
+    if not found:
+        return 0.0
+    return _number(row['place_beyond_4']) / 100 * found / max(_number(row['frames']), 1.0)
 
 
 def _off(rms: float) -> float:
@@ -82,11 +106,6 @@ def _off(rms: float) -> float:
         return 0.0
     low, high = _TRUE
     return max(math.log(rms / high), math.log(low / rms), 0.0)
-
-
-def _fewer_found(row: Row, other: Row) -> bool:
-    """Whether a table lost many walls that the other found, which may be the hard ones."""
-    return _share(row, 'lost') > _share(other, 'lost') + 0.01
 
 
 def _share(row: Row, name: str) -> float:
