@@ -24,8 +24,8 @@ _STEP = 0.5
 """From place to place of a settling wall [time units]."""
 _SLOWER = 0.8
 """Factor of the speed that is tried where a wall breaks up."""
-_TRIES = 15
-"""Speeds that are tried, the last a thirtieth of the first [1]."""
+_TRIES = 25
+"""Speeds that are tried, the last 1 / 200 of the first [1]."""
 
 
 @dataclass(frozen=True)

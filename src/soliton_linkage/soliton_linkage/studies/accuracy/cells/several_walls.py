@@ -18,7 +18,9 @@ from soliton_linkage.studies.accuracy.cells.walls import WallPath, reach, wall_p
 _FEWEST = 20
 """Frames of a scene [1]."""
 _DRAWS = 20
-"""Of places, until walls have so many frames before they meet."""
+"""Of places, until walls have so many frames before they meet or break up."""
+_SLOWER = 0.7
+"""Factor of the speed of anti-kinks, which rest, from draw to draw after one that broke up."""
 _JITTER = 0.05
 """Of the places of the walls at the start, over their distance [1]."""
 _CORE = 3.0
@@ -39,10 +41,10 @@ class _MovingWalls:
 
 def several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
     """As many frames as are asked for, or until walls meet; raises ArithmeticError for few."""
-    for _ in range(_DRAWS):
+    for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))
-        walls = _placed(cell, charges, random)
+        walls = _placed(cell, charges, _SLOWER**draw, random)
         noise = random.standard_normal(cell.chain.number_of_rotors)
         walls.rates += cell.phonons / cell.chain.time_unit * noise
         scene = _followed(cell, frames, charges, walls)
@@ -52,7 +54,7 @@ def several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) 
 
 
 def _placed(
-    cell: AccuracyCell, charges: tuple[int, ...], random: np.random.Generator
+    cell: AccuracyCell, charges: tuple[int, ...], slower: float, random: np.random.Generator
 ) -> _MovingWalls:
     chain, near = cell.chain, reach(cell.chain)
     rotors = chain.number_of_rotors
@@ -70,8 +72,8 @@ def _placed(
             place, speed = wall.place + shift, wall.speed
             dress(wall, shift, walls.angles, walls.rates, sense)
         else:
-            place = path.snapped(place)
-            speed = cell.speed * speed_of_sound(chain) / chain.spacing
+            place = path.snapped(place) if slower == 1 else path.at_rest(place)
+            speed = slower * cell.speed * speed_of_sound(chain) / chain.spacing
             walls.rates += sense * speed * path.moving(rotors, place)
         walls.angles += path.added(rotors, place)
         walls.paths.append(path)

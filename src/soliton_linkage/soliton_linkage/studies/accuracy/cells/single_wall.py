@@ -28,7 +28,7 @@ _SAMPLES = 200
 """Of the orbit next to the first edge, to find a chain at rest on it [1]."""
 _LEGS = 2.0
 """That a wall that was nudged runs at most before it is looked at [1]."""
-_DRAWS = 20
+_DRAWS = 200
 """Of deviations, until there are some that a wall passes."""
 _PUSHED = 1.5
 """Rotors beside a wall that a hand pushes [rotor spacings]."""

@@ -81,8 +81,10 @@ class WallPath:
 
     def snapped(self, place: float) -> float:
         """The place nearest to a place where the wall can be."""
-        if not self.pinned:
-            return place
+        return self.at_rest(place) if self.pinned else place
+
+    def at_rest(self, place: float) -> float:
+        """The nearest place like `home`, where an anti-kink costs least."""
         return self.home + 2 * round((place - self.home) / 2)
 
     def added(self, rotors: int, place: float) -> Array:
@@ -171,7 +173,9 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
     arcs = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(found, axis=0), axis=1))])
     counted = beside + 2 * arcs / arcs[-1]
     left = _tanh(window, beside)[:2]
-    return WallPath(-1, beside, CubicSpline(counted, found), found[0], float(beside), left)
+    least = int(np.argmin(window.elastic_energy(found)))
+    spline = CubicSpline(counted, found)
+    return WallPath(-1, beside, spline, found[least], float(counted[least]), left)
 
 
 def _tanh(chain: Chain, place: float) -> Array:
