@@ -49,7 +49,7 @@ _WAY = 0.8
 """Part of the study's time for a wall that the recording takes: it ends before the far edge."""
 _POLL_INTERVAL = 0.1
 """How soon it stops where it is told to [s]."""
-_UNLIMITED = 1e9
+_UNLIMITED = 1e6
 """Limit of kicks [rad/s] and impulses [N m s] for walls faster than a real actuator makes."""
 
 

@@ -41,10 +41,11 @@ class AnalyserParameters:
     )
     longest_lag: float = quantity(
         LONGEST_LAG,
-        'how long the analysis may be behind the frames before it skips those that wait; half of '
-        'it skips more and is current sooner, twice skips less and is current later',
+        'how long the analysis may be behind the frames before it skips those that wait, 0 for '
+        'ever, as where a bag is played faster than it is analysed; half of it skips more and is '
+        'current sooner, twice skips less and is current later',
         's',
-        0.05,
+        0.0,
         60.0,
     )
     misfit_limit: float = quantity(

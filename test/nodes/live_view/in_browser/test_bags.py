@@ -33,15 +33,17 @@ def test_a_recording_is_made_split_and_finished(visit: Visit, view: Any) -> None
 
 def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: Any) -> None:
     visit.tab('Bags')
+    before = {bag.path for bag in view.shelf.bags()}
     visit.fill('only keep the last', 2)
     visit.click('record')
     until(lambda: view.recording.report, 'the recorder')
     visit.page.locator('#live-record-snapshot:enabled').click()
-    visit.told('snapshot')
+    visit.told('messages of the last 2 s are recorded')
     visit.click('record-stop')
-    visit.told('the bag is finished')
+    until(lambda: {bag.path for bag in view.shelf.bags()} - before, 'the finished bag')
+    (path,) = {bag.path for bag in view.shelf.bags()} - before
     # What is latched is kept from before.
-    with open_bag(view.shelf.bags()[0].path) as reader:
+    with open_bag(path) as reader:
         stamps = [stamp for stamp, _ in read_topic(reader, 'joint_states')]
     assert 0 < max(stamps) - min(stamps) <= 2 * SECOND
     visit.fill('only keep the last', 0)

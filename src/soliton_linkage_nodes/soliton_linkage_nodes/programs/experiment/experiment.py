@@ -35,6 +35,8 @@ from soliton_linkage_nodes.runtime.process import interruptible
 _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
+_ALL_FRAMES = ['-p', 'longest_lag:=0.0']
+"""Of an analyser that is to agree with another to the last digit, however busy the machine is."""
 _UNUSED = (
     interfaces.EDGE_COMMAND,
     interfaces.JOINT_COMMANDS,
@@ -103,6 +105,7 @@ class Experiment:
         # All of them hear the first frame: a replay begins where the live analysis did.
         own = {
             'bag_recorder': ['-p', f'output:={name}'],
+            'soliton_analyser': _ALL_FRAMES,
             'simulator': ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'],
         }
         for node in _NODES:
@@ -221,7 +224,7 @@ class Experiment:
         """Start a fresh analyser, and a player that waits to be resumed."""
         _say(f'Replaying {self.bag} into a fresh analyser, and drawing what it holds meanwhile.')
         self._observer.forget()
-        self._start('soliton_analyser', [])
+        self._start('soliton_analyser', _ALL_FRAMES)
         topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
         self._start(
             'bag_player',

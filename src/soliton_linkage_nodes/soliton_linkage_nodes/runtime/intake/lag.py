@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
+import math
 import time
 
-_WORTH_NOTICE = 0.1
-"""Lag from which on a node is behind [s]; queues of a busy machine hold messages for less."""
 _MEMORY = 10.0
 """How long the quickest message tells the difference of two clocks [s], which drift apart."""
 _SECOND = 10**9
@@ -20,8 +19,8 @@ class Lag:
     """
 
     def __init__(self, longest: float) -> None:
-        """Being behind for `longest` [s] is too long."""
-        self._longest = longest
+        """Being behind by `longest` [s], for as long, is too long; 0 for never."""
+        self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0
         self._behind_since: float | None = None
@@ -34,7 +33,7 @@ class Lag:
             self._since = now
             self._least = [*self._least[-1:], apart]
         self._least[-1] = min(self._least[-1], apart)
-        if (apart - min(self._least)) / _SECOND < _WORTH_NOTICE:
+        if (apart - min(self._least)) / _SECOND < self._longest:
             self._behind_since = None
         elif self._behind_since is None:
             self._behind_since = now
