@@ -26,6 +26,13 @@ def ip(arguments: str) -> None:
     subprocess.run(['ip', *arguments.split()], check=True, capture_output=True)
 
 
+def is_up(name: str, end: str) -> bool:
+    told = subprocess.run(
+        ['ip', '-n', name, '-brief', 'link', 'show', end], check=True, capture_output=True
+    )
+    return told.stdout.split()[1] == b'UP'
+
+
 @pytest.fixture
 def machines() -> Iterator[list[list[str]]]:
     """Commands that run a program on one of two machines that are joined by a wire."""
@@ -40,6 +47,11 @@ def machines() -> Iterator[list[list[str]]]:
             ip(f'-n {name} addr add 10.89.0.{number}/24 dev {end}')
             ip(f'-n {name} link set {end} up')
             ip(f'-n {name} link set lo up')
+        # A node that starts before its end of the wire is up binds without it, for good.
+        deadline = time.monotonic() + LONGEST_WAIT
+        while not all(is_up(name, end) for name, end in zip(NAMES, ENDS, strict=True)):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
         subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
         yield [['ip', 'netns', 'exec', name, *subnet] for name in NAMES]
     except subprocess.CalledProcessError:

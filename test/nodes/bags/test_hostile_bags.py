@@ -141,14 +141,17 @@ def test_a_bag_that_is_itself_a_link_is_followed(named: NamedChain, tmp_path: Pa
 def test_many_definitions_take_time_in_proportion(
     case: str, named: NamedChain, tmp_path: Path
 ) -> None:
-    took = []
-    for number, size in enumerate((400_000, 1_600_000)):
-        bag = write_hostile(case, tmp_path / f'hostile{number}', named, size)
-        begin = time.process_time()
-        recover_bag(bag, tmp_path / 'new')
-        attempt(lambda bag=bag: contents(bag))
-        took.append(time.process_time() - begin)
-    assert took[1] < 10 * took[0]
+    sizes = (400_000, 1_600_000)
+    bags = [write_hostile(case, tmp_path / f'hostile{size}', named, size) for size in sizes]
+    took: list[list[float]] = [[], []]
+    # The least of several: other processes only add to it.
+    for _ in range(3):
+        for bag, times in zip(bags, took, strict=True):
+            begin = time.process_time()
+            recover_bag(bag, tmp_path / 'new')
+            attempt(lambda bag=bag: contents(bag))
+            times.append(time.process_time() - begin)
+    assert min(took[1]) < 10 * min(took[0])
 
 
 def test_no_more_topics_are_played_than_publishers_are_cheap(
