@@ -84,8 +84,9 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(
     assert summary['frames_missing_in_replay'] == 0
     assert summary['replayed_messages'] == frames_in(tmp_path / f'{scenario}_0')
     assert summary['largest_replay_difference_rotors'] == 0
-    assert summary['missed_deadlines'] >= 0
-    assert summary['publish_rate_hz'] == pytest.approx(250, rel=0.05)
+    assert 0 < summary['publish_rate_hz'] < 1.05 * 250
+    # A busy machine is late, and then says so.
+    assert summary['missed_deadlines'] or summary['publish_rate_hz'] > 0.95 * 250
     assert abs(summary['energy_drift']) < 1e-8
     speeds = [crossing.place_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
