@@ -22,7 +22,7 @@ import yaml
 from graphs import Graph, values
 from programs import Program
 from rclpy.serialization import serialize_message
-from recordings import frame_message, lost_in, messages_of, publish_frames
+from recordings import lost_in, messages_of, publish_for, publish_frames
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
@@ -217,12 +217,7 @@ def test_what_was_sent_a_second_before_a_kill_is_kept(
         lambda: reports and '/joint_states' in values(reports[-1])['topics heard'],
         'the recorder to hear',
     )
-    sent = [serialize_message(frame_message(named, number)) for number in range(3000)]
-    begin, times = time.monotonic(), []
-    while time.monotonic() - begin < after:
-        publisher.publish(sent[len(times)])
-        times.append(time.monotonic())
-        time.sleep(0.001)
+    sent, times = publish_for(publisher, named, after, 0.001)
     program.process.kill()
     program.process.wait()
     if after > 1.0:

@@ -6,15 +6,13 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from graphs import Graph, values
 from programs import Program
-from rclpy.serialization import serialize_message
-from recordings import frame_message, messages_of
+from recordings import messages_of, publish_for
 
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -58,12 +56,7 @@ def test_what_was_sent_an_interval_before_is_kept(
         lambda: reports and '/joint_states' in values(reports[-1])['topics heard'],
         'the recorder to hear',
     )
-    sent = [serialize_message(frame_message(named, number)) for number in range(3000)]
-    begin, times = time.monotonic(), []
-    while time.monotonic() - begin < LASTED:
-        publisher.publish(sent[len(times)])
-        times.append(time.monotonic())
-        time.sleep(0.002)
+    sent, times = publish_for(publisher, named, LASTED, 0.002)
     program.process.kill()
     program.process.wait()
     named_files = {path.name for path in (kept / 'names').iterdir()}
