@@ -5,6 +5,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -164,6 +168,42 @@ def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: 
     tell_chain(graph, named)
     graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
     assert [state.header for state in states] == [frame.header for frame in frames]
+
+
+OBSERVER = """
+import rclpy
+from soliton_linkage_nodes.programs.experiment.observer import Observer
+rclpy.init()
+observer = Observer()
+while len(observer.states) < {count}:
+    rclpy.spin_once(observer)
+"""
+
+
+def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(
+    graph: Graph, named: NamedChain
+) -> None:
+    tell_chain(graph, named)
+    analyser = graph.start(SolitonAnalyser, {'longest_lag': 0.0})
+    rest, count = named.chain.uniform_state(1), 2000
+    observer = subprocess.Popen(
+        [sys.executable, '-c', OBSERVER.format(count=count)],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
+    )
+    try:
+        topic = interfaces.SOLITON_STATE.name
+        graph.until(lambda: analyser.count_subscribers(topic), 'the experiment')
+        graph.next_report('soliton_analyser')
+        observer.send_signal(signal.SIGSTOP)
+        for number in range(count):
+            stamp = time_to_msg(number * PERIOD)
+            frame = frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp)
+            analyser.take(serialize_message(frame))
+        observer.send_signal(signal.SIGCONT)
+        graph.until(lambda: observer.poll() == 0, f'{count} states in the experiment')
+    finally:
+        observer.kill()
+        observer.wait()
 
 
 def test_of_frames_that_wait_for_the_chain_too_long_the_last_are_kept(

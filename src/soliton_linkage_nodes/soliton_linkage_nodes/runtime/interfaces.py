@@ -32,6 +32,8 @@ _DEEPEST_QUEUE = 1000
 """Messages: a second of a rotor chain at 1000 Hz, longer than any stall of a subscriber."""
 _QUEUE_BYTES = 64 * 2**20
 """What the queues of a stream may take of the memory of each end."""
+_LONGEST_RECORD = 100_000
+"""Messages that may wait: 100 s at 1000 Hz; memory is taken for those that do."""
 LAST_WORDS = 0.5
 """How long a node that goes waits until it was heard [s]: longer than a busy machine takes."""
 
@@ -41,6 +43,14 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
     affordable = _QUEUE_BYTES // max(message_size, 1)
     depth = int(min(_DEEPEST_QUEUE, max(10, affordable)))
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def whole_stream_qos() -> QoSProfile:
+    """Reliable and so deep that nothing is lost where all of a record comes at once.
+
+    Both ends need it: who publishes keeps what a subscriber that is busy does not yet have.
+    """
+    return QoSProfile(depth=_LONGEST_RECORD, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def command_qos() -> QoSProfile:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from soliton_linkage.linkage.quantities import quantity
@@ -42,8 +42,9 @@ class AnalyserParameters:
     longest_lag: float = quantity(
         LONGEST_LAG,
         'how long the analysis may be behind the frames before it skips those that wait, 0 for '
-        'ever, as where a bag is played faster than it is analysed; half of it skips more and is '
-        'current sooner, twice skips less and is current later',
+        'ever, as where a bag is played faster than it is analysed, and states then wait for '
+        'subscribers that are busy; half of it skips more and is current sooner, twice skips '
+        'less and is current later',
         's',
         0.0,
         60.0,
@@ -87,7 +88,10 @@ class SolitonAnalyser(ManagedNode):
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
         settings = self.settings = current(self, AnalyserParameters)
         self._analysis = JointStateAnalysis(settings.noise or None)
-        self._publisher = interfaces.SOLITON_STATE.publisher(self)
+        states = interfaces.SOLITON_STATE
+        if not settings.longest_lag:
+            states = replace(states, qos=interfaces.whole_stream_qos())
+        self._publisher = states.publisher(self)
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )

@@ -10,7 +10,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import SolitonState
@@ -18,9 +17,6 @@ from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
-
-_WHOLE_REPLAY = QoSProfile(depth=100_000, reliability=ReliabilityPolicy.RELIABLE)
-"""A replay in lockstep comes faster than a busy program hears: none of its states may be lost."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class Observer(Node):
         self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
         topic = interfaces.SOLITON_STATE
         self.state_subscription = self.create_subscription(
-            topic.type, topic.name, self._on_state, _WHOLE_REPLAY
+            topic.type, topic.name, self._on_state, interfaces.whole_stream_qos()
         )
         self._subscribe(interfaces.CHAIN, self._on_chain)
         self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
