@@ -11,7 +11,6 @@ priority.
 from __future__ import annotations
 
 import argparse
-import os
 import random
 import shutil
 import signal
@@ -35,7 +34,7 @@ from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.programs.child_processes import free_domain
+from soliton_linkage_nodes.programs.child_processes import private_domain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
@@ -186,10 +185,7 @@ class Stream:
 @contextmanager
 def lone_publisher() -> Iterator[Publisher]:
     """A publisher on a domain where no recorder was killed before: the dead are long missed."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
-    with free_domain() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
+    with private_domain():
         context = rclpy.Context()
         rclpy.init(context=context)
         node = rclpy.create_node('killer', context=context)

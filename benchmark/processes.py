@@ -15,7 +15,7 @@ from typing import Any
 import rclpy
 from ament_index_python.packages import get_package_prefix
 
-from soliton_linkage_nodes.programs.child_processes import free_domain
+from soliton_linkage_nodes.programs.child_processes import private_domain
 
 _LONGEST_STOP = 60.0
 
@@ -23,9 +23,7 @@ _LONGEST_STOP = 60.0
 @contextmanager
 def own_domain() -> Iterator[None]:
     """A domain that nobody else is on, for this process and those that it starts."""
-    with free_domain() as domain:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    with private_domain():
         rclpy.init()
         try:
             yield

@@ -270,8 +270,6 @@ def main() -> None:
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
-    # A killed node leaves shared memory behind, of which the next may complain.
-    os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
     ledger = Ledger(output / 'ledger.jsonl')
     with own_domain(), ExitStack() as stack:
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -15,6 +15,7 @@ import pytest
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.programs.child_processes import keep_to_the_loopback
 from soliton_linkage_nodes.runtime import diagnostics
 
 sys.path.append(str(Path(__file__).parent))
@@ -28,9 +29,7 @@ WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
 # earlier test has left.
 _next_domain = partial(next, itertools.cycle(range(1 + WORKER, 101, WORKERS)))
 
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
-os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
+keep_to_the_loopback()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -17,6 +17,10 @@ from programs import LONGEST_WAIT, Program
 from rclpy.serialization import deserialize_message
 from recordings import messages_of
 
+BEYOND = (
+    *('env', '-u', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
+    *('ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET', 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4'),
+)
 NAMES = [f'soliton_{os.getpid()}_{end}' for end in 'ab']
 ENDS = [f'sl{os.getpid()}{end}' for end in 'ab']
 ENOUGH = 500_000
@@ -52,8 +56,7 @@ def machines() -> Iterator[list[list[str]]]:
         while not all(is_up(name, end) for name, end in zip(NAMES, ENDS, strict=True)):
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
-        yield [['ip', 'netns', 'exec', name, *subnet] for name in NAMES]
+        yield [['ip', 'netns', 'exec', name, *BEYOND] for name in NAMES]
     except subprocess.CalledProcessError:
         pytest.skip('network namespaces may not be made here')
     finally:

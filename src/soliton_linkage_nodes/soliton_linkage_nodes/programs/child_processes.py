@@ -120,38 +120,26 @@ def has_display() -> bool:
 
 
 @contextmanager
-def free_domain() -> Iterator[int]:
-    """A domain of this machine that no other program has taken, for as long as the block lasts.
+def private_domain() -> Iterator[None]:
+    """Keep this process and its children to a domain of their own on this machine.
 
     It is any of those that are free, not the first: that one may have been left just now, and
     what ran on it may still be ending. The block must let no OSError pass, which the coordinator
     would take for a domain that is in use.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
-        yield domain
-
-
-@contextmanager
-def private_domain() -> Iterator[None]:
-    """Keep this process and its children to a domain of their own on this machine."""
-    with free_domain() as domain:
-        _isolate(domain)
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        keep_to_the_loopback()
+        for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
+            os.environ.pop(name, None)
         yield
 
 
-def _isolate(domain: int) -> None:
-    os.environ['ROS_DOMAIN_ID'] = str(domain)
-    _bind_the_loopback_alone()
-    # Shared memory left behind by a killed process can keep new ones from talking.
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
-        os.environ.pop(name, None)
-
-
-def _bind_the_loopback_alone() -> None:
+def keep_to_the_loopback() -> None:
     """Let no other machine reach this process and its children.
 
-    LOCALHOST alone leaves sockets of Fast DDS open to all.
+    LOCALHOST alone leaves sockets of Fast DDS open to all, and has it use shared memory: what a
+    process leaves there half made, that was killed at its start, all others then wait for.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     profile = _share() / 'config' / 'loopback.xml'
