@@ -49,6 +49,7 @@ CHAINS = {
 
 
 PERIOD = 20 * 10**6
+EVERY_FRAME = {'longest_lag': 0.0}
 
 
 def named_chain(chain: Chain) -> NamedChain:
@@ -98,7 +99,7 @@ def test_every_frame_gets_its_solitons_under_its_own_header(graph: Graph, name: 
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, speed)
     for frame in frames:
@@ -153,7 +154,7 @@ def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: 
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, speed)
     for frame in frames:
@@ -184,7 +185,7 @@ def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(
     graph: Graph, named: NamedChain
 ) -> None:
     tell_chain(graph, named)
-    analyser = graph.start(SolitonAnalyser, {'longest_lag': 0.0})
+    analyser = graph.start(SolitonAnalyser, EVERY_FRAME)
     rest, count = named.chain.uniform_state(1), 2000
     observer = subprocess.Popen(
         [sys.executable, '-c', OBSERVER.format(count=count)],
@@ -302,7 +303,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     for number in range(300):
         size = 10.0 ** chance.uniform(-150, 150)
