@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.estimation.frame_noise import FrameView
+from soliton_linkage.estimation.frame_view import FrameView
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.orbit_filter import OrbitEstimate

@@ -114,6 +114,7 @@ class FarRotors:
         self._waves = 0.0
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
+        self._outlying = np.zeros(rotors, dtype=np.bool_)
         self.forget()
 
     def forget(self) -> None:
@@ -122,12 +123,21 @@ class FarRotors:
         self._frames, self._time = 0, 0.0
         self._lowest, self._highest = math.inf, -math.inf
 
-    def add(self, residuals: Array, place: float, elapsed: float) -> bool:
+    def add(
+        self, residuals: Array, outlying: NDArray[np.bool_], place: float, elapsed: float
+    ) -> bool:
         """Take in what is left of a frame [rad], shape (N,); whether that fills the block.
 
-        The frame is a time [s] after the last, with the wall at a place [rotor spacings].
+        Of rotors that are outlying now and were not before, the mean so far counts: such a
+        reading is wrong once. The frame is a time [s] after the last, with the wall at a place
+        [rotor spacings].
         """
         self._sums += residuals
+        once = outlying & ~self._outlying
+        if once.any():
+            before = self._sums[once] - residuals[once]
+            self._sums[once] = before * (1 + 1 / max(self._frames, 1))
+        self._outlying = outlying
         self._lowest, self._highest = min(self._lowest, place), max(self._highest, place)
         self._time += elapsed
         self._frames += 1

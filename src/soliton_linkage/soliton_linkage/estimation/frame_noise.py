@@ -5,100 +5,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from soliton_linkage.estimation.loops import frame_loops
-from soliton_linkage.estimation.loops.frame_loops import Flags
-from soliton_linkage.estimation.robust import robust_deviation
+from soliton_linkage.estimation.frame_view import FrameView
+from soliton_linkage.estimation.loops import frame_loops, likelihood_loops
 from soliton_linkage.estimation.settings import DEFAULTS, NoiseSettings
 from soliton_linkage.linkage.chain import Array
-
-_NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
-"""Of a chain of which no rotor is doubtful."""
-
-
-class FrameView:
-    """What a frame looks like from a point of the orbit, in the orientation of the orbit."""
-
-    arc: float
-    """Arc of the nearest point of the orbit, to first order in the residuals [rad]."""
-    first: int
-    """Number of the first rotor about the wall."""
-    tangent: Array
-    """Change of the angles of the rotors about the wall with the arc [1], shape (n,)."""
-    residuals: Array
-    """Angles less those of that point [rad], shape (N,), NaN where unknown."""
-    used: Flags
-    """Rotors about the wall that tell the arc, shape (n,)."""
-    left: Array
-    """Their residuals, 0 for those that do not count [rad], shape (n,)."""
-    information: float
-    """Information on the arc in units of that of a noise of 1 rad [1]."""
-    squares: float
-    """Sum of squares of what is left of them [rad^2]."""
-    any_outlying: bool
-    """Whether any rotor of the chain is outlying."""
-    largest: float
-    """Largest residual of all rotors of the chain [rad], infinite where one is not known."""
-
-    def __init__(
-        self,
-        arc: float,
-        first: int,
-        tangent: Array,
-        differences: Array,
-        limit: float = math.inf,
-        spread: float = 0.0,
-        doubtful: Flags | None = None,
-        settings: NoiseSettings = DEFAULTS.noise,
-    ) -> None:
-        """Compare; rotors that differ too much or are doubtful, shape (N,), do not count.
-
-        Differences are from the orbit at the arc [rad], shape (N,). They are too much where
-        their square is above the limit and what the spread [rad^2] of the arc, its variance, may
-        account for.
-        """
-        self.first, self.end = first, first + len(tangent)
-        self.tangent, self.residuals = tangent, differences
-        self.outlying: Flags = np.empty(len(differences), dtype=np.bool_)
-        self.used = np.empty(len(tangent), dtype=np.bool_)
-        self.left = np.empty(len(tangent))
-        self._beyond_chance = settings.beyond_chance
-        counts, self.any_outlying, sums, self.largest = frame_loops.find_arc(
-            differences=differences,
-            first=first,
-            tangent=tangent,
-            limit=limit,
-            spread=settings.beyond_chance**2 * spread,
-            least_share=settings.least_share,
-            doubtful=_NO_FLAGS if doubtful is None else doubtful,
-            outlying=self.outlying,
-            used=self.used,
-            left=self.left,
-        )
-        known, excluded, used = counts
-        self.information, ahead, self.squares = sums
-        self.share_of_outliers = excluded / max(known, 1)
-        self.degrees_of_freedom = max(used - 1, 1)
-        self.arc = arc + ahead
-
-    @property
-    def robust_limit(self) -> float:
-        """Squared residual beyond chance, by the median of them all [rad^2]."""
-        if not self.used.any():
-            return math.inf
-        return (self._beyond_chance * robust_deviation(np.abs(self.left[self.used]))) ** 2
-
-    @property
-    def mean_square(self) -> float:
-        """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
-        return float(self.squares / self.degrees_of_freedom)
-
-    @property
-    def mean_square_of_all(self) -> float:
-        """The same of all rotors of the chain that are known, outliers too [rad^2]."""
-        return float(np.nanmean(self.residuals**2))
-
 
 class FrameNoise:
     """What the orbit leaves of the angles, told apart by what lasts from frame to frame.
@@ -109,9 +19,20 @@ class FrameNoise:
     c_0 = (4 c_1 - c_2) / 3.
     """
 
-    def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
-        """Begin without frames, with the standard deviation that is given [rad]."""
+    def __init__(
+        self,
+        given: float | None,
+        settings: NoiseSettings = DEFAULTS.noise,
+        largest: float = math.inf,
+    ) -> None:
+        """Begin without frames, with the standard deviation that is given [rad].
+
+        What lasts of a rotor is not beyond the largest residual [rad].
+        """
         self._settings = settings
+        self._largest = largest
+        self._field = self._field_share = self._field_sums = 0.0
+        self._before: Array | None = None
         self._given = 0.0 if given is None else given**2
         self._squares = self._freedoms = 0.0
         self._recent_squares = self._recent_freedoms = 0.0
@@ -123,6 +44,20 @@ class FrameNoise:
     def deviation(self) -> float:
         """Standard deviation of the noise in use [rad]."""
         return math.sqrt(self.variance)
+
+    @property
+    def field(self) -> float:
+        """Variance of what lasts about the wall, of the last few frames [rad^2].
+
+        By the smaller of what is left of a rotor in two frames running, so that no reading that
+        is wrong in one of them counts.
+        """
+        return max(self._field / self._field_share, 0.0) if self._field_share > 0 else 0.0
+
+    @property
+    def about_wall(self) -> float:
+        """Mean of what lasts, by t^2 and without what the arc takes of it [rad^2]."""
+        return max(self._field / self._field_sums, 0.0) if self._field_sums > 0 else 0.0
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -141,7 +76,19 @@ class FrameNoise:
         if len(self._earlier) == 2:
             self._pair(self._earlier[0], self._earlier[1], view, fade)
         self._earlier = [*self._earlier[-1:], view]
+        self._see_what_lasts(view)
         self._estimate()
+
+    def _see_what_lasts(self, view: FrameView) -> None:
+        if self._before is not None:
+            whole, free = likelihood_loops.lasting_square(
+                self._before, view.residuals, view.first, view.tangent, self._largest
+            )
+            fade = 1 - 1 / self._settings.field_frames
+            self._field = fade * self._field + whole
+            self._field_share = fade * self._field_share + free
+            self._field_sums = fade * self._field_sums + 1.0
+        self._before = view.residuals
 
     def forget_what_lasted(self) -> None:
         """Begin anew with all but the noise, as what encoders add has been found out."""

@@ -27,6 +27,7 @@ chance, all filters begin anew with that one.
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -85,6 +86,17 @@ class MultipleModelFilter:
         filters['wander'][base:] = settings.change_after_kick**2
         filters['wander_at_edges'][base:] = settings.change_after_kick**2
         return filters
+
+    def mirrored(self, arc: float) -> MultipleModelFilter:
+        """The same motion the other way, which is at an arc [rad] now."""
+        other = copy.copy(self)
+        other.filters = self.filters.copy()
+        other.filters['arc'] = arc - (self.filters['arc'] - self.arc)
+        for name in ('rate', 'bias'):
+            other.filters[name] *= -1
+        other.expected_rate = -self.expected_rate
+        other._look_ahead()
+        return other
 
     @property
     def arc(self) -> float:

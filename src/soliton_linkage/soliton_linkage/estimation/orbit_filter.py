@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarRotors
-from soliton_linkage.estimation.frame_noise import FrameNoise, FrameView
-from soliton_linkage.estimation.leg_evidence import LegEvidence
+from soliton_linkage.estimation.frame_noise import FrameNoise
+from soliton_linkage.estimation.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.nearest_point import Recognition, recognise
-from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
+from soliton_linkage.estimation.place_search import Place, PlaceSearch
+from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings, ScanSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Motion, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -89,6 +89,19 @@ class OrbitEstimate:
     upside_down: bool
 
 
+class _Hypothesis:
+    """One of the places that compete: where the chain may be, and how it goes round."""
+
+    def __init__(
+        self, motion: MultipleModelFilter, upside_down: bool, view: FrameView, evidence: float
+    ) -> None:
+        self.motion = motion
+        self.upside_down = upside_down
+        self.view = view
+        self.evidence = evidence
+        """Logarithm of the likelihood of all frames so far, over that of the likeliest place."""
+
+
 class OrbitFilter:
     """Recursive estimate of a chain's arc and rate, from frames as they come.
 
@@ -121,19 +134,23 @@ class OrbitFilter:
         self._given_noise = noise
         self._settings = settings
         self._tracking = settings.tracking
+        self._search = PlaceSearch(orbit, settings.likelihood, settings.scan)
+        self._budget = ScanBudget(settings.scan)
         self._depth = penetration_depth(chain) / chain.spacing
-        self._legs = LegEvidence(orbit, settings.tracking)
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._backgrounds = [
             orbit.background(orbit.arc_at(orbit.middle, leg))
             for leg in range(orbit.number_of_legs)
         ]
         swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
-        self._tolerated = (settings.tracking.strange_share * swing) ** 2
-        self._elastic = [(share * swing) ** 2 for share in settings.tracking.elastic_shares]
+        self._likelihood = FrameLikelihood(swing, settings.likelihood)
+        self._elastic = (settings.likelihood.elastic_share * swing) ** 2
+        self._gross = settings.likelihood.gross_share * swing
+        self._largest_field = (settings.likelihood.field_share * swing) ** 2
+        self._most_about_wall = (settings.likelihood.wall_share * swing) ** 2
         margin = 1 + settings.offsets.depths_beside * self._depth
-        self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic[0])
-        self._upside_down = self._doubts = False
+        self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic)
+        self._doubts = False
         self._disorder = 0.0
         self._forget(math.nan)
 
@@ -159,84 +176,174 @@ class OrbitFilter:
             return self._estimate
         if elapsed < 0:
             self._forget(time)
+            self._budget.restart()
         seen = np.ascontiguousarray(angles, dtype=np.float64)
         if not frame_loops.all_within(seen, math.inf):
             seen = np.where(np.isfinite(seen), seen, np.nan)
-        if self._motion is not None:
-            self._follow(self._motion, time, elapsed, seen)
+        if self._hypotheses:
+            self._follow(time, elapsed, seen)
         elif not self._acquire(time, seen):
             self._forget(time)
         return self._estimate
 
     def _forget(self, time: float) -> None:
-        self._motion: MultipleModelFilter | None = None
+        self._hypotheses: list[_Hypothesis] = []
         self._seen_as: FrameView | None = None
-        self._noise = FrameNoise(self._given_noise, self._settings.noise)
-        self._doubted = self._strange_running = 0
+        self._noise = FrameNoise(self._given_noise, self._settings.noise, self._gross)
+        self._unexplained_since = math.nan
+        self._unexplained = 0
+        self._beyond = False
+        self._off = np.zeros(self.orbit.chain.number_of_rotors, dtype=np.bool_)
+        self._way = math.inf
+        self._frames = 0
         self._estimate = lost(time, self._noise.deviation)
 
     def _acquire(self, time: float, seen: Array) -> bool:
         """Search a frame for the chain; say whether it is there."""
-        place = self._searched(seen)
-        if not place.misfit < self._tracking.worst_misfit:
+        if not np.isfinite(seen).any() or not self._budget.spend(time):
             return False
-        self._start_at(place, time, seen)
+        places = self._places(seen)
+        if not places:
+            return False
+        self._start_at(places, time, seen)
         return True
 
-    def _start_at(self, place: Recognition, time: float, seen: Array) -> None:
-        self.starts += 1
-        self._upside_down = place.upside_down
-        self._doubted = self._strange_running = 0
-        self._noise = FrameNoise(self._given_noise, self._settings.noise)
-        self._far.forget()
-        view = self._view(seen, place.arc)
-        view = self._view(seen, place.arc, view.robust_limit)
-        self._noise.update(view, 0.0)
-        self._legs.forget()
-        self._legs.update(view, max(self._noise.variance, view.mean_square))
-        scale = 1 / self.orbit.chain.time_unit
-        variance = self._noise.variance / view.information
-        self._motion = MultipleModelFilter(
-            view.arc, variance, scale, self.orbit.site_arc, self._settings.filter
-        )
-        self._seen_as = view
-        self._report(time, TrackingStatus.ACQUIRED, self._motion)
-
-    def _searched(self, seen: Array, upside_down: tuple[bool, ...] = (False, True)) -> Recognition:
-        """Nearest point of the orbit, or of its image upside down."""
+    def _places(self, seen: Array) -> list[Place]:
+        """Places of a frame that compete, none where it does not tell any."""
         angles = seen - self.offsets.corrections
-        return recognise(self.orbit, angles, upside_down, self._settings.search)
+        competition = self._search.find(angles, self._given_noise or 0.0)
+        if competition.told < self._settings.scan.told:
+            return []
+        best = competition.places[0]
+        if not self._likelihood.explains(best.view, best.variance):
+            return []
+        least = best.evidence - self._settings.scan.evidence
+        return [each for each in competition.places if each.evidence > least]
 
-    def _follow(
-        self, motion: MultipleModelFilter, time: float, elapsed: float, seen: Array
-    ) -> None:
-        self._predict(motion, elapsed)
-        if (
-            self._tracking.lost_deviations * math.sqrt(motion.expected_variance)
-            > self.orbit.length
-        ):
+    def _start_at(self, places: list[Place], time: float, seen: Array) -> None:
+        self.starts += 1
+        self._unexplained, self._unexplained_since = 0, math.nan
+        self._frames = 0
+        best = places[0]
+        self._noise = FrameNoise(self._given_noise, self._settings.noise, self._gross)
+        self._noise.update(best.view, 0.0)
+        self._far.forget()
+        scale = 1 / self.orbit.chain.time_unit
+        self._hypotheses = []
+        for place in places:
+            variance = (self._noise.variance + self._seen_field(place)) / place.view.information
+            motion = MultipleModelFilter(
+                place.arc, variance, scale, self.orbit.site_arc, self._settings.filter
+            )
+            evidence = place.evidence - best.evidence
+            self._hypotheses.append(_Hypothesis(motion, place.upside_down, place.view, evidence))
+        self._seen_as = best.view
+        self._report(time, TrackingStatus.ACQUIRED)
+
+    def _seen_field(self, place: Place) -> float:
+        """Variance of a rotor beside noise [rad^2], where one frame shows any beyond chance."""
+        left, shares = place.view.left, place.view.tangent**2
+        free = float(np.sum(shares - shares**2))
+        seen = float(shares @ left**2) / max(free, 1e-12)
+        return seen if seen > self._tracking.field_beyond_chance * self._noise.variance else 0.0
+
+    def _follow(self, time: float, elapsed: float, seen: Array) -> None:
+        for each in self._hypotheses:
+            self._predict(each.motion, elapsed)
+        best = self._hypotheses[0].motion
+        if self._tracking.lost_deviations * math.sqrt(best.expected_variance) > self.orbit.length:
             self._forget(time)
             self._acquire(time, seen)
             return
-        view = self._recognised(motion, seen)
-        if view.information == 0:
-            self._seen_as = view if np.isfinite(view.residuals).any() else None
-            self._report(time, TrackingStatus.COASTING, motion)
+        self._way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
+        variance = self._variance_of_a_rotor()
+        for each in self._hypotheses:
+            each.view = self._recognised(each, seen, variance)
+        self._weigh(variance)
+        view = self._hypotheses[0].view
+        if not view.known:
+            self._seen_as = None
+            self._report(time, TrackingStatus.COASTING)
             return
         self._seen_as = view
-        limit = self._tracking.strange_ratio * self._noise.scatter + self._tolerated
-        many = view.share_of_outliers > self._tracking.most_outliers
-        strange = view.mean_square > limit or many
-        self._strange_running = self._strange_running + 1 if strange else 0
-        if (strange or view.any_outlying) and self._is_elsewhere(view, strange, time, seen):
+        explained = self._is_explained(view, variance)
+        if not explained and self._doubted(time, seen):
             return
-        if strange and not view.mean_square_of_all < self._tracking.worst_misfit**2:
-            self.rejected += 1
-            self._report(time, TrackingStatus.COASTING, motion)
+        self._unexplained_since = math.nan if explained else self._unexplained_since
+        if explained:
+            self._unexplained = 0
+        believed = self._settings.likelihood.believed * view.information_of_all
+        untold = view.information < self._settings.search.least_information
+        if untold or (not explained and view.information < believed):
+            self.rejected += not explained
+            self._report(time, TrackingStatus.COASTING)
             return
-        self._tolerated = max(self._tolerated, view.mean_square if strange else 0.0)
-        self._update_by(motion, seen, view, elapsed)
-        self._report(time, TrackingStatus.TRACKING, motion)
+        for each in self._hypotheses:
+            self._update_by(each, elapsed)
+        self._learn(seen, view, elapsed)
+        self._suppose_toggled(view)
+        self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
+
+    def _is_explained(self, view: FrameView, variance: float) -> bool:
+        """Whether a frame is that of a wall, of rotors of a variance [rad^2].
+
+        Readings that are wrong at random are so in one frame; rotors that are far off in two
+        running are elsewhere.
+        """
+        off = view.outlying & (np.abs(view.residuals) > self._gross) & ~self._far.doubtful
+        staying = int(np.count_nonzero(off & self._off)) if view.off else 0
+        self._off = off
+        largest = variance + self._largest_field
+        few = staying <= self._settings.likelihood.most_staying
+        return few and not self._beyond and self._likelihood.explains(view, largest)
+
+    def _variance_of_a_rotor(self) -> float:
+        """Variance of a rotor from the orbit, by noise and the field beside it [rad^2].
+
+        The field is that of late, and what it may have changed by since the last frame.
+        """
+        noise = self._noise
+        field = max(noise.scatter - noise.variance, 0.0) + max(noise.excess, noise.field)
+        self._beyond = noise.about_wall > self._most_about_wall
+        changed = max(min(self._way, 1.0), math.exp(-self._frames / self._tracking.settled))
+        at_edge = self._tracking.edge_ratio if self._at_edge() else 1.0
+        field += self._elastic * changed * at_edge
+        return noise.variance + min(field, self._largest_field)
+
+    def _doubted(self, time: float, seen: Array) -> bool:
+        """Start anew where a frame that is not explained is by another place; say whether.
+
+        Where it is by none for long, the chain is lost.
+        """
+        if self._unexplained == 0:
+            self._unexplained_since = time
+        self._unexplained += 1
+        if self._budget.spend(time):
+            places = self._places(seen)
+            view = self._hypotheses[0].view
+            if places and self._gain(places[0], view, seen) > self._tracking.gain:
+                self._start_at([self._on_this_turn(each) for each in places], time, seen)
+                return True
+        tracking = self._tracking
+        long = time - self._unexplained_since > tracking.doubted_time
+        view = self._hypotheses[0].view
+        believed = self._settings.likelihood.believed * view.information_of_all
+        hopeless = self._beyond or view.information < believed
+        if long and self._unexplained > tracking.doubted_frames and hopeless:
+            self._forget(time)
+            return True
+        return False
+
+    def _gain(self, place: Place, view: FrameView, seen: Array) -> float:
+        """How much likelier a frame is at another place than where it was expected [log]."""
+        there = self._view(
+            seen, self._hypotheses[0].motion.expected, place.variance, 0.0,
+            self._hypotheses[0].upside_down,
+        )
+        same = self._view(
+            seen, view.arc, place.variance, 0.0, self._hypotheses[0].upside_down
+        )
+        return place.view.likelihood - max(there.likelihood, same.likelihood)
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float) -> None:
         """Go on by a time [s]; where rotors deviate, the rate varies along the orbit."""
@@ -251,127 +358,159 @@ class OrbitFilter:
         to_edge = min(self._estimate.place, last - self._estimate.place)
         return bool(to_edge < self._tracking.edge_rotors + self._depth)
 
-    def _is_elsewhere(self, view: FrameView, strange: bool, time: float, seen: Array) -> bool:
-        """Start anew where a frame that is not as expected fits far better than it does there.
-
-        The whole orbit is searched the first, second, fourth, eighth, ... time. Where the wall
-        is as expected, it may be on another leg, but not at another place.
-        """
-        self._doubted += not strange
-        times = self._strange_running if strange else self._doubted
-        if times & (times - 1):
-            return False
-        place = self._searched(seen)
-        known = np.count_nonzero(np.isfinite(view.residuals))
-        gained = known * (view.mean_square_of_all - place.misfit**2)
-        orbit, tracking = self.orbit, self._tracking
-        enough = gained > tracking.gain * self._noise.scatter
-        if not (enough and place.misfit < tracking.worst_misfit):
-            return False
-        apart = abs(math.remainder(place.arc - view.arc, orbit.length))
-        moved = apart > tracking.elsewhere or place.upside_down != self._upside_down
-        if not strange:
-            apart = abs(orbit.place(place.arc) - orbit.place(view.arc))
-            moved = orbit.leg(place.arc) != orbit.leg(view.arc) and apart < tracking.same_place
-        if moved:
-            self._start_at(place if strange else self._on_this_turn(place), time, seen)
-        return moved
-
-    def _on_this_turn(self, place: Recognition) -> Recognition:
+    def _on_this_turn(self, place: Place) -> Place:
         """The same point of the orbit, with as many cycles gone round as the wall has."""
         length = self.orbit.length
         turns = round((self._estimate.arc - place.arc) / length)
         return place._replace(arc=place.arc + turns * length)
 
-    def _update_by(
-        self, motion: MultipleModelFilter, seen: Array, view: FrameView, elapsed: float
-    ) -> None:
-        """Update the filter, the noise and the offsets by a frame, a time [s] after the last."""
-        noise = self._noise
-        variance = self._variance(motion, view, elapsed)
-        motion.update(view.arc, variance, noise.degrees_of_freedom)
-        noise.update(view, elapsed)
-        self._legs.update(view, max(noise.variance, view.mean_square))
-        if self._far.add(view.residuals, self.orbit.place(view.arc), elapsed):
+    def _weigh(self, variance: float) -> None:
+        """Weigh the places by how likely each made the frame; forget those that are out.
+
+        What springs do to a frame lasts while the wall moves on by about half a rotor: so many
+        frames, of which each shows the same, are to count as one.
+        """
+        hypotheses = self._hypotheses
+        if len(hypotheses) == 1:
+            return
+        alike = self._tracking.way_beside / max(self._way, 1e-9)
+        variance += self._elastic * min(max(alike, 1.0), self._tracking.most_alike)
+        for each in hypotheses:
+            each.evidence += self._likelihood.of_residuals(each.view, variance)
+        leader = hypotheses[0]
+        best = max(hypotheses, key=lambda each: each.evidence)
+        if best.evidence > leader.evidence + self._tracking.lead:
+            leader = best
+        top = best.evidence
+        limit = top - self._settings.scan.evidence
+        kept = [leader]
+        for each in sorted(hypotheses, key=lambda each: -each.evidence):
+            if each is leader or each.evidence < limit:
+                continue
+            if not any(self._same(each, other) for other in kept):
+                kept.append(each)
+        for each in kept:
+            each.evidence -= top
+        self._hypotheses = kept
+
+    def _suppose_toggled(self, view: FrameView) -> None:
+        """Let another leg compete where an edge rotor is not where this one has it."""
+        if self.orbit.number_of_legs < 4:
+            return
+        leader = self._hypotheses[0]
+        arc = leader.motion.arc
+        leg, last = self.orbit.leg(arc), len(view.residuals) - 1
+        turn = math.floor(arc / self.orbit.length) * self.orbit.length
+        for rotor, other in ((0, 3 - leg), (last, leg ^ 1)):
+            taken = any(self.orbit.leg(each.motion.arc) == other for each in self._hypotheses)
+            if taken or view.weights[rotor] > 0.5 or not math.isfinite(view.residuals[rotor]):
+                continue
+            there = self.orbit.arc_at(self.orbit.place(arc), other) + turn
+            motion = leader.motion.mirrored(there)
+            surprise = leader.evidence - self._tracking.toggle_rarity
+            self._hypotheses.append(_Hypothesis(motion, leader.upside_down, view, surprise))
+
+    def _same(self, one: _Hypothesis, other: _Hypothesis) -> bool:
+        """Whether two hypotheses have come to be of the same place."""
+        apart = math.remainder(one.motion.arc - other.motion.arc, self.orbit.length)
+        faster = one.motion.rate - other.motion.rate
+        close = self._tracking.same_deviations**2
+        return (
+            one.upside_down == other.upside_down
+            and apart**2 < close * one.motion.arc_variance
+            and faster**2 < close * one.motion.rate_variance
+        )
+
+    def _update_by(self, hypothesis: _Hypothesis, elapsed: float) -> None:
+        """Update a filter by its view of a frame, a time [s] after the last."""
+        view, motion = hypothesis.view, hypothesis.motion
+        if view.information > self._settings.search.least_information:
+            variance = self._variance(motion, view, elapsed)
+            motion.update(view.arc, variance, self._noise.degrees_of_freedom)
+
+    def _learn(self, seen: Array, view: FrameView, elapsed: float) -> None:
+        """Learn noise, field and offsets from what the likeliest place leaves of a frame."""
+        self._noise.update(view, elapsed)
+        self._frames += 1
+        place = self.orbit.place(view.arc)
+        if self._far.add(view.residuals, view.outlying, place, elapsed):
             self._learn_offsets(seen, view)
 
     def _variance(self, motion: MultipleModelFilter, view: FrameView, elapsed: float) -> float:
         """Variance of the arc that a frame shows [rad^2].
 
         Rotors of which some are not seen have another nearest point than all of them, by what
-        the frame is beside the orbit, for as long as the wall takes to pass a rotor.
+        the frame is beside the orbit, for as long as the wall takes to pass a rotor; those of
+        which some are not believed only in this frame.
         """
-        missing = max(1 / view.information - 1, 0.0)
+        known = max(view.information_of_all, view.information)
+        unseen, unbelieved = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
         frames = max(self.orbit.site_arc / max(abs(motion.expected_rate) * elapsed, 1e-9), 1.0)
-        variance = self._noise.variance / view.information
-        return variance + self._noise.excess * missing * min(frames, self._tracking.most_alike)
+        noise = self._noise
+        field = noise.excess + (self._elastic if self._at_edge() else 0.0)
+        lasting = field * unseen * min(frames, self._tracking.most_alike)
+        fleeting = max(noise.scatter - noise.variance, field) * unbelieved
+        return noise.variance / view.information + lasting + fleeting
 
-    def _recognised(self, motion: MultipleModelFilter, seen: Array) -> FrameView:
-        """View of a frame from the likeliest arc, by the frame and by what went before.
-
-        Where what went before does not tell on which slope, the whole orbit is searched.
-        """
+    def _recognised(self, hypothesis: _Hypothesis, seen: Array, variance: float) -> FrameView:
+        """View of a frame from the likeliest arc, by the frame and by what went before."""
+        motion, tracking = hypothesis.motion, self._tracking
         expected, spread = motion.expected, motion.expected_variance
-        tracking = self._tracking
-        if spread > tracking.unknown_variance:
-            place = self._searched(seen, (self._upside_down,))
-            if place.misfit < tracking.worst_misfit:
-                turns = round((expected - place.arc) / self.orbit.length)
-                return self._view(seen, place.arc + turns * self.orbit.length)
-        arc = expected
-        limit = self._settings.noise.beyond_chance**2 * (self._noise.scatter + self._noise.excess)
-        limit += self._elastic[self._at_edge()]
+        arc, unsure = expected, spread
         for _ in range(tracking.iterations):
-            view = self._view(seen, arc, limit, spread)
+            view = self._view(seen, arc, variance, unsure, hypothesis.upside_down)
             if view.information == 0:
                 break
-            gain = spread / (spread + self._noise.variance / view.information)
-            step = expected + gain * (view.arc - expected) - arc
+            of_frame = variance / view.information
+            unsure = spread * of_frame / (spread + of_frame)
+            step = expected + spread / (spread + of_frame) * (view.arc - expected) - arc
             if abs(step) < tracking.close:
                 break
             arc += min(max(step, -tracking.longest_step), tracking.longest_step)
         return view
 
     def _view(
-        self, seen: Array, arc: float, limit: float = math.inf, spread: float = 0
+        self, seen: Array, arc: float, variance: float, spread: float, upside_down: bool
     ) -> FrameView:
-        """View from an arc; rotors beyond the limit [rad^2] and the arc's spread are left out."""
+        """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2]."""
         about = self.orbit.stretch(arc)
         before, beyond = self._backgrounds[self.orbit.leg(arc)]
         left = np.empty_like(before)
         frame_loops.compare(
             angles=seen,
             corrections=self.offsets.corrections,
-            upside_down=self._upside_down,
+            upside_down=upside_down,
             before=before,
             about=about.angles,
             beyond=beyond,
             first=about.first,
             differences=left,
         )
-        doubtful = None
+        doubtful = NO_FLAGS
         if self._doubts:
             doubtful = self._far.doubtful
             left[self._far.stuck] = np.nan
-        given = self._settings.noise
-        return FrameView(arc, about.first, about.tangent, left, limit, spread, doubtful, given)
+        return self._likelihood.view(
+            arc, about.first, about.tangent, left, variance, spread, doubtful
+        )
 
     def _learn_offsets(self, seen: Array, view: FrameView) -> None:
         """Learn offsets from the block that this frame fills."""
         known = np.count_nonzero(self.offsets.corrections)
-        self._far.learn(-1 if self._upside_down else 1, self._noise.variance)
+        turned = self._hypotheses[0].upside_down
+        self._far.learn(-1 if turned else 1, self._noise.variance)
         self._far.look_for_doubtful(seen, view.outlying)
         self._doubts = bool(self._far.doubtful.any())
         self._disorder = max(self.offsets.typical - self._settings.offsets.evenness, 0.0)
         if np.count_nonzero(self.offsets.corrections) != known:
             self._noise.forget_what_lasted()
 
-    def _report(self, time: float, status: TrackingStatus, motion: MultipleModelFilter) -> None:
+    def _report(self, time: float, status: TrackingStatus) -> None:
         orbit = self.orbit
-        arc, rate, arc_variance, covariance, rate_variance = motion.summary
-        leg, place = orbit.leg(arc), orbit.place(arc)
-        inside = 0 < place < orbit.chain.number_of_rotors - 1
-        direction = (1 if leg % 2 == 0 else -1) if inside else 0
+        leader = self._hypotheses[0]
+        arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
+        leg = orbit.leg(arc)
+        direction = self._direction(arc)
         completed, within = divmod(arc, orbit.length)
         site_arc = orbit.site_arc_at(arc)
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
@@ -380,6 +519,13 @@ class OrbitFilter:
         way = rate / (self._tracking.way_beside * orbit.site_arc)
         arc_deviation = math.sqrt(arc_variance + beside)
         rate_deviation = math.sqrt(rate_variance + beside * way**2)
+        place, place_deviation = orbit.place(arc), arc_deviation / site_arc
+        place_rate, place_rate_deviation = direction * rate / site_arc, rate_deviation / site_arc
+        known = len(self._hypotheses) == 1
+        if not known:
+            mixed = self._mixed(beside, way)
+            place, place_deviation, place_rate, place_rate_deviation = mixed
+            known = self._share_elsewhere(leg) < self._tracking.leg_doubt
         seen = self._seen_as if status is not TrackingStatus.COASTING else None
         self._estimate = OrbitEstimate(
             time=time,
@@ -390,18 +536,77 @@ class OrbitFilter:
             rate_deviation=rate_deviation,
             covariance=covariance,
             place=place,
-            place_rate=direction * rate / site_arc,
-            place_deviation=arc_deviation / site_arc,
-            place_rate_deviation=rate_deviation / site_arc,
+            place_rate=place_rate,
+            place_deviation=place_deviation,
+            place_rate_deviation=place_rate_deviation,
             leg=leg,
-            leg_known=self._legs.known,
+            leg_known=known,
             phase=2 * math.pi * within / orbit.length,
             completed_cycles=int(completed),
             noise=self._noise.deviation,
             misfit=math.sqrt(self._noise.scatter),
             frame_misfit=math.sqrt(seen.mean_square) if seen else math.nan,
-            upside_down=self._upside_down,
+            upside_down=leader.upside_down,
         )
+
+    def _direction(self, arc: float) -> int:
+        """Where the wall goes as the arc grows, 0 while it waits at an edge."""
+        inside = 0 < self.orbit.place(arc) < self.orbit.chain.number_of_rotors - 1
+        return (1 if self.orbit.leg(arc) % 2 == 0 else -1) if inside else 0
+
+    def _share_elsewhere(self, leg: int) -> float:
+        """Probability of all places that are on another leg than this."""
+        shares = [math.exp(each.evidence) for each in self._hypotheses]
+        legs = [self.orbit.leg(each.motion.arc) for each in self._hypotheses]
+        others = [share for share, each in zip(shares, legs, strict=True) if each != leg]
+        return sum(others) / sum(shares)
+
+    def _mixed(self, beside: float, way: float) -> tuple[float, float, float, float]:
+        """Mean place and its deviation, mean rate and its, over all places that compete."""
+        orbit = self.orbit
+        weights = np.exp([each.evidence for each in self._hypotheses])
+        rows = []
+        for each in self._hypotheses:
+            arc, rate, of_arc, _, of_rate = each.motion.summary
+            scale = orbit.site_arc_at(arc)
+            rows.append(
+                (
+                    orbit.place(arc),
+                    (of_arc + beside) / scale**2,
+                    self._direction(arc) * rate / scale,
+                    (of_rate + beside * way**2) / scale**2,
+                )
+            )
+        places, variances, rates, rate_variances = np.array(rows).T
+        shares = weights / weights.sum()
+        place, rate = float(shares @ places), float(shares @ rates)
+        spread = float(shares @ (variances + (places - place) ** 2))
+        rate_spread = float(shares @ (rate_variances + (rates - rate) ** 2))
+        return place, math.sqrt(spread), rate, math.sqrt(rate_spread)
+
+
+class ScanBudget:
+    """How many scans may be made in a second of stamps, so that no stream falls behind."""
+
+    def __init__(self, settings: ScanSettings) -> None:
+        """Begin with as many as may be made at once."""
+        self._settings = settings
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew, as where the clock was set."""
+        self._left, self._last = self._settings.burst, math.nan
+
+    def spend(self, time: float) -> bool:
+        """Take one at an instant [s]; say whether there was any."""
+        if not math.isnan(self._last):
+            gained = (time - self._last) * self._settings.rate
+            self._left = min(self._left + gained, self._settings.burst)
+        self._last = time
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:

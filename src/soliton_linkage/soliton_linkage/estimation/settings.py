@@ -41,10 +41,10 @@ class NoiseSettings(_Part):
     """How noise of angles and rates is told from what lasts."""
 
     beyond_chance: float = quantity(5.0, 'standard deviations beyond which a rotor is an outlier')
-    least_share: float = quantity(0.2, 'least share of t^2 that rotors without outliers must hold')
     memory: float = quantity(4000, 'frames over which the noise of angles is averaged')
     recent_frames: float = quantity(20, 'frames over which the misfit of late is averaged, or')
     recent_time: float = quantity(0.25, 'time over which it is, where that is more frames', 's')
+    field_frames: float = quantity(8, 'frames over which what lasts of late is averaged')
     least_noise: float = quantity(1e-5, 'least noise of angles that is estimated', 'rad')
     significance: float = quantity(4.0, 'standard deviations from which on what lasts is believed')
     rate_memory: int = quantity(1000, 'frames over which the noise of rates is averaged')
@@ -52,6 +52,31 @@ class NoiseSettings(_Part):
         0.5, 'largest phase of the fastest phonon between frames that tell noise of rates', 'rad'
     )
     unevenness: float = quantity(0.1, 'share by which the times between three frames may differ')
+
+
+@dataclass(frozen=True)
+class LikelihoodSettings(_Part):
+    """Density of the difference of a rotor from the orbit."""
+
+    bound: float = quantity(2.5, 'deviations beyond which a difference counts less and less')
+    wrong: float = quantity(0.01, 'share of readings that are anything')
+    most_wrong: float = quantity(0.1, 'share of them that is taken for no other motion')
+    false_alarms: float = quantity(1e-3, 'share of frames with as many that is refused')
+    gross_share: float = quantity(
+        0.3, 'difference that no springs make, in swings of a rotor'
+    )
+    most_staying: int = quantity(1, 'rotors that may be as far off in two frames running')
+    longest_run: int = quantity(2, 'rotors side by side that may be wrong in one frame')
+    elastic_share: float = quantity(
+        0.03, 'what springs may do to a wall before it is known, in swings of a rotor'
+    )
+    field_share: float = quantity(
+        0.15, 'largest deviation beside noise that a frame may have, in swings of a rotor'
+    )
+    wall_share: float = quantity(0.12, 'the same about a wall that is taken for one')
+    largest_noise: float = quantity(0.25, 'largest noise that is taken for one', 'rad')
+    least_share: float = quantity(0.2, 'least share of t^2 of rotors that are not doubtful')
+    believed: float = quantity(0.7, 'least share of the information that must be believed')
 
 
 @dataclass(frozen=True)
@@ -121,22 +146,19 @@ class TrackingSettings(_Part):
     iterations: int = quantity(8, 'most steps of Gauss and Newton to the likeliest arc')
     close: float = quantity(0.01, 'step that is the last', 'rad')
     longest_step: float = quantity(0.5, 'longest step', 'rad')
-    unknown_variance: float = quantity(
-        1.0, 'variance of the predicted arc from which on the whole orbit is searched', 'rad^2'
-    )
     lost_deviations: float = quantity(4.0, 'deviations of the arc that must fit into the orbit')
-    elsewhere: float = quantity(1.0, 'arc from which on a point is another one', 'rad')
-    worst_misfit: float = quantity(0.6, 'root mean square beyond which no frame is known', 'rad')
-    strange_share: float = quantity(0.1, 'residuals of a strange frame, in swings of a rotor')
-    strange_ratio: float = quantity(9.0, 'mean square of a strange frame, over that of late')
-    elastic_shares: tuple[float, float] = quantity(
-        (0.03, 0.06), 'residuals that springs may make inside and at edges, in swings of a rotor'
+    field_beyond_chance: float = quantity(
+        9.0, 'variance about a wall of one frame that is no noise, over that of noise'
     )
-    most_outliers: float = quantity(0.3, 'share of outliers about the wall of a strange frame')
-    gain: float = quantity(25.0, 'sum of squares to be gained elsewhere, over that of a rotor')
-    same_place: float = quantity(
-        2.0, 'distance up to which another leg has the wall at the same place', 'rotor spacings'
-    )
+    settled: float = quantity(10.0, 'frames in which what springs do to a wall is known')
+    edge_ratio: float = quantity(4.0, 'how much more its variance is at edges')
+    doubted_time: float = quantity(0.1, 'time without an explained frame that is lost', 's')
+    doubted_frames: float = quantity(10, 'frames in that time at least')
+    gain: float = quantity(12.0, 'log odds for another place at which all begins anew')
+    leg_doubt: float = quantity(1e-3, 'probability of other legs below which it is known')
+    toggle_rarity: float = quantity(9.0, 'log odds against an edge that toggles by itself')
+    lead: float = quantity(3.0, 'log odds at which another place comes to lead')
+    same_deviations: float = quantity(3.0, 'deviations up to which two places are the same')
     edge_rotors: float = quantity(2.0, 'reach of an edge beside ell / a', 'rotor spacings')
     beside_share: float = quantity(
         0.08, 'share of what a frame is beside the orbit by which the arc is unsure'
@@ -145,7 +167,6 @@ class TrackingSettings(_Part):
     way_beside: float = quantity(
         0.5, 'way on which what is beside the orbit changes', 'rotor spacings'
     )
-    leg_evidence: float = quantity(12.0, 'log odds from which on the leg is known')
 
 
 @dataclass(frozen=True)
@@ -159,6 +180,28 @@ class SearchSettings(_Part):
     least_information: float = quantity(1e-6, 'information below which the arc is not fitted')
     search_step: float = quantity(0.2, 'longest step of the search along the orbit', 'rad')
     same_arc: float = quantity(1e-3, 'distance up to which two fits are the same', 'rad')
+
+
+@dataclass(frozen=True)
+class ScanSettings(_Part):
+    """How the places that a frame may show are found."""
+
+    step: float = quantity(0.05, 'step along the orbit, in swings of a rotor')
+    deviation: float = quantity(0.1, 'deviation of a rotor that is scanned with, in swings')
+    times_noise: float = quantity(4.0, 'the same at least, over the noise')
+    margin: float = quantity(40.0, 'log likelihood below the best up to which maxima are refined')
+    most_places: int = quantity(12, 'maxima that are refined')
+    iterations: int = quantity(30, 'most steps of Gauss and Newton')
+    narrowing: float = quantity(0.5, 'what the variance comes down by with each of them')
+    close: float = quantity(1e-7, 'step that is the last', 'rad')
+    longest_step: float = quantity(0.3, 'longest step', 'rad')
+    same_arc: float = quantity(0.01, 'distance up to which two maxima are the same', 'rad')
+    most_numbers: int = quantity(2_000_000, 'angles of an orbit that are kept to be scanned')
+    most_samples: int = quantity(500, 'samples of a leg of a longer orbit')
+    told: float = quantity(0.9, 'least probability of the places of a frame that tells any')
+    rate: float = quantity(20.0, 'scans in a second of stamps', '1/s')
+    burst: float = quantity(3.0, 'scans that may be made at once after a while')
+    evidence: float = quantity(12.0, 'log odds from which on a place competes no more')
 
 
 @dataclass(frozen=True)
@@ -244,15 +287,17 @@ class ReportSettings(_Part):
 class EstimationSettings:
     """All numbers of the estimation that were chosen, in parts by subject.
 
-    noise: of angles and rates; offsets: of encoders; filter: its models; tracking: on the orbit;
+    likelihood: of a frame; noise: of angles and rates; offsets: of encoders; filter: its models; tracking: on the orbit;
     search: of the nearest point; motion: its class; wobble, width: of a wall; report: of states.
     """
 
+    likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     offsets: OffsetSettings = field(default_factory=OffsetSettings)
     filter: FilterSettings = field(default_factory=FilterSettings)
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    scan: ScanSettings = field(default_factory=ScanSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     wobble: WobbleSettings = field(default_factory=WobbleSettings)
     width: WidthSettings = field(default_factory=WidthSettings)

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a frame looks like from a point of the orbit: how likely it is there, and where to go.
+
+The term of the likelihood that this file computes is that of the noise, a sum over rotors of the
+logarithm of p(d); `likelihood_loops` has its density.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from soliton_linkage.estimation.loops import likelihood_loops
+from soliton_linkage.estimation.loops.frame_loops import Flags
+from soliton_linkage.estimation.settings import LikelihoodSettings
+from soliton_linkage.linkage.chain import Array
+
+NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
+"""Of a chain of which no rotor is doubtful."""
+
+
+class FrameView(NamedTuple):
+    """A frame from a point of the orbit, in the orientation of the orbit."""
+
+    arc: float
+    """Arc of the likeliest point of the orbit, to first order in the residuals [rad]."""
+    first: int
+    """Number of the first rotor about the wall."""
+    tangent: Array
+    """Change of the angles of the rotors about the wall with the arc [1], shape (n,)."""
+    residuals: Array
+    """Angles less those of that point [rad], shape (N,), NaN where unknown."""
+    weights: Array
+    """How much each rotor is believed, 0 to 1, shape (N,)."""
+    left: Array
+    """Residuals of the rotors about the wall that are believed, else 0 [rad], shape (n,)."""
+    information: float
+    """Information on the arc in units of that of a noise of 1 rad [1]."""
+    information_of_all: float
+    """The same if all rotors that are known and not doubtful were believed [1]."""
+    squares: float
+    """Sum of squares of what is left [rad^2]."""
+    degrees_of_freedom: int
+    """Number of rotors of which it is left, but one."""
+    likelihood: float
+    """Logarithm of the likelihood of the frame [1]."""
+    known: int
+    """Number of rotors that are known."""
+    nothing: float
+    """The same logarithm if every angle were anything [1]."""
+    off: int
+    """Number of rotors that are not believed and further off than springs could be."""
+    run: int
+    """How many of these are side by side at most."""
+    largest: float
+    """Largest residual of all rotors [rad], infinite where one is not known."""
+
+    @property
+    def end(self) -> int:
+        """Number of the first rotor beyond those about the wall."""
+        return self.first + len(self.tangent)
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
+        return self.squares / self.degrees_of_freedom
+
+    @property
+    def outlying(self) -> Flags:
+        """Rotors that are known but not believed, shape (N,)."""
+        return np.asarray((self.weights < 0.5) & np.isfinite(self.residuals))
+
+
+class FrameLikelihood:
+    """The density of a difference, of a deviation that changes with the frames."""
+
+    def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
+        """Begin with the swing that a rotor makes as a wall passes [rad]."""
+        self._settings = settings
+        self._gross = settings.gross_share * swing
+        self._most_off: dict[int, int] = {}
+
+    def floor(self, variance: float) -> float:
+        """Logarithm of the density of what tells nothing, over that of the core's top [1]."""
+        given = self._settings
+        return likelihood_loops.log_floor(variance, given.bound, given.wrong, 2 * math.pi)
+
+    def view(
+        self,
+        arc: float,
+        first: int,
+        tangent: Array,
+        differences: Array,
+        variance: float,
+        spread: float = 0.0,
+        doubtful: Flags = NO_FLAGS,
+    ) -> FrameView:
+        """View of differences from the orbit at an arc [rad], shape (N,), which it takes over.
+
+        The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
+        """
+        bound, floor = self._settings.bound, self.floor(variance)
+        weights, left = np.empty_like(differences), np.empty_like(tangent)
+        information, ahead, whole, known = likelihood_loops.weigh(
+            differences, first, tangent, variance, spread, bound, floor, doubtful, weights
+        )
+        if whole < self._settings.least_share * known:
+            information, ahead, whole, _ = likelihood_loops.weigh(
+                differences, first, tangent, variance, spread, bound, floor, NO_FLAGS, weights
+            )
+        counts, sums = likelihood_loops.leave(
+            differences, first, tangent, ahead, variance, bound, floor, self._gross, weights, left
+        )
+        return FrameView(
+            arc=arc + ahead,
+            first=first,
+            tangent=tangent,
+            residuals=differences,
+            weights=weights,
+            left=left,
+            information=information,
+            information_of_all=whole,
+            squares=sums[0],
+            degrees_of_freedom=max(counts[0] - 1, 1),
+            likelihood=sums[1],
+            nothing=counts[1] * (floor - math.log(self._settings.wrong)),
+            known=counts[1],
+            off=counts[2],
+            run=counts[3],
+            largest=sums[2],
+        )
+
+    def of_residuals(self, view: FrameView, variance: float) -> float:
+        """Logarithm of the likelihood of a view with another variance of a rotor [rad^2]."""
+        return likelihood_loops.frame_likelihood(
+            view.residuals, variance, self._settings.bound, self.floor(variance)
+        )
+
+    def explains(self, view: FrameView, largest: float) -> bool:
+        """Whether what it does not believe of a frame may be readings that are wrong.
+
+        Of a share of 10 % that are wrong at random more are only once in a thousand frames. It
+        is to be likelier than that all angles are at random, with the largest variance of a
+        rotor that may be [rad^2].
+        """
+        if view.run > self._settings.longest_run:
+            return False
+        if view.likelihood < view.nothing:
+            nothing = view.known * (self.floor(largest) - math.log(self._settings.wrong))
+            if self.of_residuals(view, largest) < nothing:
+                return False
+        if view.off <= 1:
+            return True
+        if view.known not in self._most_off:
+            self._most_off[view.known] = _most(view.known, self._settings)
+        return view.off <= self._most_off[view.known]
+
+
+def _most(known: int, settings: LikelihoodSettings) -> int:
+    """Quantile of the number of wrong readings among those known."""
+    share, left = settings.most_wrong, settings.false_alarms
+    chance = within = (1 - share) ** known
+    count = 0
+    while 1 - within > left and count < known:
+        chance *= (known - count) / (count + 1) * share / (1 - share)
+        within += chance
+        count += 1
+    return count

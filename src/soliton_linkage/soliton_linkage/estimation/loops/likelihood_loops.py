@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the rotors of a frame: how likely an arc of the orbit makes it.
+
+The difference d of a rotor's angle from the orbit's, in its deviations r = d / sqrt(V), has the
+density
+
+    p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
+    rho = r^2 / 2 up to k, k^2 (1/2 + log(r / k)) beyond,
+
+of which the share e is of readings that tell nothing. Its logarithm has the slope -w d / V with
+the weight w = min(1, k^2 / r^2) P, where P is the probability that the reading tells anything:
+sqrt(w) r <= k, so that no reading alone moves an arc by more than k of its deviations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import (
+    COUNT,
+    NUMBER,
+    READ,
+    READ_COUNTS,
+    READ_FLAGS,
+    READ_TABLE,
+    ROW,
+    TABLE,
+    compiled,
+)
+from soliton_linkage.estimation.loops.frame_loops import Flags
+from soliton_linkage.linkage.chain import Array
+
+Counts = NDArray[np.int64]
+
+_WHOLE = 2 * math.pi
+"""A turn [rad]."""
+_SHARE_OF_A_TURN = 0.5 / math.pi
+"""One radian in turns [1/rad]."""
+
+
+@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
+def log_floor(variance: float, bound: float, wrong: float, span: float) -> float:
+    """Logarithm of e / span over (1 - e) C / sqrt(V), of readings that tell nothing [1].
+
+    The bound is k [1], wrong the share e [1], the span what such a reading may be anything of
+    [rad], and C the inverse of the integral of exp(-rho).
+    """
+    core = math.sqrt(_WHOLE) * math.erf(bound / math.sqrt(2))
+    tails = 2 * bound / (bound * bound - 1) * math.exp(-0.5 * bound * bound)
+    return math.log(wrong / (1 - wrong) * (core + tails) * math.sqrt(variance) / span)
+
+
+@compiled(NUMBER, NUMBER, NUMBER)
+def _log_likelihood(square: float, bound: float, floor: float) -> float:
+    """Logarithm of p(d) over (1 - e) C / sqrt(V), of a square r^2 in variances [1]."""
+    inner = bound * bound
+    if square <= inner:
+        return -0.5 * square
+    core = -0.5 * inner * (1 + math.log(square / inner))
+    return max(core, floor) + math.log1p(math.exp(-abs(core - floor)))
+
+
+@compiled(NUMBER, NUMBER, NUMBER)
+def _weight(square: float, bound: float, floor: float) -> float:
+    """Weight w of a rotor with a square r^2 in variances [1]."""
+    inner = bound * bound
+    if square <= inner:
+        return 1.0
+    core = -0.5 * inner * (1 + math.log(square / inner))
+    return inner / square / (1 + math.exp(min(floor - core, 700.0)))
+
+
+@compiled(READ, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW)
+def weigh(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    variance: float,
+    spread: float,
+    bound: float,
+    floor: float,
+    doubtful: Flags,
+    weights: Array,
+) -> tuple[float, float, float, float]:
+    """Set the weights w of all rotors [1], shape (N,), 0 of the unknown and the doubtful.
+
+    Differences [rad] of shape (N,), NaN where unknown, are from an arc that is itself unsure by
+    the spread [rad^2], a variance; doubtful flags are of shape (N,) or (0,). Returns the
+    information on the arc, sum w t^2 [1], the step ahead that it is likeliest at [rad], and the
+    same sum with all that might have counted, and with all that are known [1].
+    """
+    end = first + tangent.size
+    information, ahead, whole, known = 0.0, 0.0, 0.0, 0.0
+    for n in range(differences.size):
+        apart = differences[n]
+        weights[n] = 0.0
+        if not math.isfinite(apart):
+            continue
+        moves = tangent[n - first] if first <= n < end else 0.0
+        known += moves * moves
+        if doubtful.size > 0 and doubtful[n]:
+            continue
+        whole += moves * moves
+        square = apart * apart / (variance + spread * moves * moves)
+        weights[n] = _weight(square, bound, floor)
+        information += weights[n] * moves * moves
+        ahead += weights[n] * moves * apart
+    ahead = ahead / information if information > 0 else 0.0
+    return information, ahead, whole, known
+
+
+@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ, ROW)
+def leave(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    ahead: float,
+    variance: float,
+    bound: float,
+    floor: float,
+    gross: float,
+    weights: Array,
+    left: Array,
+) -> tuple[tuple[int, int, int, int], tuple[float, float, float]]:
+    """Take what a step ahead of the arc [rad] explains off the differences [rad], shape (N,).
+
+    What remains of the rotors about the wall is left, 0 of those with less than half a weight
+    [rad], shape (n,). Returns how many of these remain, how many rotors are known at all, how
+    many are off, with less than half a weight and a gross difference [rad] or more, and how many
+    of these are side by side at most;
+    the sum of squares of left [rad^2], the logarithm of the likelihood of the whole frame [1],
+    and the largest difference [rad], infinite where one is not known.
+    """
+    end = first + tangent.size
+    used, known, off, running, run = 0, 0, 0, 0, 0
+    squares, likelihood, largest = 0.0, 0.0, 0.0
+    for n in range(differences.size):
+        inside = first <= n < end
+        if inside:
+            differences[n] -= ahead * tangent[n - first]
+            left[n - first] = 0.0
+        apart = differences[n]
+        if not math.isfinite(apart):
+            largest = math.inf
+            continue
+        known += 1
+        largest = max(largest, abs(apart))
+        likelihood += _log_likelihood(apart * apart / variance, bound, floor)
+        believed = weights[n] >= 0.5
+        if believed or abs(apart) < gross:
+            running = 0
+        else:
+            off += 1
+            running += 1
+            run = max(run, running)
+        if inside and believed:
+            used += 1
+            left[n - first] = apart
+            squares += apart * apart
+    return (used, known, off, run), (squares, likelihood, largest)
+
+
+@compiled(READ, READ_TABLE, NUMBER, NUMBER, NUMBER, TABLE)
+def sum_likelihoods(
+    angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
+) -> None:
+    """Set the running sums of the logarithms of the likelihoods of the rotors, shape (S, N + 1).
+
+    Each row is of a state of the chain [rad], shape (S, N).
+    """
+    for row in range(states.shape[0]):
+        sums[row, 0] = 0.0
+        for n in range(angles.size):
+            apart = angles[n] - states[row, n]
+            gained = 0.0
+            if math.isfinite(apart):
+                apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+                gained = _log_likelihood(apart * apart / variance, bound, floor)
+            sums[row, n + 1] = sums[row, n] + gained
+
+
+@compiled(READ, READ_TABLE, READ_TABLE, READ_COUNTS, READ_COUNTS, READ_COUNTS, READ, NUMBER, NUMBER, NUMBER, ROW)
+def scan(
+    angles: Array,
+    before: Array,
+    beyond: Array,
+    legs: Counts,
+    firsts: Counts,
+    begins: Counts,
+    walls: Array,
+    variance: float,
+    bound: float,
+    floor: float,
+    likelihoods: Array,
+) -> None:
+    """Set the logarithm of the likelihood of a frame at samples of the orbit, shape (S,).
+
+    Before and beyond are running sums by the backgrounds of each leg, shape (legs, N + 1). Each
+    sample is of a leg and has rotors about its wall, from a first one on, whose angles [rad] are
+    those of the walls from its begin to that of the next, of which there is one more.
+    """
+    for sample in range(likelihoods.size):
+        leg, first, begin = legs[sample], firsts[sample], begins[sample]
+        count = begins[sample + 1] - begin
+        end = first + count
+        whole = before[leg, first] + beyond[leg, angles.size] - beyond[leg, end]
+        for n in range(count):
+            apart = angles[first + n] - walls[begin + n]
+            if math.isfinite(apart):
+                apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+                whole += _log_likelihood(apart * apart / variance, bound, floor)
+        likelihoods[sample] = whole
+
+
+@compiled(READ, NUMBER, NUMBER, NUMBER)
+def frame_likelihood(differences: Array, variance: float, bound: float, floor: float) -> float:
+    """Logarithm of the likelihood of a frame by its differences [rad], shape (N,)."""
+    likelihood = 0.0
+    for n in range(differences.size):
+        apart = differences[n]
+        if math.isfinite(apart):
+            likelihood += _log_likelihood(apart * apart / variance, bound, floor)
+    return likelihood
+
+
+@compiled(READ, READ, COUNT, READ, NUMBER)
+def lasting_square(
+    before: Array, residuals: Array, first: int, tangent: Array, largest: float
+) -> tuple[float, float]:
+    """Sum over the rotors of a wall of t^2 times the smaller square of two frames running.
+
+    Residuals before and now [rad] are of shape (N,); squares count with the sign of the product,
+    so that noise cancels, and none where one is beyond the largest [rad]. Returns the sum
+    [rad^2], and that of t^2 - t^4, what a field of 1 rad would make it [1].
+    """
+    whole, free = 0.0, 0.0
+    for n in range(tangent.size):
+        one, other = before[first + n], residuals[first + n]
+        smaller = min(abs(one), abs(other))
+        if max(abs(one), abs(other)) < largest:
+            share = tangent[n] * tangent[n]
+            whole += share * smaller * smaller * (1.0 if one * other > 0 else -1.0)
+            free += share - share * share
+    return whole, free

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where on its orbit a chain may be, from one frame alone: all the places that compete.
+
+The logarithm of the likelihood is scanned along the orbit with a deviation several times that of
+the noise, so that no place is between two samples. Each local maximum is refined with the noise
+itself, by reweighted Gauss and Newton steps, and counts by its share of the whole likelihood,
+
+    exp(L) sqrt(2 pi V / I)    against    integral of exp(L) ds wherever none of them is near,
+
+which is that of the frames that do not tell a place, as where no rotor near the wall is seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.estimation.frame_view import FrameLikelihood, FrameView
+from soliton_linkage.estimation.loops import frame_loops, likelihood_loops
+from soliton_linkage.estimation.robust import robust_deviation
+from soliton_linkage.estimation.settings import LikelihoodSettings, ScanSettings
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.orbit.orbit import Orbit
+
+_NOTHING: Array = np.zeros(0)
+
+
+class Place(NamedTuple):
+    """A local maximum of the likelihood along the orbit."""
+
+    arc: float
+    """Arc length [rad]."""
+    upside_down: bool
+    """Whether the chain is the image phi -> pi - phi of the orbit's."""
+    view: FrameView
+    """The frame from there."""
+    variance: float
+    """Variance of a rotor that it was seen with [rad^2]."""
+    evidence: float
+    """Logarithm of the integral of the likelihood about it [1]."""
+
+
+class Competition(NamedTuple):
+    """Places of a frame, the likeliest first, and how much they leave to all others."""
+
+    places: list[Place]
+    elsewhere: float
+    """Logarithm of the likelihood's integral over the arcs near none of them [1]."""
+
+    @property
+    def told(self) -> float:
+        """Probability that it is one of the places [1]."""
+        if not self.places:
+            return 0.0
+        top = max(self.places[0].evidence, self.elsewhere)
+        found = sum(math.exp(each.evidence - top) for each in self.places)
+        return found / (found + math.exp(self.elsewhere - top))
+
+
+@dataclass(frozen=True)
+class OrbitSamples:
+    """Points of an orbit, with the rotors about their walls one after the other."""
+
+    arcs: Array
+    """Arc lengths [rad], shape (S,)."""
+    legs: NDArray[np.int64]
+    """Legs of the orbit, shape (S,)."""
+    firsts: NDArray[np.int64]
+    """First rotor about each wall, shape (S,)."""
+    begins: NDArray[np.int64]
+    """Where each wall begins in the walls, and where the last one ends, shape (S + 1,)."""
+    walls: Array
+    """Angles of the rotors about the walls [rad]."""
+
+
+def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
+    """Sample an orbit at arc lengths [rad], shape (S,)."""
+    about = [orbit.stretch(arc) for arc in arcs.tolist()]
+    counts = np.array([len(each.angles) for each in about], dtype=np.int64)
+    return OrbitSamples(
+        arcs,
+        np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
+        np.array([each.first for each in about], dtype=np.int64),
+        np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
+        np.concatenate([_NOTHING, *(each.angles for each in about)]),
+    )
+
+
+class PlaceSearch:
+    """Searches frames for the walls of an orbit, or of its image upside down."""
+
+    def __init__(self, orbit: Orbit, likelihood: LikelihoodSettings, scan: ScanSettings) -> None:
+        """Sample the orbit, where it is short enough for that."""
+        self._orbit, self._settings, self._given = orbit, scan, likelihood
+        chain = orbit.chain
+        legs = range(orbit.number_of_legs)
+        states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
+        self._before = np.ascontiguousarray([left for left, _ in states])
+        self._beyond = np.ascontiguousarray([right for _, right in states])
+        swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
+        self._likelihood = FrameLikelihood(swing, likelihood)
+        self._elastic = (likelihood.elastic_share * swing) ** 2
+        self._coarse = (scan.deviation * swing) ** 2
+        self._largest = min(likelihood.field_share * swing, likelihood.largest_noise) ** 2
+        depth = penetration_depth(chain) / chain.spacing
+        self._step = min(scan.step * swing, max(depth, 1.0) * orbit.site_arc)
+        self._core = math.ceil(2 + 2 * max(chain.wall_width / chain.spacing, depth))
+        count = orbit.length / self._step
+        self._all = None
+        if count * min(chain.number_of_rotors, 30 * depth + 12) < scan.most_numbers:
+            self._all = samples_of(orbit, np.arange(0.0, orbit.length, self._step))
+
+    def find(
+        self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
+    ) -> Competition:
+        """Places of a frame of angles [rad], shape (N,), NaN where unknown.
+
+        The noise is its standard deviation [rad] where it is known, else 0.
+        """
+        images = {each: math.pi - angles if each else angles for each in upside_down}
+        wide = max(self._coarse, (self._settings.times_noise * noise) ** 2)
+        peaks: list[tuple[float, float, bool]] = []
+        scans: list[tuple[bool, OrbitSamples]] = []
+        for turned, image in images.items():
+            samples = self._samples(image, wide)
+            found = self._scanned(image, samples, wide)
+            scans.append((turned, samples))
+            tops = (found >= np.roll(found, 1)) & (found >= np.roll(found, -1))
+            for index in np.flatnonzero(tops).tolist():
+                peaks.append((float(found[index]), float(samples.arcs[index]), turned))
+        peaks.sort(reverse=True)
+        within = peaks[0][0] - self._settings.margin if peaks else 0.0
+        likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
+        if not likely or not np.isfinite(angles).any():
+            return Competition([], math.inf)
+        variance = self._variance(images[likely[0][2]], likely[0][1], wide, noise)
+        places: list[Place] = []
+        for _, arc, turned in likely:
+            place = self._refined(images[turned], arc, turned, wide, variance)
+            same = any(
+                each.upside_down == turned
+                and abs(math.remainder(each.arc - place.arc, self._orbit.length))
+                < self._settings.same_arc
+                for each in places
+            )
+            if not same and place.view.information > 0:
+                places.append(place)
+        places.sort(key=lambda each: -each.evidence)
+        return Competition(places, self._elsewhere(images, scans, places, variance))
+
+    def _variance(self, image: Array, arc: float, wide: float, noise: float) -> float:
+        """Variance of a rotor [rad^2], by the median of what a place leaves of all of them."""
+        place = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
+        left = np.abs(place.view.residuals[np.isfinite(place.view.residuals)])
+        seen = robust_deviation(left) ** 2 if len(left) > 3 else noise**2
+        if noise:
+            return noise**2 + min(max(seen - noise**2, self._elastic), self._largest)
+        return min(seen + self._elastic, max(self._largest, self._given.largest_noise**2))
+
+    def _refined(
+        self, image: Array, arc: float, turned: bool, wide: float, variance: float
+    ) -> Place:
+        """The local maximum near an arc, with a variance that comes down to that of a rotor."""
+        settings, seen_with = self._settings, max(wide, variance)
+        for _ in range(settings.iterations):
+            seen_with = max(variance, seen_with * settings.narrowing)
+            view = self._view(image, arc, seen_with)
+            step = min(max(view.arc - arc, -settings.longest_step), settings.longest_step)
+            arc += step
+            if abs(step) < settings.close and seen_with == variance:
+                break
+        view = self._view(image, arc, variance)
+        spread = variance / max(view.information, 1e-12)
+        evidence = view.likelihood + 0.5 * math.log(2 * math.pi * spread)
+        return Place(arc % self._orbit.length, turned, view, variance, evidence)
+
+    def _view(self, image: Array, arc: float, variance: float) -> FrameView:
+        about, leg = self._orbit.stretch(arc), self._orbit.leg(arc)
+        differences = np.empty_like(image)
+        frame_loops.compare(
+            image,
+            np.zeros_like(image),
+            False,
+            self._before[leg],
+            about.angles,
+            self._beyond[leg],
+            about.first,
+            differences,
+        )
+        return self._likelihood.view(arc, about.first, about.tangent, differences, variance)
+
+    def _elsewhere(
+        self,
+        images: dict[bool, Array],
+        scans: list[tuple[bool, OrbitSamples]],
+        places: list[Place],
+        variance: float,
+    ) -> float:
+        """Logarithm of the integral of the likelihood over the arcs that are near no place."""
+        seen_with = variance + (self._step / 4) ** 2
+        terms = []
+        for turned, samples in scans:
+            found = self._scanned(images[turned], samples, seen_with)
+            for place in places:
+                if place.upside_down == turned:
+                    apart = np.abs(np.remainder(
+                        samples.arcs - place.arc + self._orbit.length / 2, self._orbit.length
+                    ) - self._orbit.length / 2)
+                    reach = 4 * math.sqrt(variance / max(place.view.information, 1e-12))
+                    found[apart < min(reach, self._step * 8) + 2 * self._step] = -math.inf
+            terms.append(found)
+        joined = np.concatenate(terms)
+        top = float(joined.max())
+        if top == -math.inf:
+            return -math.inf
+        return top + math.log(float(np.exp(joined - top).sum()) * self._step)
+
+    def _scanned(self, image: Array, samples: OrbitSamples, variance: float) -> Array:
+        """Logarithm of the likelihood at samples, shape (S,)."""
+        bound, floor = self._given.bound, self._likelihood.floor(variance)
+        sums = np.empty((2, len(self._before), len(image) + 1))
+        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
+            likelihood_loops.sum_likelihoods(image, states, variance, bound, floor, row)
+        found = np.empty(len(samples.arcs))
+        likelihood_loops.scan(
+            image,
+            sums[0],
+            sums[1],
+            samples.legs,
+            samples.firsts,
+            samples.begins,
+            samples.walls,
+            variance,
+            bound,
+            floor,
+            found,
+        )
+        return found
+
+    def _samples(self, image: Array, variance: float) -> OrbitSamples:
+        """Samples of the whole orbit, or of where uniform parts let the wall be in a long one."""
+        if self._all is not None:
+            return self._all
+        orbit, bound = self._orbit, self._given.bound
+        floor = self._likelihood.floor(variance)
+        sums = np.empty((2, len(self._before), len(image) + 1))
+        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
+            likelihood_loops.sum_likelihoods(image, states, variance, bound, floor, row)
+        split = sums[0] + sums[1][:, -1:] - sums[1]
+        likely = split.max(axis=0) >= split.max() + floor * self._core
+        places = np.flatnonzero(likely) - 0.5
+        low, high = float(places.min()) - self._core, float(places.max()) + self._core
+        arcs = []
+        for leg in range(orbit.number_of_legs):
+            begin, end = orbit.leg_arcs(leg)
+            ends = sorted((orbit.arc_at(low, leg), orbit.arc_at(high, leg)))
+            swing = orbit.reach if high > len(image) - 1 or low < 0 else 0.0
+            first, last = max(begin, ends[0] - swing), min(end, ends[1] + swing)
+            count = min(math.ceil((last - first) / self._step), self._settings.most_samples)
+            arcs.append(np.linspace(first, last, max(count, 2)))
+        return samples_of(orbit, np.concatenate(arcs))
