@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from soliton_linkage.estimation.loops.frame_loops import LARGEST_ANGLE, Flags
+from soliton_linkage.estimation.loops.frame_loops import LARGEST_ANGLE
 from soliton_linkage.linkage.chain import Array, springs_between, wrapped
 
 LEAST_LOGARITHM = -600.0
@@ -43,44 +43,6 @@ def compare(
     expected = np.concatenate([before[:first], about, beyond[end:]])
     read = angles - corrections
     differences[:] = wrapped((math.pi - read if upside_down else read) - expected)
-
-
-def find_arc(
-    differences: Array,
-    first: int,
-    tangent: Array,
-    limit: float,
-    spread: float,
-    least_share: float,
-    doubtful: Flags,
-    outlying: Flags,
-    used: Flags,
-    left: Array,
-) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
-    window = slice(first, first + len(tangent))
-    about = differences[window]
-    squares = differences * differences
-    squares[window] -= spread * tangent**2
-    outlying[:] = squares > limit
-    if len(doubtful):
-        outlying |= doubtful
-    used[:] = np.isfinite(about)
-    known, excluded = int(np.count_nonzero(used)), int(np.count_nonzero(outlying[window]))
-    if excluded:
-        kept = used & ~outlying[window]
-        if np.sum(tangent[kept] ** 2) > least_share * np.sum(tangent[used] ** 2):
-            used[:] = kept
-    weights = np.where(used, tangent, 0.0)
-    information = float(weights @ weights)
-    ahead = float(weights @ np.where(used, about, 0.0)) / information if information else 0.0
-    about -= ahead * tangent
-    left[:] = np.where(used, about, 0.0)
-    counted = int(np.count_nonzero(used))
-    squared = float(left @ left)
-    largest = float(np.abs(differences).max())
-    largest = largest if math.isfinite(largest) else math.inf
-    strange = bool(outlying.any())
-    return (known, excluded, counted), strange, (information, ahead, squared), largest
 
 
 def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:

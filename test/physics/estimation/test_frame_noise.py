@@ -8,52 +8,18 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.frame_noise import FrameNoise, FrameView
+from soliton_linkage.estimation.frame_noise import FrameNoise
+from soliton_linkage.estimation.places.frame_view import FrameLikelihood, FrameView
+from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linkage.chain import Array
 
 TANGENT = np.array([0.1, 0.5, 0.7, -0.5, 0.05])
 FIRST, ROTORS = 3, 12
 
 
-def view_of(differences: Array, **limits: float) -> FrameView:
-    return FrameView(2.0, FIRST, TANGENT, differences.copy(), **limits)
-
-
-def test_the_nearest_point_leaves_nothing_along_the_tangent() -> None:
-    differences = np.random.default_rng(1).normal(0, 0.1, ROTORS)
-    differences[[0, 5]] = np.nan
-    view = view_of(differences)
-    used = np.array([True, True, False, True, True])
-    about = differences[FIRST : FIRST + 5][used]
-    ahead = np.linalg.lstsq(TANGENT[used, None], about, rcond=None)[0][0]
-    assert view.arc == pytest.approx(2.0 + ahead)
-    assert view.information == pytest.approx(np.sum(TANGENT[used] ** 2))
-    assert view.left[used] == pytest.approx(about - ahead * TANGENT[used])
-    assert view.left[2] == 0
-    assert view.degrees_of_freedom == 3
-    assert view.residuals[FIRST : FIRST + 5][used] == pytest.approx(view.left[used])
-    assert np.isnan(view.residuals).nonzero()[0].tolist() == [0, 5]
-
-
-def test_outliers_and_doubtful_rotors_do_not_count() -> None:
-    differences = np.random.default_rng(2).normal(0, 0.01, ROTORS)
-    differences[[FIRST, 10]] = 0.8
-    view = view_of(differences, limit=0.05**2)
-    assert view.outlying.nonzero()[0].tolist() == [FIRST, 10]
-    assert view.used.tolist() == [False, True, True, True, True]
-    doubtful = np.zeros(ROTORS, dtype=np.bool_)
-    doubtful[FIRST + 1] = True
-    other = FrameView(2.0, FIRST, TANGENT, differences.copy(), 0.05**2, doubtful=doubtful)
-    assert other.used.tolist() == [False, False, True, True, True]
-
-
-def test_a_wide_guess_of_the_arc_makes_no_outliers_of_what_moves() -> None:
-    differences = np.zeros(ROTORS)
-    differences[FIRST : FIRST + 5] = 0.3 * TANGENT
-    assert view_of(differences, limit=0.05**2).outlying.any()
-    view = view_of(differences, limit=0.05**2, spread=0.1**2)
-    assert not view.outlying.any()
-    assert view.arc == pytest.approx(2.3)
+def view_of(differences: Array, variance: float = 1.0) -> FrameView:
+    likelihood = FrameLikelihood(2.0, DEFAULTS.likelihood)
+    return likelihood.view(2.0, FIRST, TANGENT, differences.copy(), variance)
 
 
 @pytest.mark.parametrize(('wave', 'angle'), [(0.0, 0.0), (0.1, 0.05), (0.1, 0.5)])
@@ -89,3 +55,16 @@ def test_the_misfit_is_of_the_last_quarter_of_a_second() -> None:
         noise.update(view_of(0.1 * random.standard_normal(ROTORS)), 0.001)
     share = 1 - math.exp(-1)
     assert noise.scatter == pytest.approx(share * 0.01 + (1 - share) * 1e-4, rel=0.2)
+
+
+def test_what_lasts_about_the_wall_is_told_at_once_and_not_by_wrong_readings() -> None:
+    random, noise = np.random.default_rng(6), FrameNoise(0.01, largest=0.5)
+    pattern = 0.1 * np.where(np.arange(ROTORS) % 2, 1, -1)
+    for frame in range(60):
+        differences = 0.01 * random.standard_normal(ROTORS)
+        differences[FIRST + frame % 5] += 0.4
+        noise.update(view_of(differences, 0.02**2), 0.004)
+    assert math.sqrt(noise.field) < 0.02
+    for _ in range(30):
+        noise.update(view_of(pattern + 0.01 * random.standard_normal(ROTORS)), 0.004)
+    assert math.sqrt(noise.field) == pytest.approx(0.1, rel=0.3)

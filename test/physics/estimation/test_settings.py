@@ -11,15 +11,15 @@ import pytest
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
-from soliton_linkage.estimation.frame_noise import FrameView
 from soliton_linkage.estimation.motion_class import MotionObserver, motion_evidence
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.places.frame_view import FrameLikelihood
 from soliton_linkage.estimation.settings import (
     DEFAULTS,
     EstimationSettings,
     FilterSettings,
+    LikelihoodSettings,
     MotionSettings,
-    NoiseSettings,
     OffsetSettings,
     ReportSettings,
     TrackingSettings,
@@ -101,16 +101,17 @@ def test_the_weight_of_a_kick_follows_its_settings() -> None:
     assert 0 < weights[0] < weights[1]
 
 
-def test_outliers_of_a_frame_follow_their_settings() -> None:
+def test_the_weights_of_a_frame_follow_their_settings() -> None:
     differences = np.array([0.3, 0.0, 0.0, 0.0, 0.0])
     tangent = np.array([0.5, 0.5, 0.5])
     views = [
-        FrameView(
-            0.0, 0, tangent, differences.copy(), 0.01, settings=NoiseSettings(least_share=it)
+        FrameLikelihood(2.0, LikelihoodSettings(bound=bound)).view(
+            0.0, 0, tangent, differences.copy(), 0.1**2
         )
-        for it in (0.2, 0.9)
+        for bound in (1.5, 9.0)
     ]
-    assert [view.used.tolist() for view in views] == [[False, True, True], [True, True, True]]
+    assert views[0].weights[0] == pytest.approx(1.5**2 / 3**2, rel=0.02)
+    assert views[1].weights[0] == 1.0
 
 
 def test_the_reach_of_a_wall_and_its_tails_follow_their_settings() -> None:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.estimation.frame_view import FrameView
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.orbit_filter import OrbitEstimate
+from soliton_linkage.estimation.places.frame_view import FrameView
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.orbit.orbit import Orbit, Stretch
 

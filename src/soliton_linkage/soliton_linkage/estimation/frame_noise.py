@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 
-from soliton_linkage.estimation.frame_view import FrameView
 from soliton_linkage.estimation.loops import frame_loops, likelihood_loops
+from soliton_linkage.estimation.places.frame_view import FrameView
 from soliton_linkage.estimation.settings import DEFAULTS, NoiseSettings
 from soliton_linkage.linkage.chain import Array
+
 
 class FrameNoise:
     """What the orbit leaves of the angles, told apart by what lasts from frame to frame.

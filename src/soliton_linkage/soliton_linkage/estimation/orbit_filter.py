@@ -17,11 +17,12 @@ import numpy as np
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarRotors
 from soliton_linkage.estimation.frame_noise import FrameNoise
-from soliton_linkage.estimation.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.place_search import Place, PlaceSearch
-from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings, ScanSettings
+from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
+from soliton_linkage.estimation.places.place_hypotheses import Hypotheses, Hypothesis
+from soliton_linkage.estimation.places.place_search import Place, PlaceSearch, ScanBudget
+from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Motion, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -89,19 +90,6 @@ class OrbitEstimate:
     upside_down: bool
 
 
-class _Hypothesis:
-    """One of the places that compete: where the chain may be, and how it goes round."""
-
-    def __init__(
-        self, motion: MultipleModelFilter, upside_down: bool, view: FrameView, evidence: float
-    ) -> None:
-        self.motion = motion
-        self.upside_down = upside_down
-        self.view = view
-        self.evidence = evidence
-        """Logarithm of the likelihood of all frames so far, over that of the likeliest place."""
-
-
 class OrbitFilter:
     """Recursive estimate of a chain's arc and rate, from frames as they come.
 
@@ -150,6 +138,7 @@ class OrbitFilter:
         self._most_about_wall = (settings.likelihood.wall_share * swing) ** 2
         margin = 1 + settings.offsets.depths_beside * self._depth
         self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic)
+        self._none_off = np.zeros(chain.number_of_rotors, dtype=np.bool_)
         self._doubts = False
         self._disorder = 0.0
         self._forget(math.nan)
@@ -180,20 +169,20 @@ class OrbitFilter:
         seen = np.ascontiguousarray(angles, dtype=np.float64)
         if not frame_loops.all_within(seen, math.inf):
             seen = np.where(np.isfinite(seen), seen, np.nan)
-        if self._hypotheses:
+        if self._places.all:
             self._follow(time, elapsed, seen)
         elif not self._acquire(time, seen):
             self._forget(time)
         return self._estimate
 
     def _forget(self, time: float) -> None:
-        self._hypotheses: list[_Hypothesis] = []
+        self._places = Hypotheses(self.orbit, self._settings.hypotheses)
         self._seen_as: FrameView | None = None
         self._noise = FrameNoise(self._given_noise, self._settings.noise, self._gross)
         self._unexplained_since = math.nan
         self._unexplained = 0
         self._beyond = False
-        self._off = np.zeros(self.orbit.chain.number_of_rotors, dtype=np.bool_)
+        self._off = self._none_off
         self._way = math.inf
         self._frames = 0
         self._estimate = lost(time, self._noise.deviation)
@@ -202,13 +191,13 @@ class OrbitFilter:
         """Search a frame for the chain; say whether it is there."""
         if not np.isfinite(seen).any() or not self._budget.spend(time):
             return False
-        places = self._places(seen)
+        places = self._found(seen)
         if not places:
             return False
         self._start_at(places, time, seen)
         return True
 
-    def _places(self, seen: Array) -> list[Place]:
+    def _found(self, seen: Array) -> list[Place]:
         """Places of a frame that compete, none where it does not tell any."""
         angles = seen - self.offsets.corrections
         competition = self._search.find(angles, self._given_noise or 0.0)
@@ -217,7 +206,7 @@ class OrbitFilter:
         best = competition.places[0]
         if not self._likelihood.explains(best.view, best.variance):
             return []
-        least = best.evidence - self._settings.scan.evidence
+        least = best.evidence - self._settings.hypotheses.evidence
         return [each for each in competition.places if each.evidence > least]
 
     def _start_at(self, places: list[Place], time: float, seen: Array) -> None:
@@ -229,14 +218,14 @@ class OrbitFilter:
         self._noise.update(best.view, 0.0)
         self._far.forget()
         scale = 1 / self.orbit.chain.time_unit
-        self._hypotheses = []
+        self._places = Hypotheses(self.orbit, self._settings.hypotheses)
         for place in places:
             variance = (self._noise.variance + self._seen_field(place)) / place.view.information
             motion = MultipleModelFilter(
                 place.arc, variance, scale, self.orbit.site_arc, self._settings.filter
             )
             evidence = place.evidence - best.evidence
-            self._hypotheses.append(_Hypothesis(motion, place.upside_down, place.view, evidence))
+            self._places.all.append(Hypothesis(motion, place.upside_down, place.view, evidence))
         self._seen_as = best.view
         self._report(time, TrackingStatus.ACQUIRED)
 
@@ -248,19 +237,19 @@ class OrbitFilter:
         return seen if seen > self._tracking.field_beyond_chance * self._noise.variance else 0.0
 
     def _follow(self, time: float, elapsed: float, seen: Array) -> None:
-        for each in self._hypotheses:
+        for each in self._places.all:
             self._predict(each.motion, elapsed)
-        best = self._hypotheses[0].motion
+        best = self._places.leader.motion
         if self._tracking.lost_deviations * math.sqrt(best.expected_variance) > self.orbit.length:
             self._forget(time)
             self._acquire(time, seen)
             return
         self._way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
         variance = self._variance_of_a_rotor()
-        for each in self._hypotheses:
+        for each in self._places.all:
             each.view = self._recognised(each, seen, variance)
         self._weigh(variance)
-        view = self._hypotheses[0].view
+        view = self._places.leader.view
         if not view.known:
             self._seen_as = None
             self._report(time, TrackingStatus.COASTING)
@@ -278,10 +267,10 @@ class OrbitFilter:
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
             return
-        for each in self._hypotheses:
+        for each in self._places.all:
             self._update_by(each, elapsed)
         self._learn(seen, view, elapsed)
-        self._suppose_toggled(view)
+        self._places.suppose_toggled()
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
 
     def _is_explained(self, view: FrameView, variance: float) -> bool:
@@ -290,8 +279,10 @@ class OrbitFilter:
         Readings that are wrong at random are so in one frame; rotors that are far off in two
         running are elsewhere.
         """
-        off = view.outlying & (np.abs(view.residuals) > self._gross) & ~self._far.doubtful
-        staying = int(np.count_nonzero(off & self._off)) if view.off else 0
+        off, staying = self._none_off, 0
+        if view.off:
+            off = view.outlying & (np.abs(view.residuals) > self._gross) & ~self._far.doubtful
+            staying = int(np.count_nonzero(off & self._off))
         self._off = off
         largest = variance + self._largest_field
         few = staying <= self._settings.likelihood.most_staying
@@ -319,14 +310,14 @@ class OrbitFilter:
             self._unexplained_since = time
         self._unexplained += 1
         if self._budget.spend(time):
-            places = self._places(seen)
-            view = self._hypotheses[0].view
+            places = self._found(seen)
+            view = self._places.leader.view
             if places and self._gain(places[0], view, seen) > self._tracking.gain:
                 self._start_at([self._on_this_turn(each) for each in places], time, seen)
                 return True
         tracking = self._tracking
         long = time - self._unexplained_since > tracking.doubted_time
-        view = self._hypotheses[0].view
+        view = self._places.leader.view
         believed = self._settings.likelihood.believed * view.information_of_all
         hopeless = self._beyond or view.information < believed
         if long and self._unexplained > tracking.doubted_frames and hopeless:
@@ -337,12 +328,13 @@ class OrbitFilter:
     def _gain(self, place: Place, view: FrameView, seen: Array) -> float:
         """How much likelier a frame is at another place than where it was expected [log]."""
         there = self._view(
-            seen, self._hypotheses[0].motion.expected, place.variance, 0.0,
-            self._hypotheses[0].upside_down,
+            seen,
+            self._places.leader.motion.expected,
+            place.variance,
+            0.0,
+            self._places.leader.upside_down,
         )
-        same = self._view(
-            seen, view.arc, place.variance, 0.0, self._hypotheses[0].upside_down
-        )
+        same = self._view(seen, view.arc, place.variance, 0.0, self._places.leader.upside_down)
         return place.view.likelihood - max(there.likelihood, same.likelihood)
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float) -> None:
@@ -365,63 +357,18 @@ class OrbitFilter:
         return place._replace(arc=place.arc + turns * length)
 
     def _weigh(self, variance: float) -> None:
-        """Weigh the places by how likely each made the frame; forget those that are out.
+        """Weigh the places by how likely each made the frame, of rotors of a variance [rad^2].
 
         What springs do to a frame lasts while the wall moves on by about half a rotor: so many
         frames, of which each shows the same, are to count as one.
         """
-        hypotheses = self._hypotheses
-        if len(hypotheses) == 1:
-            return
-        alike = self._tracking.way_beside / max(self._way, 1e-9)
-        variance += self._elastic * min(max(alike, 1.0), self._tracking.most_alike)
-        for each in hypotheses:
-            each.evidence += self._likelihood.of_residuals(each.view, variance)
-        leader = hypotheses[0]
-        best = max(hypotheses, key=lambda each: each.evidence)
-        if best.evidence > leader.evidence + self._tracking.lead:
-            leader = best
-        top = best.evidence
-        limit = top - self._settings.scan.evidence
-        kept = [leader]
-        for each in sorted(hypotheses, key=lambda each: -each.evidence):
-            if each is leader or each.evidence < limit:
-                continue
-            if not any(self._same(each, other) for other in kept):
-                kept.append(each)
-        for each in kept:
-            each.evidence -= top
-        self._hypotheses = kept
+        if len(self._places.all) > 1:
+            alike = self._tracking.way_beside / max(self._way, 1e-9)
+            variance += self._elastic * min(max(alike, 1.0), self._tracking.most_alike)
+            views = [each.view for each in self._places.all]
+            self._places.weigh([self._likelihood.of_residuals(view, variance) for view in views])
 
-    def _suppose_toggled(self, view: FrameView) -> None:
-        """Let another leg compete where an edge rotor is not where this one has it."""
-        if self.orbit.number_of_legs < 4:
-            return
-        leader = self._hypotheses[0]
-        arc = leader.motion.arc
-        leg, last = self.orbit.leg(arc), len(view.residuals) - 1
-        turn = math.floor(arc / self.orbit.length) * self.orbit.length
-        for rotor, other in ((0, 3 - leg), (last, leg ^ 1)):
-            taken = any(self.orbit.leg(each.motion.arc) == other for each in self._hypotheses)
-            if taken or view.weights[rotor] > 0.5 or not math.isfinite(view.residuals[rotor]):
-                continue
-            there = self.orbit.arc_at(self.orbit.place(arc), other) + turn
-            motion = leader.motion.mirrored(there)
-            surprise = leader.evidence - self._tracking.toggle_rarity
-            self._hypotheses.append(_Hypothesis(motion, leader.upside_down, view, surprise))
-
-    def _same(self, one: _Hypothesis, other: _Hypothesis) -> bool:
-        """Whether two hypotheses have come to be of the same place."""
-        apart = math.remainder(one.motion.arc - other.motion.arc, self.orbit.length)
-        faster = one.motion.rate - other.motion.rate
-        close = self._tracking.same_deviations**2
-        return (
-            one.upside_down == other.upside_down
-            and apart**2 < close * one.motion.arc_variance
-            and faster**2 < close * one.motion.rate_variance
-        )
-
-    def _update_by(self, hypothesis: _Hypothesis, elapsed: float) -> None:
+    def _update_by(self, hypothesis: Hypothesis, elapsed: float) -> None:
         """Update a filter by its view of a frame, a time [s] after the last."""
         view, motion = hypothesis.view, hypothesis.motion
         if view.information > self._settings.search.least_information:
@@ -452,7 +399,7 @@ class OrbitFilter:
         fleeting = max(noise.scatter - noise.variance, field) * unbelieved
         return noise.variance / view.information + lasting + fleeting
 
-    def _recognised(self, hypothesis: _Hypothesis, seen: Array, variance: float) -> FrameView:
+    def _recognised(self, hypothesis: Hypothesis, seen: Array, variance: float) -> FrameView:
         """View of a frame from the likeliest arc, by the frame and by what went before."""
         motion, tracking = hypothesis.motion, self._tracking
         expected, spread = motion.expected, motion.expected_variance
@@ -497,7 +444,7 @@ class OrbitFilter:
     def _learn_offsets(self, seen: Array, view: FrameView) -> None:
         """Learn offsets from the block that this frame fills."""
         known = np.count_nonzero(self.offsets.corrections)
-        turned = self._hypotheses[0].upside_down
+        turned = self._places.leader.upside_down
         self._far.learn(-1 if turned else 1, self._noise.variance)
         self._far.look_for_doubtful(seen, view.outlying)
         self._doubts = bool(self._far.doubtful.any())
@@ -507,40 +454,29 @@ class OrbitFilter:
 
     def _report(self, time: float, status: TrackingStatus) -> None:
         orbit = self.orbit
-        leader = self._hypotheses[0]
+        leader = self._places.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
-        leg = orbit.leg(arc)
-        direction = self._direction(arc)
         completed, within = divmod(arc, orbit.length)
-        site_arc = orbit.site_arc_at(arc)
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
         # than the chain is that of the orbit: what rotors are off by, the arc is too.
         beside = self._tracking.beside_share**2 * self._noise.excess + self._disorder**2
-        way = rate / (self._tracking.way_beside * orbit.site_arc)
-        arc_deviation = math.sqrt(arc_variance + beside)
-        rate_deviation = math.sqrt(rate_variance + beside * way**2)
-        place, place_deviation = orbit.place(arc), arc_deviation / site_arc
-        place_rate, place_rate_deviation = direction * rate / site_arc, rate_deviation / site_arc
-        known = len(self._hypotheses) == 1
-        if not known:
-            mixed = self._mixed(beside, way)
-            place, place_deviation, place_rate, place_rate_deviation = mixed
-            known = self._share_elsewhere(leg) < self._tracking.leg_doubt
+        of_rate = beside * (rate / (self._tracking.way_beside * orbit.site_arc)) ** 2
+        wall = self._places.wall(beside, of_rate)
         seen = self._seen_as if status is not TrackingStatus.COASTING else None
         self._estimate = OrbitEstimate(
             time=time,
             status=status,
             arc=arc,
             rate=rate,
-            arc_deviation=arc_deviation,
-            rate_deviation=rate_deviation,
+            arc_deviation=math.sqrt(arc_variance + beside),
+            rate_deviation=math.sqrt(rate_variance + of_rate),
             covariance=covariance,
-            place=place,
-            place_rate=place_rate,
-            place_deviation=place_deviation,
-            place_rate_deviation=place_rate_deviation,
-            leg=leg,
-            leg_known=known,
+            place=wall.place,
+            place_rate=wall.place_rate,
+            place_deviation=wall.place_deviation,
+            place_rate_deviation=wall.place_rate_deviation,
+            leg=orbit.leg(arc),
+            leg_known=self._places.leg_is_known(),
             phase=2 * math.pi * within / orbit.length,
             completed_cycles=int(completed),
             noise=self._noise.deviation,
@@ -548,65 +484,6 @@ class OrbitFilter:
             frame_misfit=math.sqrt(seen.mean_square) if seen else math.nan,
             upside_down=leader.upside_down,
         )
-
-    def _direction(self, arc: float) -> int:
-        """Where the wall goes as the arc grows, 0 while it waits at an edge."""
-        inside = 0 < self.orbit.place(arc) < self.orbit.chain.number_of_rotors - 1
-        return (1 if self.orbit.leg(arc) % 2 == 0 else -1) if inside else 0
-
-    def _share_elsewhere(self, leg: int) -> float:
-        """Probability of all places that are on another leg than this."""
-        shares = [math.exp(each.evidence) for each in self._hypotheses]
-        legs = [self.orbit.leg(each.motion.arc) for each in self._hypotheses]
-        others = [share for share, each in zip(shares, legs, strict=True) if each != leg]
-        return sum(others) / sum(shares)
-
-    def _mixed(self, beside: float, way: float) -> tuple[float, float, float, float]:
-        """Mean place and its deviation, mean rate and its, over all places that compete."""
-        orbit = self.orbit
-        weights = np.exp([each.evidence for each in self._hypotheses])
-        rows = []
-        for each in self._hypotheses:
-            arc, rate, of_arc, _, of_rate = each.motion.summary
-            scale = orbit.site_arc_at(arc)
-            rows.append(
-                (
-                    orbit.place(arc),
-                    (of_arc + beside) / scale**2,
-                    self._direction(arc) * rate / scale,
-                    (of_rate + beside * way**2) / scale**2,
-                )
-            )
-        places, variances, rates, rate_variances = np.array(rows).T
-        shares = weights / weights.sum()
-        place, rate = float(shares @ places), float(shares @ rates)
-        spread = float(shares @ (variances + (places - place) ** 2))
-        rate_spread = float(shares @ (rate_variances + (rates - rate) ** 2))
-        return place, math.sqrt(spread), rate, math.sqrt(rate_spread)
-
-
-class ScanBudget:
-    """How many scans may be made in a second of stamps, so that no stream falls behind."""
-
-    def __init__(self, settings: ScanSettings) -> None:
-        """Begin with as many as may be made at once."""
-        self._settings = settings
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin anew, as where the clock was set."""
-        self._left, self._last = self._settings.burst, math.nan
-
-    def spend(self, time: float) -> bool:
-        """Take one at an instant [s]; say whether there was any."""
-        if not math.isnan(self._last):
-            gained = (time - self._last) * self._settings.rate
-            self._left = min(self._left + gained, self._settings.burst)
-        self._last = time
-        if self._left < 1:
-            return False
-        self._left -= 1
-        return True
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:

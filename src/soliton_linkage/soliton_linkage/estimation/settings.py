@@ -62,9 +62,7 @@ class LikelihoodSettings(_Part):
     wrong: float = quantity(0.01, 'share of readings that are anything')
     most_wrong: float = quantity(0.1, 'share of them that is taken for no other motion')
     false_alarms: float = quantity(1e-3, 'share of frames with as many that is refused')
-    gross_share: float = quantity(
-        0.3, 'difference that no springs make, in swings of a rotor'
-    )
+    gross_share: float = quantity(0.3, 'difference that no springs make, in swings of a rotor')
     most_staying: int = quantity(1, 'rotors that may be as far off in two frames running')
     longest_run: int = quantity(2, 'rotors side by side that may be wrong in one frame')
     elastic_share: float = quantity(
@@ -155,10 +153,6 @@ class TrackingSettings(_Part):
     doubted_time: float = quantity(0.1, 'time without an explained frame that is lost', 's')
     doubted_frames: float = quantity(10, 'frames in that time at least')
     gain: float = quantity(12.0, 'log odds for another place at which all begins anew')
-    leg_doubt: float = quantity(1e-3, 'probability of other legs below which it is known')
-    toggle_rarity: float = quantity(9.0, 'log odds against an edge that toggles by itself')
-    lead: float = quantity(3.0, 'log odds at which another place comes to lead')
-    same_deviations: float = quantity(3.0, 'deviations up to which two places are the same')
     edge_rotors: float = quantity(2.0, 'reach of an edge beside ell / a', 'rotor spacings')
     beside_share: float = quantity(
         0.08, 'share of what a frame is beside the orbit by which the arc is unsure'
@@ -201,7 +195,18 @@ class ScanSettings(_Part):
     told: float = quantity(0.9, 'least probability of the places of a frame that tells any')
     rate: float = quantity(20.0, 'scans in a second of stamps', '1/s')
     burst: float = quantity(3.0, 'scans that may be made at once after a while')
+
+
+@dataclass(frozen=True)
+class HypothesisSettings(_Part):
+    """When places compete, and when one leads."""
+
     evidence: float = quantity(12.0, 'log odds from which on a place competes no more')
+    lead: float = quantity(3.0, 'log odds at which another place comes to lead')
+    leg_doubt: float = quantity(1e-3, 'probability of other legs below which it is known')
+    toggle_rarity: float = quantity(9.0, 'log odds against an edge that toggles by itself')
+    same_deviations: float = quantity(3.0, 'deviations up to which two places are the same, and')
+    same_place: float = quantity(0.2, 'way up to which they are', 'rotor spacings')
 
 
 @dataclass(frozen=True)
@@ -287,8 +292,9 @@ class ReportSettings(_Part):
 class EstimationSettings:
     """All numbers of the estimation that were chosen, in parts by subject.
 
-    likelihood: of a frame; noise: of angles and rates; offsets: of encoders; filter: its models; tracking: on the orbit;
-    search: of the nearest point; motion: its class; wobble, width: of a wall; report: of states.
+    likelihood: of a frame; noise: of angles and rates; offsets: of encoders; filter: its models;
+    tracking: on the orbit; search: of the nearest point; scan: of all places; hypotheses: that
+    compete; motion: its class; wobble, width: of a wall; report: of states.
     """
 
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
@@ -298,6 +304,7 @@ class EstimationSettings:
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     scan: ScanSettings = field(default_factory=ScanSettings)
+    hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     wobble: WobbleSettings = field(default_factory=WobbleSettings)
     width: WidthSettings = field(default_factory=WidthSettings)

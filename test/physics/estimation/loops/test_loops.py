@@ -41,7 +41,6 @@ MODULES = [
     (tail_loops, naive_tails),
     (wobble_loops, naive_tails),
 ]
-NO_FLAGS = np.zeros(0, dtype=np.bool_)
 
 Case = tuple[str, tuple[Any, ...]]
 
@@ -127,9 +126,6 @@ def of_angles(random: np.random.Generator) -> list[Case]:
     angles, others = angles_of(random), angles_of(random)
     whole = np.nan_to_num(others)
     tangent = random.standard_normal(12)
-    differences = np.where(random.random(ROTORS) < 0.1, math.nan, random.standard_normal(ROTORS))
-    found = np.zeros(ROTORS, np.bool_), np.zeros(12, np.bool_), np.zeros(12)
-    limited = 20, tangent, random.choice([0.5, 2.0, 9.0]), 0.1, 0.2
     last = np.append(others[:-1], math.nan)
     return [
         ('unwrap', (np.append(angles[:-1], 1e10), last, np.zeros(ROTORS), np.zeros(ROTORS))),
@@ -138,9 +134,6 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('known_changes', (angles, whole, others, np.zeros(ROTORS))),
         ('sines_and_cosines', (np.append(angles, [0.0, 3e7, -2e5]), *np.zeros((2, ROTORS + 3)))),
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
-        ('find_arc', (differences, *limited, NO_FLAGS, *found)),
-        ('find_arc', (differences, *limited, flags(random, 0.2), *found)),
-        ('find_arc', (np.full(ROTORS, math.nan), *limited, NO_FLAGS, *found)),
         ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 0, 1, 8)),
         ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 20, 9, 0)),
     ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loops over the rotors of a frame: turns, sines, and the arc that it shows."""
+"""Loops over the rotors of a frame: turns, sines, and how it differs from the orbit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, FLAGS, NUMBER, READ, READ_FLAGS, ROW, YES, compiled
+from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled
 from soliton_linkage.linkage.chain import Array
 
 Flags = NDArray[np.bool_]
@@ -112,68 +112,6 @@ def compare(
         expected = before[n] if n < first else about[n - first] if n < end else beyond[n]
         apart = angle - expected
         differences[n] = apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
-
-
-@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, READ_FLAGS, FLAGS, FLAGS, ROW)
-def find_arc(
-    differences: Array,
-    first: int,
-    tangent: Array,
-    limit: float,
-    spread: float,
-    least_share: float,
-    doubtful: Flags,
-    outlying: Flags,
-    used: Flags,
-    left: Array,
-) -> tuple[tuple[int, int, int], bool, tuple[float, float, float], float]:
-    """Find the arc that a frame shows, and what it leaves; see `FrameView`.
-
-    Takes what the arc explains off the differences [rad], shape (N,). Outlying are those whose
-    square is above the limit and spread t^2 [rad^2], and the doubtful, shape (N,) or (0,). Of
-    the rotors about the wall those are used, shape (n,), that are known and not outlying, unless
-    these hold no more than the least share of t^2; of them something is left [rad], shape (n,).
-    Returns the numbers known, outlying and used about the wall; whether any is outlying at all;
-    the information [1], how far ahead the arc is [rad], the sum of squares of left [rad^2]; and
-    the largest difference that then remains [rad], infinite where one is not known.
-    """
-    count, end = tangent.size, first + tangent.size
-    strange = False
-    for n in range(differences.size):
-        square = differences[n] * differences[n]
-        if first <= n < end:
-            square -= spread * tangent[n - first] ** 2
-        outlying[n] = square > limit or (doubtful.size > 0 and doubtful[n])
-        strange |= outlying[n]
-    known, excluded, whole, kept = 0, 0, 0.0, 0.0
-    for n in range(count):
-        used[n] = math.isfinite(differences[first + n])
-        known += used[n]
-        excluded += outlying[first + n]
-        if used[n]:
-            whole += tangent[n] ** 2
-            kept += 0.0 if outlying[first + n] else tangent[n] ** 2
-    if excluded and kept > least_share * whole:
-        for n in range(count):
-            used[n] &= not outlying[first + n]
-    counted, information, ahead = 0, 0.0, 0.0
-    for n in range(count):
-        if used[n]:
-            counted += 1
-            information += tangent[n] * tangent[n]
-            ahead += tangent[n] * differences[first + n]
-    ahead = ahead / information if information else 0.0
-    squares = 0.0
-    for n in range(count):
-        differences[first + n] -= ahead * tangent[n]
-        left[n] = differences[first + n] if used[n] else 0.0
-        squares += left[n] * left[n]
-    largest, unknown = 0.0, False
-    for n in range(differences.size):
-        largest = max(largest, abs(differences[n]))
-        unknown |= not abs(differences[n]) < math.inf
-    largest = math.inf if unknown else largest
-    return (known, excluded, counted), strange, (information, ahead, squares), largest
 
 
 @compiled(READ, ROW, ROW)

@@ -182,7 +182,19 @@ def sum_likelihoods(
             sums[row, n + 1] = sums[row, n] + gained
 
 
-@compiled(READ, READ_TABLE, READ_TABLE, READ_COUNTS, READ_COUNTS, READ_COUNTS, READ, NUMBER, NUMBER, NUMBER, ROW)
+@compiled(
+    READ,
+    READ_TABLE,
+    READ_TABLE,
+    READ_COUNTS,
+    READ_COUNTS,
+    READ_COUNTS,
+    READ,
+    NUMBER,
+    NUMBER,
+    NUMBER,
+    ROW,
+)
 def scan(
     angles: Array,
     before: Array,

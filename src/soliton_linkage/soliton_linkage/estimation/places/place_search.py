@@ -19,15 +19,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.estimation.frame_view import FrameLikelihood, FrameView
 from soliton_linkage.estimation.loops import frame_loops, likelihood_loops
+from soliton_linkage.estimation.places.frame_view import FrameLikelihood, FrameView
 from soliton_linkage.estimation.robust import robust_deviation
 from soliton_linkage.estimation.settings import LikelihoodSettings, ScanSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.orbit.orbit import Orbit
-
-_NOTHING: Array = np.zeros(0)
 
 
 class Place(NamedTuple):
@@ -87,7 +85,7 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
         np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
         np.array([each.first for each in about], dtype=np.int64),
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
-        np.concatenate([_NOTHING, *(each.angles for each in about)]),
+        np.concatenate([each.angles for each in about]),
     )
 
 
@@ -131,8 +129,10 @@ class PlaceSearch:
             found = self._scanned(image, samples, wide)
             scans.append((turned, samples))
             tops = (found >= np.roll(found, 1)) & (found >= np.roll(found, -1))
-            for index in np.flatnonzero(tops).tolist():
-                peaks.append((float(found[index]), float(samples.arcs[index]), turned))
+            peaks += [
+                (float(found[index]), float(samples.arcs[index]), turned)
+                for index in np.flatnonzero(tops).tolist()
+            ]
         peaks.sort(reverse=True)
         within = peaks[0][0] - self._settings.margin if peaks else 0.0
         likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
@@ -208,9 +208,12 @@ class PlaceSearch:
             found = self._scanned(images[turned], samples, seen_with)
             for place in places:
                 if place.upside_down == turned:
-                    apart = np.abs(np.remainder(
-                        samples.arcs - place.arc + self._orbit.length / 2, self._orbit.length
-                    ) - self._orbit.length / 2)
+                    apart = np.abs(
+                        np.remainder(
+                            samples.arcs - place.arc + self._orbit.length / 2, self._orbit.length
+                        )
+                        - self._orbit.length / 2
+                    )
                     reach = 4 * math.sqrt(variance / max(place.view.information, 1e-12))
                     found[apart < min(reach, self._step * 8) + 2 * self._step] = -math.inf
             terms.append(found)
@@ -264,3 +267,27 @@ class PlaceSearch:
             count = min(math.ceil((last - first) / self._step), self._settings.most_samples)
             arcs.append(np.linspace(first, last, max(count, 2)))
         return samples_of(orbit, np.concatenate(arcs))
+
+
+class ScanBudget:
+    """How many scans may be made in a second of stamps, so that no stream falls behind."""
+
+    def __init__(self, settings: ScanSettings) -> None:
+        """Begin with as many as may be made at once."""
+        self._settings = settings
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew, as where the clock was set."""
+        self._left, self._last = self._settings.burst, math.nan
+
+    def spend(self, time: float) -> bool:
+        """Take one at an instant [s]; say whether there was any."""
+        if not math.isnan(self._last):
+            gained = (time - self._last) * self._settings.rate
+            self._left = min(self._left + gained, self._settings.burst)
+        self._last = time
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
