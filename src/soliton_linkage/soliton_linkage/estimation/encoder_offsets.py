@@ -112,6 +112,7 @@ class FarRotors:
         self._read = np.full(rotors, np.nan)
         self._apart = np.zeros(rotors)
         self._waves = 0.0
+        self._means = np.full(rotors, np.nan)
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying = np.zeros(rotors, dtype=np.bool_)
@@ -163,7 +164,10 @@ class FarRotors:
         )
         means, innovations, unsure, squares, unexpected, common = found
         noise = variance / self._frames
-        if self._most(squares[:known]) > self._strong + given.strong_waves * noise:
+        strong = self._strong + given.strong_waves * noise
+        changed, self._means = means - self._means, means.copy()
+        changed[np.isnan(innovations)] = np.nan
+        if self._most(squares[:known]) > strong and not self._lasts(changed, strong):
             self.forget()
             return
         of_waves = max(robust_deviation(unexpected[:known]) ** 2 - noise, 0.0)
@@ -179,6 +183,11 @@ class FarRotors:
         offsets.doubt(strange)
         offset_loops.beyond_chance(offsets.encoders, given.record, sides, repeated, self._apart)
         self.forget()
+
+    def _lasts(self, changed: Array, strong: float) -> bool:
+        """Whether means are those of the block before [rad], as waves would not be."""
+        both = changed[np.isfinite(changed)]
+        return len(both) > 0 and self._most(both**2) < strong
 
     def look_for_doubtful(self, read: Array, outlying: NDArray[np.bool_]) -> None:
         """Find rotors that are not to be trusted, from what they read [rad], shape (N,).

@@ -139,6 +139,8 @@ class OrbitFilter:
         margin = 1 + settings.offsets.depths_beside * self._depth
         self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic)
         self._none_off = np.zeros(chain.number_of_rotors, dtype=np.bool_)
+        shifts = settings.offsets.wall_shifts
+        self._shift = shifts[1] if chain.motion is Motion.SPINNER else shifts[0]
         self._doubts = False
         self._disorder = 0.0
         self._forget(math.nan)
@@ -294,7 +296,8 @@ class OrbitFilter:
         The field is that of late, and what it may have changed by since the last frame.
         """
         noise = self._noise
-        field = max(noise.scatter - noise.variance, 0.0) + max(noise.excess, noise.field)
+        about = self._tracking.field_ratio * max(noise.excess, noise.field)
+        field = max(noise.scatter - noise.variance, 0.0) + about
         self._beyond = noise.about_wall > self._most_about_wall
         changed = max(min(self._way, 1.0), math.exp(-self._frames / self._tracking.settled))
         at_edge = self._tracking.edge_ratio if self._at_edge() else 1.0
@@ -448,7 +451,8 @@ class OrbitFilter:
         self._far.learn(-1 if turned else 1, self._noise.variance)
         self._far.look_for_doubtful(seen, view.outlying)
         self._doubts = bool(self._far.doubtful.any())
-        self._disorder = max(self.offsets.typical - self._settings.offsets.evenness, 0.0)
+        uneven = max(self.offsets.typical - self._settings.offsets.evenness, 0.0)
+        self._disorder = self._shift * uneven
         if np.count_nonzero(self.offsets.corrections) != known:
             self._noise.forget_what_lasted()
 

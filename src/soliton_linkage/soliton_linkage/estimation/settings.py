@@ -98,6 +98,11 @@ class OffsetSettings(_Part):
     least_error: float = quantity(3e-4, 'error that is the same in all frames, at least', 'rad')
     least_doubted: float = quantity(0.01, 'least distance from the orbit to be doubted', 'rad')
     stuck_share: float = quantity(0.2, 'share of rotors that cannot be stuck at once')
+    wall_shifts: tuple[float, float] = quantity(
+        (1.0, 2.4),
+        'arc that uneven rotors shift walls of flippers and of spinners by, over typical residuals'
+        ' that last: measured for 1 and 5 % in lengths and stiffnesses',
+    )
     evenness: float = quantity(
         4e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
     )
@@ -147,6 +152,9 @@ class TrackingSettings(_Part):
     lost_deviations: float = quantity(4.0, 'deviations of the arc that must fit into the orbit')
     field_beyond_chance: float = quantity(
         9.0, 'variance about a wall of one frame that is no noise, over that of noise'
+    )
+    field_ratio: float = quantity(
+        3.0, 'largest square of what lasts about a wall, over its mean: it is not even'
     )
     settled: float = quantity(10.0, 'frames in which what springs do to a wall is known')
     edge_ratio: float = quantity(4.0, 'how much more its variance is at edges')
