@@ -303,6 +303,54 @@ def test_an_encoder_that_is_stuck_does_no_harm(name: str) -> None:
         assert len(one.solitons) <= 1
 
 
+@pytest.mark.parametrize('rotor', [10, 11, 12, 13])
+@pytest.mark.parametrize('size', [0.1, 1.0, 3.0])
+def test_one_wrong_reading_does_not_move_a_wall(rotor: int, size: float) -> None:
+    chain = Chain(40, rotor_length=0.1, rest_angle=0.77)
+    orbit, generator = UniformOrbit(chain), np.random.default_rng(5)
+    places = 11.8 - 0.04 * np.arange(40)[::-1]
+    frames = np.array([orbit.configuration(orbit.arc_at(each, 0)) for each in places.tolist()])
+    frames += NOISE * generator.standard_normal(frames.shape)
+    wrong = frames.copy()
+    wrong[-1, rotor] += size
+    one, other = (analysed(chain, each)[-1].estimate for each in (frames, wrong))
+    assert abs(one.place - other.place) < 3 * other.place_deviation
+    assert other.place_deviation < 2 * one.place_deviation
+
+
+@pytest.mark.parametrize('name', CHAINS)
+@pytest.mark.parametrize('share', [0.01, 0.05])
+def test_readings_that_are_wrong_at_random_change_little(name: str, share: float) -> None:
+    generator = np.random.default_rng(7)
+    angles = noisy(name).copy()
+    wrong = generator.random(angles.shape) < share
+    angles[wrong] = generator.uniform(-math.pi, math.pi, int(wrong.sum()))
+    found, clean = analysed(CHAINS[name], angles), exact(name)
+    scores = [apart(*both) for both in zip(found[BEGUN:], clean[BEGUN:], strict=True)]
+    assert np.sqrt(np.nanmean(np.square(scores))) < 1.2
+    assert np.nanmax(scores) < SURE
+    assert np.isfinite(scores).mean() > 0.98
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_a_place_is_true_though_no_edge_rotor_is_seen(name: str) -> None:
+    angles = noisy(name).copy()
+    angles[:, [0, -1]] = math.nan
+    for one, clean in list(zip(analysed(CHAINS[name], angles), exact(name), strict=True))[20:]:
+        off = one.estimate.place - clean.estimate.place
+        assert abs(off) < SURE * one.estimate.place_deviation + 1e-9
+
+
+def test_frames_that_are_no_wall_are_told_and_searched_on_a_budget() -> None:
+    chain, generator = CHAINS['flipper'], np.random.default_rng(3)
+    analyser = Analyser(chain)
+    for number, stamp in enumerate(stamps(300)):
+        found = analyser.analyse(stamp, generator.uniform(-math.pi, math.pi, 16))
+        assert found is not None
+        assert found.estimate.status is TrackingStatus.LOST, number
+    assert analyser.starts == 0
+
+
 @pytest.mark.parametrize('name', CHAINS)
 def test_a_chain_assembled_upside_down_shows_the_same(name: str) -> None:
     chain = CHAINS[name]

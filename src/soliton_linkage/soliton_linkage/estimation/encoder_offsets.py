@@ -116,6 +116,7 @@ class FarRotors:
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying = np.zeros(rotors, dtype=np.bool_)
+        self._residuals = np.full(rotors, np.nan)
         self.forget()
 
     def forget(self) -> None:
@@ -129,16 +130,17 @@ class FarRotors:
     ) -> bool:
         """Take in what is left of a frame [rad], shape (N,); whether that fills the block.
 
-        Of rotors that are outlying now and were not before, the mean so far counts: such a
-        reading is wrong once. The frame is a time [s] after the last, with the wall at a place
-        [rotor spacings].
+        Of rotors that are outlying now and were not, or by as much, before, the mean so far
+        counts: such a reading is wrong once. The frame is a time [s] after the last, with the
+        wall at a place [rotor spacings].
         """
         self._sums += residuals
-        once = outlying & ~self._outlying
-        if once.any():
+        if outlying.any():
+            alike = np.abs(residuals - self._residuals) < 2 * math.sqrt(self._strong)
+            once = outlying & ~(self._outlying & alike)
             before = self._sums[once] - residuals[once]
             self._sums[once] = before * (1 + 1 / max(self._frames, 1))
-        self._outlying = outlying
+        self._outlying, self._residuals = outlying, residuals
         self._lowest, self._highest = min(self._lowest, place), max(self._highest, place)
         self._time += elapsed
         self._frames += 1

@@ -18,6 +18,7 @@ import numpy as np
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarRotors
 from soliton_linkage.estimation.frame_noise import FrameNoise
 from soliton_linkage.estimation.loops import frame_loops
+from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.places.place_hypotheses import Hypotheses, Hypothesis
@@ -290,6 +291,9 @@ class OrbitFilter:
         few = staying <= self._settings.likelihood.most_staying
         return few and not self._beyond and self._likelihood.explains(view, largest)
 
+    def _outlying(self, view: FrameView) -> Flags:
+        return view.outlying if view.unbelieved else self._none_off
+
     def _variance_of_a_rotor(self) -> float:
         """Variance of a rotor from the orbit, by noise and the field beside it [rad^2].
 
@@ -312,7 +316,7 @@ class OrbitFilter:
         if self._unexplained == 0:
             self._unexplained_since = time
         self._unexplained += 1
-        if self._budget.spend(time):
+        if self._unexplained >= self._tracking.jump_frames and self._budget.spend(time):
             places = self._found(seen)
             view = self._places.leader.view
             if places and self._gain(places[0], view, seen) > self._tracking.gain:
@@ -383,7 +387,7 @@ class OrbitFilter:
         self._noise.update(view, elapsed)
         self._frames += 1
         place = self.orbit.place(view.arc)
-        if self._far.add(view.residuals, view.outlying, place, elapsed):
+        if self._far.add(view.residuals, self._outlying(view), place, elapsed):
             self._learn_offsets(seen, view)
 
     def _variance(self, motion: MultipleModelFilter, view: FrameView, elapsed: float) -> float:

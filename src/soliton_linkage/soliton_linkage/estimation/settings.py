@@ -160,6 +160,7 @@ class TrackingSettings(_Part):
     edge_ratio: float = quantity(4.0, 'how much more its variance is at edges')
     doubted_time: float = quantity(0.1, 'time without an explained frame that is lost', 's')
     doubted_frames: float = quantity(10, 'frames in that time at least')
+    jump_frames: float = quantity(3, 'frames running that are not explained, to look elsewhere')
     gain: float = quantity(12.0, 'log odds for another place at which all begins anew')
     edge_rotors: float = quantity(2.0, 'reach of an edge beside ell / a', 'rotor spacings')
     beside_share: float = quantity(
@@ -200,6 +201,7 @@ class ScanSettings(_Part):
     same_arc: float = quantity(0.01, 'distance up to which two maxima are the same', 'rad')
     most_numbers: int = quantity(2_000_000, 'angles of an orbit that are kept to be scanned')
     most_samples: int = quantity(500, 'samples of a leg of a longer orbit')
+    near: float = quantity(0.5, 'distance up to which a sample is of a place', 'rotor spacings')
     told: float = quantity(0.9, 'least probability of the places of a frame that tells any')
     rate: float = quantity(20.0, 'scans in a second of stamps', '1/s')
     burst: float = quantity(3.0, 'scans that may be made at once after a while')

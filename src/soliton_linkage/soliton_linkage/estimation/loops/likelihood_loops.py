@@ -124,18 +124,18 @@ def leave(
     gross: float,
     weights: Array,
     left: Array,
-) -> tuple[tuple[int, int, int, int], tuple[float, float, float]]:
+) -> tuple[tuple[int, int, int, int, int], tuple[float, float, float]]:
     """Take what a step ahead of the arc [rad] explains off the differences [rad], shape (N,).
 
     What remains of the rotors about the wall is left, 0 of those with less than half a weight
     [rad], shape (n,). Returns how many of these remain, how many rotors are known at all, how
     many are off, with less than half a weight and a gross difference [rad] or more, and how many
-    of these are side by side at most;
+    of these are side by side at most, and how many have less than half a weight at all;
     the sum of squares of left [rad^2], the logarithm of the likelihood of the whole frame [1],
     and the largest difference [rad], infinite where one is not known.
     """
     end = first + tangent.size
-    used, known, off, running, run = 0, 0, 0, 0, 0
+    used, known, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
     squares, likelihood, largest = 0.0, 0.0, 0.0
     for n in range(differences.size):
         inside = first <= n < end
@@ -150,6 +150,7 @@ def leave(
         largest = max(largest, abs(apart))
         likelihood += _log_likelihood(apart * apart / variance, bound, floor)
         believed = weights[n] >= 0.5
+        unbelieved += not believed
         if believed or abs(apart) < gross:
             running = 0
         else:
@@ -160,7 +161,7 @@ def leave(
             used += 1
             left[n - first] = apart
             squares += apart * apart
-    return (used, known, off, run), (squares, likelihood, largest)
+    return (used, known, off, run, unbelieved), (squares, likelihood, largest)
 
 
 @compiled(READ, READ_TABLE, NUMBER, NUMBER, NUMBER, TABLE)

@@ -54,6 +54,8 @@ class FrameView(NamedTuple):
     """Number of rotors that are not believed and further off than springs could be."""
     run: int
     """How many of these are side by side at most."""
+    unbelieved: int
+    """Number of rotors that are not believed."""
     largest: float
     """Largest residual of all rotors [rad], infinite where one is not known."""
 
@@ -80,12 +82,16 @@ class FrameLikelihood:
         """Begin with the swing that a rotor makes as a wall passes [rad]."""
         self._settings = settings
         self._gross = settings.gross_share * swing
+        self._known = math.nan, math.nan
         self._most_off: dict[int, int] = {}
 
     def floor(self, variance: float) -> float:
         """Logarithm of the density of what tells nothing, over that of the core's top [1]."""
-        given = self._settings
-        return likelihood_loops.log_floor(variance, given.bound, given.wrong, 2 * math.pi)
+        if variance != self._known[0]:
+            given = self._settings
+            floor = likelihood_loops.log_floor(variance, given.bound, given.wrong, 2 * math.pi)
+            self._known = variance, floor
+        return self._known[1]
 
     def view(
         self,
@@ -129,6 +135,7 @@ class FrameLikelihood:
             known=counts[1],
             off=counts[2],
             run=counts[3],
+            unbelieved=counts[4],
             largest=sums[2],
         )
 

@@ -66,6 +66,8 @@ class OrbitSamples:
 
     arcs: Array
     """Arc lengths [rad], shape (S,)."""
+    places: Array
+    """Places of the walls [rotor spacings], shape (S,)."""
     legs: NDArray[np.int64]
     """Legs of the orbit, shape (S,)."""
     firsts: NDArray[np.int64]
@@ -82,6 +84,7 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
     counts = np.array([len(each.angles) for each in about], dtype=np.int64)
     return OrbitSamples(
         arcs,
+        np.array([orbit.place(arc) for arc in arcs.tolist()]),
         np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
         np.array([each.first for each in about], dtype=np.int64),
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
@@ -148,7 +151,7 @@ class PlaceSearch:
                 < self._settings.same_arc
                 for each in places
             )
-            if not same and place.view.information > 0:
+            if place.view.information > 0 and not same:
                 places.append(place)
         places.sort(key=lambda each: -each.evidence)
         return Competition(places, self._elsewhere(images, scans, places, variance))
@@ -175,7 +178,7 @@ class PlaceSearch:
             if abs(step) < settings.close and seen_with == variance:
                 break
         view = self._view(image, arc, variance)
-        spread = variance / max(view.information, 1e-12)
+        spread = min(variance / max(view.information, 1e-12), self._orbit.site_arc**2)
         evidence = view.likelihood + 0.5 * math.log(2 * math.pi * spread)
         return Place(arc % self._orbit.length, turned, view, variance, evidence)
 
@@ -208,14 +211,8 @@ class PlaceSearch:
             found = self._scanned(images[turned], samples, seen_with)
             for place in places:
                 if place.upside_down == turned:
-                    apart = np.abs(
-                        np.remainder(
-                            samples.arcs - place.arc + self._orbit.length / 2, self._orbit.length
-                        )
-                        - self._orbit.length / 2
-                    )
-                    reach = 4 * math.sqrt(variance / max(place.view.information, 1e-12))
-                    found[apart < min(reach, self._step * 8) + 2 * self._step] = -math.inf
+                    apart = np.abs(samples.places - self._orbit.place(place.arc))
+                    found[apart < self._settings.near] = -math.inf
             terms.append(found)
         joined = np.concatenate(terms)
         top = float(joined.max())
