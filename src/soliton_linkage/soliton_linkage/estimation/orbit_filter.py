@@ -184,7 +184,7 @@ class OrbitFilter:
         self._noise = FrameNoise(self._given_noise, self._settings.noise, self._gross)
         self._unexplained_since = math.nan
         self._unexplained = 0
-        self._beyond = False
+        self._beyond = self._edge = False
         self._off = self._none_off
         self._way = math.inf
         self._frames = 0
@@ -240,6 +240,7 @@ class OrbitFilter:
         return seen if seen > self._tracking.field_beyond_chance * self._noise.variance else 0.0
 
     def _follow(self, time: float, elapsed: float, seen: Array) -> None:
+        self._edge = self._at_edge()
         for each in self._places.all:
             self._predict(each.motion, elapsed)
         best = self._places.leader.motion
@@ -304,7 +305,7 @@ class OrbitFilter:
         field = max(noise.scatter - noise.variance, 0.0) + about
         self._beyond = noise.about_wall > self._most_about_wall
         changed = max(min(self._way, 1.0), math.exp(-self._frames / self._tracking.settled))
-        at_edge = self._tracking.edge_ratio if self._at_edge() else 1.0
+        at_edge = self._tracking.edge_ratio if self._edge else 1.0
         field += self._elastic * changed * at_edge
         return noise.variance + min(field, self._largest_field)
 
@@ -347,7 +348,7 @@ class OrbitFilter:
     def _predict(self, motion: MultipleModelFilter, elapsed: float) -> None:
         """Go on by a time [s]; where rotors deviate, the rate varies along the orbit."""
         before = self.orbit.free_rate(motion.arc) if self._deviates else 1.0
-        motion.predict(elapsed, self._at_edge())
+        motion.predict(elapsed, self._edge)
         if self._deviates:
             motion.change_rate(self.orbit.free_rate(motion.arc) / before)
 
@@ -401,7 +402,7 @@ class OrbitFilter:
         unseen, unbelieved = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
         frames = max(self.orbit.site_arc / max(abs(motion.expected_rate) * elapsed, 1e-9), 1.0)
         noise = self._noise
-        field = noise.excess + (self._elastic if self._at_edge() else 0.0)
+        field = noise.excess + (self._elastic if self._edge else 0.0)
         lasting = field * unseen * min(frames, self._tracking.most_alike)
         fleeting = max(noise.scatter - noise.variance, field) * unbelieved
         return noise.variance / view.information + lasting + fleeting
@@ -431,14 +432,14 @@ class OrbitFilter:
         before, beyond = self._backgrounds[self.orbit.leg(arc)]
         left = np.empty_like(before)
         frame_loops.compare(
-            angles=seen,
-            corrections=self.offsets.corrections,
-            upside_down=upside_down,
-            before=before,
-            about=about.angles,
-            beyond=beyond,
-            first=about.first,
-            differences=left,
+            seen,
+            self.offsets.corrections,
+            upside_down,
+            before,
+            about.angles,
+            beyond,
+            about.first,
+            left,
         )
         doubtful = NO_FLAGS
         if self._doubts:

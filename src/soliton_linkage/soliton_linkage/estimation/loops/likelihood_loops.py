@@ -164,6 +164,38 @@ def leave(
     return (used, known, off, run, unbelieved), (squares, likelihood, largest)
 
 
+@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW, ROW)
+def view(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    variance: float,
+    spread: float,
+    bound: float,
+    floor: float,
+    gross: float,
+    least_share: float,
+    doubtful: Flags,
+    weights: Array,
+    left: Array,
+) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
+    """What `weigh` and then `leave` return, with all that is known where the rest tells little.
+
+    That is where rotors that are not doubtful have less than the least share of sum t^2.
+    """
+    information, ahead, whole, known = weigh(
+        differences, first, tangent, variance, spread, bound, floor, doubtful, weights
+    )
+    if whole < least_share * known:
+        information, ahead, whole, known = weigh(
+            differences, first, tangent, variance, spread, bound, floor, doubtful[:0], weights
+        )
+    counts, sums = leave(
+        differences, first, tangent, ahead, variance, bound, floor, gross, weights, left
+    )
+    return (information, ahead, whole), counts, sums
+
+
 @compiled(READ, READ_TABLE, NUMBER, NUMBER, NUMBER, TABLE)
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array

@@ -83,6 +83,7 @@ class FrameLikelihood:
         self._settings = settings
         self._gross = settings.gross_share * swing
         self._known = math.nan, math.nan
+        self._log_wrong = math.log(settings.wrong)
         self._most_off: dict[int, int] = {}
 
     def floor(self, variance: float) -> float:
@@ -109,34 +110,40 @@ class FrameLikelihood:
         """
         bound, floor = self._settings.bound, self.floor(variance)
         weights, left = np.empty_like(differences), np.empty_like(tangent)
-        information, ahead, whole, known = likelihood_loops.weigh(
-            differences, first, tangent, variance, spread, bound, floor, doubtful, weights
+        (information, ahead, whole), counts, sums = likelihood_loops.view(
+            differences,
+            first,
+            tangent,
+            variance,
+            spread,
+            bound,
+            floor,
+            self._gross,
+            self._settings.least_share,
+            doubtful,
+            weights,
+            left,
         )
-        if whole < self._settings.least_share * known:
-            information, ahead, whole, _ = likelihood_loops.weigh(
-                differences, first, tangent, variance, spread, bound, floor, NO_FLAGS, weights
-            )
-        counts, sums = likelihood_loops.leave(
-            differences, first, tangent, ahead, variance, bound, floor, self._gross, weights, left
-        )
+        used, known, off, run, unbelieved = counts
+        squares, likelihood, largest = sums
         return FrameView(
-            arc=arc + ahead,
-            first=first,
-            tangent=tangent,
-            residuals=differences,
-            weights=weights,
-            left=left,
-            information=information,
-            information_of_all=whole,
-            squares=sums[0],
-            degrees_of_freedom=max(counts[0] - 1, 1),
-            likelihood=sums[1],
-            nothing=counts[1] * (floor - math.log(self._settings.wrong)),
-            known=counts[1],
-            off=counts[2],
-            run=counts[3],
-            unbelieved=counts[4],
-            largest=sums[2],
+            arc + ahead,
+            first,
+            tangent,
+            differences,
+            weights,
+            left,
+            information,
+            whole,
+            squares,
+            max(used - 1, 1),
+            likelihood,
+            known,
+            known * (floor - self._log_wrong),
+            off,
+            run,
+            unbelieved,
+            largest,
         )
 
     def of_residuals(self, view: FrameView, variance: float) -> float:
@@ -155,7 +162,7 @@ class FrameLikelihood:
         if view.run > self._settings.longest_run:
             return False
         if view.likelihood < view.nothing:
-            nothing = view.known * (self.floor(largest) - math.log(self._settings.wrong))
+            nothing = view.known * (self.floor(largest) - self._log_wrong)
             if self.of_residuals(view, largest) < nothing:
                 return False
         if view.off <= 1:

@@ -102,23 +102,12 @@ class Hypotheses:
         others = sum(share for share, each in zip(shares, legs, strict=True) if each != leg)
         return others < self._settings.leg_doubt * sum(shares)
 
-    def direction(self, arc: float) -> int:
-        """Where the wall goes as the arc grows, 0 while it waits at an edge."""
-        inside = 0 < self._orbit.place(arc) < self._orbit.chain.number_of_rotors - 1
-        return (1 if self._orbit.leg(arc) % 2 == 0 else -1) if inside else 0
-
     def wall(self, arc_beside: float, rate_beside: float) -> MixedWall:
         """Place and rate of the wall, with variances that are beside those of the filters.
 
         They are of the arc [rad^2] and of its rate [rad^2/s^2].
         """
-        rows = []
-        for each in self.all:
-            arc, rate, of_arc, _, of_rate = each.motion.summary
-            scale = self._orbit.site_arc_at(arc)
-            rate_there = self.direction(arc) * rate / scale
-            variances = (of_arc + arc_beside) / scale**2, (of_rate + rate_beside) / scale**2
-            rows.append((self._orbit.place(arc), variances[0], rate_there, variances[1]))
+        rows = [self._row(each, arc_beside, rate_beside) for each in self.all]
         if len(rows) == 1:
             place, of_place, rate, of_rate = rows[0]
             return MixedWall(place, math.sqrt(of_place), rate, math.sqrt(of_rate))
@@ -129,6 +118,23 @@ class Hypotheses:
         of_place = float(shares @ (place_variances + (places - place) ** 2))
         of_rate = float(shares @ (rate_variances + (rates - rate) ** 2))
         return MixedWall(place, math.sqrt(of_place), rate, math.sqrt(of_rate))
+
+    def _row(
+        self, each: Hypothesis, arc_beside: float, rate_beside: float
+    ) -> tuple[float, float, float, float]:
+        """Place, its variance, rate of the place, 0 while it waits at an edge, its variance."""
+        orbit = self._orbit
+        arc, rate, of_arc, _, of_rate = each.motion.summary
+        place, scale = orbit.place(arc), orbit.site_arc_at(arc)
+        inside = 0 < place < orbit.chain.number_of_rotors - 1
+        direction = (1 - 2 * (orbit.leg(arc) % 2)) if inside else 0
+        squared = scale * scale
+        return (
+            place,
+            (of_arc + arc_beside) / squared,
+            direction * rate / scale,
+            (of_rate + rate_beside) / squared,
+        )
 
     def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Whether two have come to be of the same place, at the same rate."""
