@@ -113,6 +113,7 @@ class FarRotors:
         self._apart = np.zeros(rotors)
         self._waves = 0.0
         self._means = np.full(rotors, np.nan)
+        self._uneven = False
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying = np.zeros(rotors, dtype=np.bool_)
@@ -169,9 +170,11 @@ class FarRotors:
         strong = self._strong + given.strong_waves * noise
         changed, self._means = means - self._means, means.copy()
         changed[np.isnan(innovations)] = np.nan
-        if self._most(squares[:known]) > strong and not self._lasts(changed, strong):
-            self.forget()
-            return
+        if self._most(squares[:known]) > strong:
+            if not self._lasts(changed, strong):
+                self.forget()
+                return
+            self._uneven = True
         of_waves = max(robust_deviation(unexpected[:known]) ** 2 - noise, 0.0)
         repeats = max(given.wave_time * self._time_unit / self._time, 1.0)
         noise += of_waves * repeats
@@ -182,6 +185,8 @@ class FarRotors:
         strange = np.abs(innovations) > given.beyond_chance * (unsure + math.sqrt(noise))
         means[strange] = np.nan
         offsets.update(means, sides, noise, repeated)
+        if self._uneven:
+            offsets.corrections[:] = 0.0
         offsets.doubt(strange)
         offset_loops.beyond_chance(offsets.encoders, given.record, sides, repeated, self._apart)
         self.forget()
@@ -202,7 +207,8 @@ class FarRotors:
         offset_loops.find_stuck(read, self._read, outlying, self.stuck, given.stuck_share)
         limit = given.beyond_chance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
         far_off = self._apart > limit + given.least_doubted
-        self.doubtful = self.stuck | (far_off & (self._offsets.corrections == 0))
+        unknown = far_off & (self._offsets.corrections == 0)
+        self.doubtful = self.stuck | (unknown & (not self._uneven))
 
     def _most(self, squares: Array) -> float:
         """Mean of all squares but the few largest, which may be of offsets [rad^2]."""
