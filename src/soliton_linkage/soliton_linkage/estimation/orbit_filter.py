@@ -185,7 +185,7 @@ class OrbitFilter:
         self._unexplained_since = math.nan
         self._unexplained = 0
         self._beyond = self._edge = False
-        self._off = self._none_off
+        self._off = self._strained = self._none_off
         self._way = math.inf
         self._frames = 0
         self._estimate = lost(time, self._noise.deviation)
@@ -249,9 +249,7 @@ class OrbitFilter:
             self._acquire(time, seen)
             return
         self._way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
-        variance = self._variance_of_a_rotor()
-        for each in self._places.all:
-            each.view = self._recognised(each, seen, variance)
+        variance = self._looked_at(seen, elapsed)
         self._weigh(variance)
         view = self._places.leader.view
         if not view.known:
@@ -265,9 +263,8 @@ class OrbitFilter:
         self._unexplained_since = math.nan if explained else self._unexplained_since
         if explained:
             self._unexplained = 0
-        believed = self._settings.likelihood.believed * view.information_of_all
         untold = view.information < self._settings.search.least_information
-        if untold or (not explained and view.information < believed):
+        if untold or not (explained or self._is_believed(view)):
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
             return
@@ -276,6 +273,45 @@ class OrbitFilter:
         self._learn(seen, view, elapsed)
         self._places.suppose_toggled()
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
+
+    def _looked_at(self, seen: Array, elapsed: float) -> float:
+        """See a frame from each place; return the variance of a rotor that it was seen with.
+
+        A wall that was pushed is on before where it is expected, and what springs do to it is not
+        that of before: where several rotors about it are off, by no more than springs could do,
+        it is looked for as one that was found now.
+        """
+        variance = self._see(seen, 0.0)
+        view = self._places.leader.view
+        if self._is_believed(view):
+            self._strained = self._none_off
+            return variance
+        strained = view.outlying & (np.abs(view.residuals) < self._gross)
+        often = bool((strained & self._strained).any())
+        self._strained = strained
+        if not often and np.count_nonzero(strained) < self._tracking.strained_rotors:
+            return variance
+        views, frames = [each.view for each in self._places.all], self._frames
+        self._frames = 0
+        widened = self._see(seen, (elapsed / self.orbit.chain.time_unit) ** 2)
+        if self._is_believed(self._places.leader.view):
+            return widened
+        self._frames = frames
+        for each, view in zip(self._places.all, views, strict=True):
+            each.view = view
+        return variance
+
+    def _see(self, seen: Array, pushed: float) -> float:
+        """See a frame from places that pushes may have moved by a variance [rad^2]."""
+        variance = self._variance_of_a_rotor()
+        for each in self._places.all:
+            each.view = self._recognised(each, seen, variance, pushed)
+        return variance
+
+    def _is_believed(self, view: FrameView) -> bool:
+        """Whether most of what the rotors about the wall tell is believed."""
+        believed = self._settings.likelihood.believed
+        return view.information >= believed * view.information_of_all
 
     def _is_explained(self, view: FrameView, variance: float) -> bool:
         """Whether a frame is that of a wall, of rotors of a variance [rad^2].
@@ -326,8 +362,7 @@ class OrbitFilter:
         tracking = self._tracking
         long = time - self._unexplained_since > tracking.doubted_time
         view = self._places.leader.view
-        believed = self._settings.likelihood.believed * view.information_of_all
-        hopeless = self._beyond or view.information < believed
+        hopeless = self._beyond or not self._is_believed(view)
         if long and self._unexplained > tracking.doubted_frames and hopeless:
             self._forget(time)
             return True
@@ -407,10 +442,12 @@ class OrbitFilter:
         fleeting = max(noise.scatter - noise.variance, field) * unbelieved
         return noise.variance / view.information + lasting + fleeting
 
-    def _recognised(self, hypothesis: Hypothesis, seen: Array, variance: float) -> FrameView:
+    def _recognised(
+        self, hypothesis: Hypothesis, seen: Array, variance: float, pushed: float
+    ) -> FrameView:
         """View of a frame from the likeliest arc, by the frame and by what went before."""
         motion, tracking = hypothesis.motion, self._tracking
-        expected, spread = motion.expected, motion.expected_variance
+        expected, spread = motion.expected, motion.expected_variance + pushed
         arc, unsure = expected, spread
         for _ in range(tracking.iterations):
             view = self._view(seen, arc, variance, unsure, hypothesis.upside_down)
