@@ -90,7 +90,7 @@ def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> No
         assert len(one.solitons) == len(other.solitons)
         assert one.status == other.status
         for wall, same in zip(one.solitons, other.solitons, strict=True):
-            assert abs(wall.position - same.position) < 0.1 * same.position_deviation
+            assert abs(wall.position - same.position) < same.position_deviation
 
 
 def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(

@@ -185,7 +185,8 @@ class OrbitFilter:
         self._unexplained_since = math.nan
         self._unexplained = 0
         self._beyond = self._edge = False
-        self._off = self._strained = self._none_off
+        self._off = self._none_off
+        self._strained = np.zeros(len(self._off), dtype=np.int64)
         self._way = math.inf
         self._frames = 0
         self._estimate = lost(time, self._noise.deviation)
@@ -278,18 +279,10 @@ class OrbitFilter:
         """See a frame from each place; return the variance of a rotor that it was seen with.
 
         A wall that was pushed is on before where it is expected, and what springs do to it is not
-        that of before: where several rotors about it are off, by no more than springs could do,
-        it is looked for as one that was found now.
+        that of before: it is looked for as one that was found now.
         """
         variance = self._see(seen, 0.0)
-        view = self._places.leader.view
-        if self._is_believed(view):
-            self._strained = self._none_off
-            return variance
-        strained = view.outlying & (np.abs(view.residuals) < self._gross)
-        often = bool((strained & self._strained).any())
-        self._strained = strained
-        if not often and np.count_nonzero(strained) < self._tracking.strained_rotors:
+        if not self._is_strained(self._places.leader.view):
             return variance
         views, frames = [each.view for each in self._places.all], self._frames
         self._frames = 0
@@ -300,6 +293,19 @@ class OrbitFilter:
         for each, view in zip(self._places.all, views, strict=True):
             each.view = view
         return variance
+
+    def _is_strained(self, view: FrameView) -> bool:
+        """Whether a wall is off as by a push: several rotors side by side, or one for a while.
+
+        They are no further off than springs could have them.
+        """
+        if self._is_believed(view):
+            self._strained[:] = 0
+            return False
+        off = view.outlying & (np.abs(view.residuals) < self._gross)
+        self._strained = np.where(off, self._strained + 1, 0)
+        run = off[:-2] & off[1:-1] & off[2:]
+        return bool(run.any() or (self._strained >= self._tracking.strained_frames).any())
 
     def _see(self, seen: Array, pushed: float) -> float:
         """See a frame from places that pushes may have moved by a variance [rad^2]."""

@@ -157,7 +157,7 @@ class TrackingSettings(_Part):
         3.0, 'largest square of what lasts about a wall, over its mean: it is not even'
     )
     settled: float = quantity(10.0, 'frames in which what springs do to a wall is known')
-    strained_rotors: int = quantity(3, 'rotors about a wall that are off as one is pushed')
+    strained_frames: int = quantity(3, 'frames running that one rotor is off as a wall is pushed')
     edge_ratio: float = quantity(4.0, 'how much more its variance is at edges')
     doubted_time: float = quantity(0.1, 'time without an explained frame that is lost', 's')
     doubted_frames: float = quantity(10, 'frames in that time at least')
