@@ -297,9 +297,10 @@ class OrbitFilter:
     def _is_strained(self, view: FrameView) -> bool:
         """Whether a wall is off as by a push: several rotors side by side, or one for a while.
 
-        They are no further off than springs could have them.
+        They are no further off than springs could have them, and most of the wall is seen.
         """
-        if self._is_believed(view):
+        seen = view.information_of_all > self._settings.likelihood.believed
+        if self._is_believed(view) or not seen:
             self._strained[:] = 0
             return False
         off = view.outlying & (np.abs(view.residuals) < self._gross)
