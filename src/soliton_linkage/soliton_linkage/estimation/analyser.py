@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,8 +80,7 @@ class AnalysedSoliton:
     width_deviation: float
 
 
-@dataclass(frozen=True)
-class CyclePhase:
+class CyclePhase(NamedTuple):
     """Where a chain is on its orbit, as a phase; NaN, and leg -1, where it is not known.
 
     phase: from 0 to 2 pi over a whole cycle [rad].

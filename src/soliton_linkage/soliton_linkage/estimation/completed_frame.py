@@ -84,7 +84,7 @@ class Unwrapper:
 
     def unwrapped(self, angles: Array) -> Array:
         """Angles [rad], shape (N,), NaN where they are not finite or too large to be any."""
-        seen = np.empty_like(self._last)
+        seen = np.empty(len(self._last))
         read = np.ascontiguousarray(angles, dtype=np.float64)
         frame_loops.unwrap(read, self._last, self._turns, seen)
         return seen

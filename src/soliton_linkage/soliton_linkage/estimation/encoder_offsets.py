@@ -116,7 +116,7 @@ class FarRotors:
         self._uneven = False
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
-        self._outlying = np.zeros(rotors, dtype=np.bool_)
+        self._outlying: NDArray[np.bool_] | None = None
         self._residuals = np.full(rotors, np.nan)
         self.forget()
 
@@ -127,7 +127,7 @@ class FarRotors:
         self._lowest, self._highest = math.inf, -math.inf
 
     def add(
-        self, residuals: Array, outlying: NDArray[np.bool_], place: float, elapsed: float
+        self, residuals: Array, outlying: NDArray[np.bool_] | None, place: float, elapsed: float
     ) -> bool:
         """Take in what is left of a frame [rad], shape (N,); whether that fills the block.
 
@@ -136,9 +136,11 @@ class FarRotors:
         wall at a place [rotor spacings].
         """
         self._sums += residuals
-        if outlying.any():
-            alike = np.abs(residuals - self._residuals) < 2 * math.sqrt(self._strong)
-            once = outlying & ~(self._outlying & alike)
+        if outlying is not None:
+            once = outlying
+            if self._outlying is not None:
+                alike = np.abs(residuals - self._residuals) < 2 * math.sqrt(self._strong)
+                once = outlying & ~(self._outlying & alike)
             before = self._sums[once] - residuals[once]
             self._sums[once] = before * (1 + 1 / max(self._frames, 1))
         self._outlying, self._residuals = outlying, residuals

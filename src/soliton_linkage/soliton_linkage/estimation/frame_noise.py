@@ -32,6 +32,10 @@ class FrameNoise:
         """
         self._settings = settings
         self._largest = largest
+        self.field = self.about_wall = 0.0
+        """Variance of what lasts about the wall, of the last few frames, and its mean by t^2,
+        without what the arc takes of it [rad^2]. They are of the smaller of what is left of a
+        rotor in two frames running, so that no reading that is wrong in one of them counts."""
         self._field = self._field_share = self._field_sums = 0.0
         self._before: Array | None = None
         self._given = 0.0 if given is None else given**2
@@ -45,20 +49,6 @@ class FrameNoise:
     def deviation(self) -> float:
         """Standard deviation of the noise in use [rad]."""
         return math.sqrt(self.variance)
-
-    @property
-    def field(self) -> float:
-        """Variance of what lasts about the wall, of the last few frames [rad^2].
-
-        By the smaller of what is left of a rotor in two frames running, so that no reading that
-        is wrong in one of them counts.
-        """
-        return max(self._field / self._field_share, 0.0) if self._field_share > 0 else 0.0
-
-    @property
-    def about_wall(self) -> float:
-        """Mean of what lasts, by t^2 and without what the arc takes of it [rad^2]."""
-        return max(self._field / self._field_sums, 0.0) if self._field_sums > 0 else 0.0
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -89,6 +79,9 @@ class FrameNoise:
             self._field = fade * self._field + whole
             self._field_share = fade * self._field_share + free
             self._field_sums = fade * self._field_sums + 1.0
+            lasting = max(self._field, 0.0)
+            self.field = lasting / self._field_share if self._field_share > 0 else 0.0
+            self.about_wall = lasting / self._field_sums
         self._before = view.residuals
 
     def forget_what_lasted(self) -> None:
@@ -113,8 +106,12 @@ class FrameNoise:
             count=high - low,
         )
         self._products = fade * self._products + whole
-        of_each = [each.degrees_of_freedom for each in (oldest, older, view)]
-        freedoms = min(high - low - 1, *of_each)
+        freedoms = min(
+            high - low - 1,
+            oldest.degrees_of_freedom,
+            older.degrees_of_freedom,
+            view.degrees_of_freedom,
+        )
         self._pairs = fade * self._pairs + max(freedoms, 0)
         self._wall = fade * self._wall + wall
         self._wall_share = fade * self._wall_share + free

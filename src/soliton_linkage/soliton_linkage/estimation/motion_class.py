@@ -21,7 +21,7 @@ disturb both: where its two sides differ by more than the noise, the deviation g
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,7 @@ from soliton_linkage.estimation.settings import DEFAULTS, MotionSettings
 from soliton_linkage.linkage.chain import Array, Motion
 
 
-@dataclass(frozen=True)
-class MotionClass:
+class MotionClass(NamedTuple):
     """Class of motion that the angles speak for.
 
     motion: none where the data cannot tell: there is no wall, or too much noise.
@@ -51,8 +50,7 @@ class MotionClass:
     tail_ratio_deviation: float
 
 
-@dataclass(frozen=True)
-class MotionEvidence:
+class MotionEvidence(NamedTuple):
     """What frames say of the motion; evidence of independent frames adds.
 
     place: where u changes its sign [rotor spacings], in the last frame; NaN without a wall.

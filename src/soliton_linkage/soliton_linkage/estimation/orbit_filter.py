@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarRotors
 from soliton_linkage.estimation.frame_noise import FrameNoise
 from soliton_linkage.estimation.loops import frame_loops
-from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.places.place_hypotheses import Hypotheses, Hypothesis
@@ -43,8 +42,7 @@ class TrackingStatus(enum.Enum):
     """On frames before; this one was empty or could not be."""
 
 
-@dataclass(frozen=True)
-class OrbitEstimate:
+class OrbitEstimate(NamedTuple):
     """Where a chain is on its orbit; NaN, and leg -1, while it is lost.
 
     time: instant of the estimate [s].
@@ -140,6 +138,7 @@ class OrbitFilter:
         margin = 1 + settings.offsets.depths_beside * self._depth
         self._far = FarRotors(self.offsets, margin, chain.time_unit, self._elastic)
         self._none_off = np.zeros(chain.number_of_rotors, dtype=np.bool_)
+        self._never = np.zeros(chain.number_of_rotors, dtype=np.int64)
         shifts = settings.offsets.wall_shifts
         self._shift = shifts[1] if chain.motion is Motion.SPINNER else shifts[0]
         self._doubts = False
@@ -186,7 +185,7 @@ class OrbitFilter:
         self._unexplained = 0
         self._beyond = self._edge = False
         self._off = self._none_off
-        self._strained = np.zeros(len(self._off), dtype=np.int64)
+        self._strained = self._never
         self._way = math.inf
         self._frames = 0
         self._estimate = lost(time, self._noise.deviation)
@@ -301,7 +300,7 @@ class OrbitFilter:
         """
         seen = view.information_of_all > self._settings.likelihood.believed
         if self._is_believed(view) or not seen:
-            self._strained[:] = 0
+            self._strained = self._never
             return False
         off = view.outlying & (np.abs(view.residuals) < self._gross)
         self._strained = np.where(off, self._strained + 1, 0)
@@ -334,9 +333,6 @@ class OrbitFilter:
         largest = variance + self._largest_field
         few = staying <= self._settings.likelihood.most_staying
         return few and not self._beyond and self._likelihood.explains(view, largest)
-
-    def _outlying(self, view: FrameView) -> Flags:
-        return view.outlying if view.unbelieved else self._none_off
 
     def _variance_of_a_rotor(self) -> float:
         """Variance of a rotor from the orbit, by noise and the field beside it [rad^2].
@@ -430,7 +426,8 @@ class OrbitFilter:
         self._noise.update(view, elapsed)
         self._frames += 1
         place = self.orbit.place(view.arc)
-        if self._far.add(view.residuals, self._outlying(view), place, elapsed):
+        outlying = view.outlying if view.unbelieved else None
+        if self._far.add(view.residuals, outlying, place, elapsed):
             self._learn_offsets(seen, view)
 
     def _variance(self, motion: MultipleModelFilter, view: FrameView, elapsed: float) -> float:
@@ -474,7 +471,7 @@ class OrbitFilter:
         """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2]."""
         about = self.orbit.stretch(arc)
         before, beyond = self._backgrounds[self.orbit.leg(arc)]
-        left = np.empty_like(before)
+        left = np.empty(len(before))
         frame_loops.compare(
             seen,
             self.offsets.corrections,

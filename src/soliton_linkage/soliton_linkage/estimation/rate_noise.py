@@ -51,7 +51,7 @@ class RateNoise:
         uneven = abs(first - second) > self._settings.unevenness * first
         if uneven or max(first, second) > self._longest:
             return
-        changes = np.empty_like(row)
+        changes = np.empty(len(row))
         known = frame_loops.known_changes(before[1], self._before[1], row, changes)
         if known == 0:
             return

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,8 +91,7 @@ class EdgeRotors:
     turns: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class FrameErrors:
+class FrameErrors(NamedTuple):
     """What is known of the errors of a frame.
 
     noise: standard deviation of the angles [rad].

@@ -83,10 +83,10 @@ class UniformOrbit(Orbit):
 
     def place(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
-        leg = self.leg(arc)
-        beyond = (arc % self.length - self._halfway(leg)) / self.site_arc
-        place = self.middle + beyond if leg % 2 == 0 else self.middle - beyond
-        return min(max(place, 0.0), self.chain.number_of_rotors - 1.0)
+        leg, last = self.leg(arc), self.chain.number_of_rotors - 1
+        beyond = (arc % self._starts[-1] - self._halfway(leg)) / self.site_arc
+        place = last / 2 + beyond if leg % 2 == 0 else last / 2 - beyond
+        return min(max(place, 0.0), float(last))
 
     def arc_at(self, place: float, leg: int) -> float:
         """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
@@ -99,8 +99,8 @@ class UniformOrbit(Orbit):
 
     def stretch(self, arc: float) -> Stretch:
         """Rotors about the wall at an arc length; all others are as in `background`."""
-        within, leg = arc % self.length, self.leg(arc)
-        beyond = within - self._starts[leg]
+        leg = self.leg(arc)
+        beyond = arc % self._starts[-1] - self._starts[leg]
         repeats = (beyond - (self._middles[leg] - self._begins[leg])) / (2 * self.site_arc)
         whole = min(max(math.floor(repeats), 0), self._repeats)
         offset = 2 * (whole if leg % 2 == 0 else self._repeats - whole)

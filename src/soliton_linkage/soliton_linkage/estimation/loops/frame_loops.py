@@ -55,7 +55,7 @@ class FrameSines(NamedTuple):
 
 def sines_of(angles: Array) -> FrameSines:
     """Sines and cosines of the angles of a frame [rad], contiguous, shape (N,)."""
-    sines, cosines = np.empty_like(angles), np.empty_like(angles)
+    sines, cosines = np.empty(len(angles)), np.empty(len(angles))
     sines_and_cosines(angles, sines, cosines)
     return FrameSines(angles, sines, cosines)
 

@@ -109,7 +109,7 @@ class FrameLikelihood:
         The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
         """
         bound, floor = self._settings.bound, self.floor(variance)
-        weights, left = np.empty_like(differences), np.empty_like(tangent)
+        weights, left = np.empty(len(differences)), np.empty(len(tangent))
         (information, ahead, whole), counts, sums = likelihood_loops.view(
             differences,
             first,

@@ -79,9 +79,10 @@ class Hypotheses:
     def suppose_toggled(self) -> None:
         """Let another leg compete where an edge rotor is not where the leading one has it."""
         orbit, leader = self._orbit, self.leader
-        if orbit.number_of_legs < 4:
+        view = leader.view
+        if orbit.number_of_legs < 4 or not view.unbelieved:
             return
-        arc, view = leader.motion.arc, leader.view
+        arc = leader.motion.arc
         leg, last = orbit.leg(arc), len(view.residuals) - 1
         turn = math.floor(arc / orbit.length) * orbit.length
         for rotor, other in ((0, 3 - leg), (last, leg ^ 1)):
@@ -107,10 +108,10 @@ class Hypotheses:
 
         They are of the arc [rad^2] and of its rate [rad^2/s^2].
         """
-        rows = [self._row(each, arc_beside, rate_beside) for each in self.all]
-        if len(rows) == 1:
-            place, of_place, rate, of_rate = rows[0]
+        if len(self.all) == 1:
+            place, of_place, rate, of_rate = self._row(self.all[0], arc_beside, rate_beside)
             return MixedWall(place, math.sqrt(of_place), rate, math.sqrt(of_rate))
+        rows = [self._row(each, arc_beside, rate_beside) for each in self.all]
         shares = np.exp([each.evidence for each in self.all])
         shares /= shares.sum()
         places, place_variances, rates, rate_variances = np.array(rows).T
