@@ -64,6 +64,7 @@ def test_an_edge_rotor_that_is_elsewhere_lets_another_leg_compete() -> None:
     made.suppose_toggled()
     assert len(made.all) == 1
     made.leader.view.weights[-1] = 0.0
+    made.leader.view = made.leader.view._replace(unbelieved=1)
     made.suppose_toggled()
     other = made.all[1]
     assert ORBIT.leg(other.motion.arc) == 1
