@@ -182,8 +182,7 @@ ANALYSES = st.builds(
     motion=st.sampled_from([None, *Motion]),
     measured_motion=st.builds(MotionClass, st.sampled_from([None, *Motion]), FLOATS),
     estimate=st.builds(
-        replace,
-        st.just(WOBBLING.estimate),
+        WOBBLING.estimate._replace,
         place=FLOATS,
         status=st.sampled_from(TrackingStatus),
         noise=FLOATS,

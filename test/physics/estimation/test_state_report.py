@@ -404,9 +404,7 @@ def test_rotors_that_were_not_seen_make_energies_less_certain(
     rates = moving + rate_noise * random.standard_normal(ROTORS)
     errors = FrameErrors(noise, rate_noise)
     seen = energies(chain, angles, rates, 29.7, errors)
-    none = energies(
-        chain, angles, rates, 29.7, dataclasses.replace(errors, unseen=np.zeros(ROTORS, bool))
-    )
+    none = energies(chain, angles, rates, 29.7, errors._replace(unseen=np.zeros(ROTORS, bool)))
     assert dataclasses.astuple(none) == pytest.approx(dataclasses.astuple(seen))
     unseen = np.zeros(ROTORS, bool)
     unseen[[25, 26, 40]] = True
