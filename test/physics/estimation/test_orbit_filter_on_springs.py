@@ -20,7 +20,7 @@ from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
-from soliton_linkage.estimation.orbit_filter import OrbitEstimate, OrbitFilter
+from soliton_linkage.estimation.orbit_filter import OrbitEstimate, OrbitFilter, TrackingStatus
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
@@ -205,6 +205,28 @@ def test_a_wall_that_leaves_the_edge_is_placed_where_it_is(
         assert not tracker.offsets.corrections.any()
         if noise == 0:
             assert estimate.noise < 1e-4 < estimate.misfit
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_chain_at_rest_that_is_kicked_is_followed_without_any_noise(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 16)
+    start = chain.uniform_state(-1)
+    simulation = ElasticSimulation(chain, start, 0 * start, PERIOD, 1e-7)
+    resting = simulation.record(0.4).angles
+    moment = chain.moment_of_inertia
+    simulation.kick(SPEEDS[example] * moment * mode_towards_last(chain, start))
+    orbit = UniformOrbit(chain)
+    tracker = OrbitFilter(orbit)
+    for frame, exact in enumerate(np.concatenate([resting, simulation.record(0.4).angles[1:]])):
+        estimate = tracker.update(frame * PERIOD, exact)
+        assert estimate.status is not TrackingStatus.COASTING
+        if frame > len(resting) + 3:
+            image = math.pi - exact if estimate.upside_down else exact
+            off = estimate.arc - fit_near(orbit, image, estimate.arc).arc
+            assert abs(off) < 4 * estimate.arc_deviation
+    assert tracker.starts == 1
 
 
 def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() -> None:
