@@ -62,9 +62,7 @@ def start() -> Iterator[Start]:
         process.communicate()
 
 
-def test_a_soliton_crosses_is_recorded_and_replayed_alike(
-    start: Start, tmp_path: Path
-) -> None:
+def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path: Path) -> None:
     leave_an_earlier_run(tmp_path, SCENARIO)
     process = start(CONFIGURATION / f'{SCENARIO}.yaml', tmp_path)
     said = process.communicate(timeout=LONGEST_RUN)[0]
@@ -89,7 +87,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(
     assert abs(summary['energy_drift']) < 1e-8
     speeds = [crossing.place_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
-    assert np.mean(speeds[:2]) == pytest.approx(predicted_speed(run, SCENARIO), rel=0.01)
+    assert np.mean(speeds[:2]) == pytest.approx(predicted_speed(run), rel=0.01)
     assert_live_analysis_is_that_of_the_recording(tmp_path / f'{SCENARIO}_0')
     for picture in ('kymograph.png', 'track.png'):
         assert np.std(imread(tmp_path / picture)[..., :3]) > 0.05

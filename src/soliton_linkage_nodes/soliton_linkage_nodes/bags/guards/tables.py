@@ -42,8 +42,12 @@ class Tables:
             self._database.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
         self._deadline = 0.0
         self._database.set_progress_handler(self._is_late, _LOOK_EVERY)
-        self.pragma('trusted_schema = OFF')
-        self.pragma('cell_size_check = ON')
+        try:
+            self.pragma('trusted_schema = OFF')
+            self.pragma('cell_size_check = ON')
+        except sqlite3.Error:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Let go of the file."""
