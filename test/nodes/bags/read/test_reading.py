@@ -205,6 +205,17 @@ def test_a_file_that_is_no_bag_is_named(tmp_path: Path) -> None:
         pass
 
 
+def test_a_file_that_is_damaged_is_let_go_of(named: NamedChain, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 5), 'sqlite3')
+    (data,) = bag.glob('*.db3')
+    data.write_bytes(b'no table' * 1000)
+    with pytest.raises(ValueError, match='not a database'), open_bag(bag):
+        pass
+    held = [file.readlink() for file in Path('/proc/self/fd').iterdir() if file.is_symlink()]
+    assert data not in held
+
+
+
 def test_damage_anywhere_is_never_anything_but_a_value_error(
     named: NamedChain, storage: str, tmp_path: Path
 ) -> None:

@@ -42,12 +42,8 @@ class Tables:
             self._database.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
         self._deadline = 0.0
         self._database.set_progress_handler(self._is_late, _LOOK_EVERY)
-        try:
-            self.pragma('trusted_schema = OFF')
-            self.pragma('cell_size_check = ON')
-        except sqlite3.Error:
-            self.close()
-            raise
+        self.pragma('trusted_schema = OFF')
+        self.pragma('cell_size_check = ON')
 
     def close(self) -> None:
         """Let go of the file."""

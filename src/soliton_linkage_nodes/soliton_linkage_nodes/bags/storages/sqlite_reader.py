@@ -39,40 +39,12 @@ class StoredSqlite(LimitedReader):
 
     def open(self) -> None:
         """Learn which topics there are."""
-        self._tables = tables = Tables(self._path, self.limits.most_unpacked)
-        definitions: dict[str, tuple[str, str]] = {}
-        if tables.columns('message_definitions'):
-            for name, encoding, text in tables.rows('message_definitions', _DEFINITION):
-                definitions.setdefault(name, (encoding, text))
-        counts = tables.counts('messages', 'topic_id')
-        held = tables.columns('topics')
-        columns = (*_TOPIC, *(name for name in _LATER if name in held))
-        for number, name, type_name, serialization, *later in tables.rows(
-            'topics', columns, 'ORDER BY id'
-        ):
-            profiles, digest = (*later, '', '')[:2]
-            definition = definitions.get(type_name, ('', ''))
-            texts = (name, type_name, serialization, profiles, digest, *definition)
-            if not isinstance(number, int) or not all(isinstance(each, str) for each in texts):
-                raise ValueError('its table of topics is damaged')
-            self.connections.append(
-                connection(
-                    self,
-                    number,
-                    name,
-                    type_name,
-                    definition,
-                    digest,
-                    counts.get(number, 0),
-                    serialization,
-                    profiles,
-                )
-            )
-        first, last = tables.extremes('messages', 'timestamp')
-        span = None
-        if counts:
-            span = (_stamp(first), _stamp(last))
-        self.metadata = summary_of(self.connections, span)
+        self._tables = Tables(self._path, self.limits.most_unpacked)
+        try:
+            self._learn(self._tables)
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Let go of the file."""
@@ -111,6 +83,41 @@ class StoredSqlite(LimitedReader):
                 )
             if number in wanted:
                 yield wanted[number], stamp, data
+
+    def _learn(self, tables: Tables) -> None:
+        definitions: dict[str, tuple[str, str]] = {}
+        if tables.columns('message_definitions'):
+            for name, encoding, text in tables.rows('message_definitions', _DEFINITION):
+                definitions.setdefault(name, (encoding, text))
+        counts = tables.counts('messages', 'topic_id')
+        held = tables.columns('topics')
+        columns = (*_TOPIC, *(name for name in _LATER if name in held))
+        for number, name, type_name, serialization, *later in tables.rows(
+            'topics', columns, 'ORDER BY id'
+        ):
+            profiles, digest = (*later, '', '')[:2]
+            definition = definitions.get(type_name, ('', ''))
+            texts = (name, type_name, serialization, profiles, digest, *definition)
+            if not isinstance(number, int) or not all(isinstance(each, str) for each in texts):
+                raise ValueError('its table of topics is damaged')
+            self.connections.append(
+                connection(
+                    self,
+                    number,
+                    name,
+                    type_name,
+                    definition,
+                    digest,
+                    counts.get(number, 0),
+                    serialization,
+                    profiles,
+                )
+            )
+        first, last = tables.extremes('messages', 'timestamp')
+        span = None
+        if counts:
+            span = (_stamp(first), _stamp(last))
+        self.metadata = summary_of(self.connections, span)
 
 
 def _stamp(value: Any) -> int:
