@@ -26,6 +26,10 @@ settings.register_profile(
 settings.load_profile('repeatable')
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption('--benchmarks', action='store_true', help='run parts of the benchmark too')
+
+
 def pytest_collection() -> None:
     """What is imported stays: no search for garbage looks through it, then or later."""
     gc.disable()

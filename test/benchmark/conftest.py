@@ -17,8 +17,12 @@ sys.path.append(str(PROGRAMS))
 
 
 @pytest.fixture(scope='session')
-def run_part(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+def run_part(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Path]:
     """Run a part by its name and return its output; what it says of a failure is shown."""
+    if not request.config.getoption('--benchmarks'):
+        pytest.skip("parts of the benchmark are run by make test ARGS='--benchmarks'")
 
     def run(name: str, *options: str) -> Path:
         path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'

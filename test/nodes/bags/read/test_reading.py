@@ -215,7 +215,6 @@ def test_a_file_that_is_damaged_is_let_go_of(named: NamedChain, tmp_path: Path) 
     assert data not in held
 
 
-
 def test_damage_anywhere_is_never_anything_but_a_value_error(
     named: NamedChain, storage: str, tmp_path: Path
 ) -> None:
