@@ -244,7 +244,7 @@ def foxglove(heard: Any, series: Any) -> Figure:
             draw_markers(axes, heard)
         elif kind == 'Image':
             draw_image(axes, heard)
-        elif kind == 'Publish':
+        elif kind in ('Publish', 'CallService'):
             box = {'facecolor': panel['buttonColor'], 'pad': 6, 'edgecolor': 'none'}
             axes.text(0.1, 0.5, panel['buttonText'], color='white', bbox=box, fontsize=8)
             axes.axis('off')

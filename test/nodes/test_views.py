@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 import yaml
+from std_srvs.srv import SetBool
 
 from soliton_linkage_nodes.commands.fields import interface_type
 from soliton_linkage_nodes.runtime.interfaces import DRAWN, SUITE
@@ -29,7 +30,7 @@ RVIZ_TYPES = {
 JOINT = re.compile(r'rotor_\d+')
 STATUS = re.compile(r'/(\w+)/(\w+): (\w+)/level')
 Series = tuple[str, list[str]]
-PANELS = {'3D', 'Image', 'Plot', 'DiagnosticSummary', 'Publish'}
+PANELS = {'3D', 'Image', 'Plot', 'DiagnosticSummary', 'Publish', 'CallService'}
 
 
 def follow(message_type: Any, path: list[str]) -> str:
@@ -120,6 +121,8 @@ def test_panels_of_foxglove_show_topics_of_their_type_and_each_is_on_the_page() 
     message_type = interface_type(nudge['datatype'], 'msg')
     assert message_type is TOPICS[nudge['topicName']]
     assert message_type(**json.loads(nudge['value'])).data > 0
+    pause = panels['CallService!pause']
+    assert SetBool.Request(**json.loads(pause['requestPayload'])).data
 
 
 def test_the_image_of_rqt_is_the_kymograph() -> None:

@@ -15,10 +15,11 @@ from websockets.typing import Subprotocol
 
 PROTOCOL = Subprotocol('foxglove.sdk.v1')
 MESSAGE_DATA, PUBLISH = 1, 1
+SERVICE_REQUEST, SERVICE_RESPONSE = 2, 3
 
 
 class FoxgloveClient:
-    """Hears what the server says, and asks it for topics and to publish."""
+    """Hears what the server says, asks it for topics and to publish, and calls services."""
 
     def __init__(self, address: str) -> None:
         self._stack = ExitStack()
@@ -29,6 +30,8 @@ class FoxgloveClient:
         self.information: dict[str, Any] = {}
         self.channels: dict[str, dict[str, Any]] = {}
         self.heard: dict[str, list[bytes]] = {}
+        self.services: dict[str, dict[str, Any]] = {}
+        self.answers: dict[int, bytes | str] = {}
 
     def listen(self, duration: float = 0.01) -> None:
         """Take what comes within a time [s]."""
@@ -42,6 +45,9 @@ class FoxgloveClient:
                 if said[0] == MESSAGE_DATA:
                     number, _ = struct.unpack_from('<IQ', said, 1)
                     self.heard[self._topics[number]].append(said[13:])
+                elif said[0] == SERVICE_RESPONSE:
+                    _, call, length = struct.unpack_from('<III', said, 1)
+                    self.answers[call] = said[13 + length :]
                 continue
             self._take(json.loads(said))
 
@@ -53,6 +59,13 @@ class FoxgloveClient:
         elif said['op'] == 'unadvertise':
             gone = said['channelIds']
             self.channels = {n: c for n, c in self.channels.items() if c['id'] not in gone}
+        elif said['op'] == 'advertiseServices':
+            self.services |= {each['name']: each for each in said['services']}
+        elif said['op'] == 'unadvertiseServices':
+            gone = said['serviceIds']
+            self.services = {n: s for n, s in self.services.items() if s['id'] not in gone}
+        elif said['op'] == 'serviceCallFailure':
+            self.answers[said['callId']] = said['message']
 
     def subscribe(self, topic: str) -> list[bytes]:
         """Return a list to which the messages of a topic that is known are added."""
@@ -75,6 +88,13 @@ class FoxgloveClient:
 
     def publish(self, number: int, data: bytes) -> None:
         self._socket.send(struct.pack('<BI', PUBLISH, number) + data)
+
+    def call(self, name: str, data: bytes, encoding: str = 'cdr') -> int:
+        """Call a service that is known; its answer, or why there is none, comes to `answers`."""
+        number = next(self._numbers)
+        head = (SERVICE_REQUEST, self.services[name]['id'], number, len(encoding))
+        self._socket.send(struct.pack('<BIII', *head) + encoding.encode() + data)
+        return number
 
     def close(self) -> None:
         self._stack.close()

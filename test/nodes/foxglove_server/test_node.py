@@ -17,8 +17,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
 
 from soliton_linkage_msgs.msg import Chain, EdgeCommand
+from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServer
 from soliton_linkage_nodes.messages.conversions import (
@@ -28,6 +30,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.simulator.node import Simulator
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -35,6 +38,8 @@ pytest.importorskip('foxglove', reason='the Foxglove SDK is not installed')
 pytest.importorskip('websockets.sync.client', reason='websockets is not installed')
 
 from foxglove_client import FoxgloveClient
+
+from soliton_linkage_nodes.foxglove_server import services
 
 Connect = Callable[[FoxgloveServer], FoxgloveClient]
 
@@ -165,6 +170,79 @@ def test_a_nudge_from_a_client_kicks_the_chain(
     assert any(impulses[0].impulse)
 
 
+def test_a_client_calls_services_by_their_definitions(
+    graph: Graph, served: FoxgloveServer, connect: Connect
+) -> None:
+    graph.start(Simulator, {'chain.number_of_rotors': 3})
+    client = connect(served)
+    wanted = {'/simulator/pause', '/simulator/step', '/simulator/reset'}
+    until(graph, client, lambda: wanted <= client.services.keys(), 'services')
+    offered = client.services['/simulator/reset']
+    assert offered['type'] == 'soliton_linkage_msgs/srv/Reset'
+    told = offered['request']
+    assert (told['encoding'], told['schemaEncoding']) == ('cdr', 'ros2msg')
+    assert told['schemaName'] == 'soliton_linkage_msgs/srv/Reset_Request'
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(told['schema'], 'soliton_linkage_msgs/msg/Reset_Request'))
+    request: Any = store.types['soliton_linkage_msgs/msg/Reset_Request']
+    empty = np.zeros(0)
+    lean = request(
+        state=Reset.Request.RIGHT_LEANING,
+        place=0.0,
+        velocity=0.0,
+        name=[],
+        angle=empty,
+        rate=empty,
+    )
+    reset = bytes(store.serialize_cdr(lean, 'soliton_linkage_msgs/msg/Reset_Request'))
+    for name, data, service, message in (
+        ('pause', serialize_message(SetBool.Request(data=True)), SetBool, 'paused'),
+        ('reset', reset, Reset, 'at rest, right-leaning'),
+    ):
+        call = client.call(f'/simulator/{name}', data)
+        until(graph, client, lambda c=call: c in client.answers, f'an answer of {name}')
+        response = deserialize_message(client.answers[call], service.Response)
+        assert (response.success, response.message) == (True, message)
+
+
+@pytest.mark.parametrize('data', [b'', b'\0\1\0\0', serialize_message(Trigger.Request())])
+def test_a_service_without_fields_takes_what_clients_send_for_nothing(
+    graph: Graph, served: FoxgloveServer, connect: Connect, data: bytes
+) -> None:
+    def answer(_: Any, response: Trigger.Response) -> Trigger.Response:
+        response.message = 'done'
+        return response
+
+    graph.user.create_service(Trigger, 'lab/act', answer)
+    client = connect(served)
+    until(graph, client, lambda: '/lab/act' in client.services, 'a service')
+    call = client.call('/lab/act', data)
+    until(graph, client, lambda: call in client.answers, 'an answer')
+    assert deserialize_message(client.answers[call], Trigger.Response).message == 'done'
+
+
+def test_a_call_that_cannot_be_answered_says_why(
+    graph: Graph, served: FoxgloveServer, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(services, '_LONGEST_ANSWER', 0.3)
+    service = graph.user.create_service(SetBool, 'lab/pause', lambda _, response: response)
+    client = connect(served)
+    until(graph, client, lambda: '/lab/pause' in client.services, 'a service')
+    sound = serialize_message(SetBool.Request())
+    for data, encoding, complaint in (
+        (b'\0', 'cdr', '1 bytes are no request of std_srvs/srv/SetBool'),
+        (sound, 'json', 'Unsupported encoding'),
+    ):
+        call = client.call('/lab/pause', data, encoding)
+        until(graph, client, lambda c=call: c in client.answers, 'a failure')
+        assert complaint in str(client.answers[call])
+    graph.user.destroy_service(service)
+    call = client.call('/lab/pause', sound)
+    until(graph, client, lambda: call in client.answers, 'no answer')
+    assert str(client.answers[call]).endswith('/lab/pause has not answered in 0.3 s')
+    until(graph, client, lambda: '/lab/pause' not in client.services, 'an end of the service')
+
+
 def test_what_is_no_message_is_refused(
     graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
@@ -189,7 +267,8 @@ def test_clients_of_a_server_that_is_read_only_publish_nothing(
     server = graph.start(FoxgloveServer, {'port': 0, 'read_only': True})
     client = connect(server)
     until(graph, client, lambda: client.information, 'an introduction')
-    assert 'clientPublish' not in client.information['capabilities']
+    assert not {'clientPublish', 'services'} & set(client.information['capabilities'])
+    assert server.serving.services is None
 
 
 def test_a_port_that_is_taken_is_told(graph: Graph, served: FoxgloveServer) -> None:

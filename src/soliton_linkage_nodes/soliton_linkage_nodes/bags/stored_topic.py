@@ -31,6 +31,7 @@ _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
 
 
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
+_HALVES = re.compile(r'^---[ \t]*$', re.MULTILINE)
 _PROFILE_KEYS = {
     'history',
     'depth',
@@ -75,6 +76,35 @@ def type_definition(name: str) -> tuple[str, str]:
 
 
 @lru_cache(maxsize=1024)
+def service_definitions(name: str) -> tuple[str, str]:
+    """Definitions of request and response of a service type, with all that they are made of.
+
+    Raises ValueError where its package is not installed.
+    """
+    try:
+        if not _TYPE_NAME.fullmatch(name):
+            raise ValueError('its name is none of a type')
+        package, kind, short = name.split('/')
+        path = Path(get_package_share_directory(package), kind, f'{short}.srv')
+        parts = _HALVES.split(path.read_text(encoding='utf-8'), maxsplit=1)
+        request, response = (
+            _definition_of(f'{package}/msg/{short}_{half}', text)
+            for half, text in zip(('Request', 'Response'), parts, strict=True)
+        )
+    except (PackageNotFoundError, OSError, TypesysError, KeyError, ValueError) as error:
+        raise ValueError(_not_installed('service', name, error)) from error
+    return request, response
+
+
+def _definition_of(name: str, text: str) -> str:
+    store = _typestore()
+    if name not in store.fielddefs:
+        _register(store, name, text)
+    definition: str = store.generate_msgdef(name, ros_version=2)[0]
+    return definition
+
+
+@lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
     """Definition and hash of a type, and why there is none: a bag may ask a thousand times."""
     store = _typestore()
@@ -86,13 +116,15 @@ def _installed(name: str) -> tuple[str, str, str]:
         definition, _ = store.generate_msgdef(name, ros_version=2)
         return definition, store.hash_rihs01(name), ''
     except (PackageNotFoundError, OSError, TypesysError, KeyError, ValueError) as error:
-        package = name.partition('/')[0][:_LONGEST_NAME]
-        return (
-            '',
-            '',
-            f'message type {name[:_LONGEST_NAME]!r} has no definition on this machine: '
-            f'{str(error)[:_LONGEST_NAME]}; install its package {package!r}',
-        )
+        return '', '', _not_installed('message', name, error)
+
+
+def _not_installed(kind: str, name: str, error: Exception) -> str:
+    package = name.partition('/')[0][:_LONGEST_NAME]
+    return (
+        f'{kind} type {name[:_LONGEST_NAME]!r} has no definition on this machine: '
+        f'{str(error)[:_LONGEST_NAME]}; install its package {package!r}'
+    )
 
 
 def completed(
@@ -145,7 +177,12 @@ def _learn(store: Typestore, name: str) -> None:
     """Register a type that Jazzy itself does not have, and the types that it is made of."""
     package, kind, short = name.split('/')
     path = Path(get_package_share_directory(package), kind, f'{short}.msg')
-    types: dict[str, Any] = get_types_from_msg(path.read_text(encoding='utf-8'), name)
+    _register(store, name, path.read_text(encoding='utf-8'))
+
+
+def _register(store: Typestore, name: str, text: str) -> None:
+    """Register a type of a definition, and the types that it is made of."""
+    types: dict[str, Any] = get_types_from_msg(text, name)
     store.register({key: value for key, value in types.items() if key not in store.fielddefs})
     for _, fields in types.values():
         for _, field in fields:

@@ -6,21 +6,17 @@ Its calls come on threads of its own: all they do is to queue what the node's ex
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, ServerListener
 from rclpy.node import Node
 
 from soliton_linkage_nodes.foxglove_server.incoming import ENCODINGS, Advertisement, IncomingTopic
 from soliton_linkage_nodes.foxglove_server.outgoing import OutgoingTopics
-
-Ask = Callable[[Callable[[], None]], None]
-"""Has something done by the executor."""
+from soliton_linkage_nodes.foxglove_server.services import Ask, CalledServices, Complain
 
 
 class Serving:
-    """Clients and the topics between them and the graph."""
+    """Clients, and the topics and services between them and the graph."""
 
     def __init__(
         self,
@@ -28,7 +24,7 @@ class Serving:
         address: tuple[str, int],
         read_only: bool,
         ask: Ask,
-        refuse: Callable[[str, str], None],
+        refuse: Complain,
     ) -> None:
         """Listen at a host and port; raises OSError where that is not possible."""
         self.published = 0
@@ -44,7 +40,7 @@ class Serving:
                 name='soliton_linkage',
                 host=host,
                 port=port,
-                capabilities=[] if read_only else [Capability.ClientPublish],
+                capabilities=[] if read_only else [Capability.ClientPublish, Capability.Services],
                 supported_encodings=list(ENCODINGS),
                 server_listener=_Listener(self, ask),
                 context=context,
@@ -54,16 +50,23 @@ class Serving:
                 f'cannot serve at {host}:{port}: {error}; give another host or port'
             ) from error
         self.port = self._server.port
+        self.services = None if read_only else CalledServices(node, self._server, ask, refuse)
 
     def look(self, searching: bool) -> None:
         """Follow what clients look at, and what is new on the graph where it is searched."""
         if searching:
             self.outgoing.search()
+        if self.services is not None:
+            if searching:
+                self.services.search()
+            self.services.look()
         renewed, self._renewed = self._renewed, set()
         self.outgoing.look(renewed, adapting=searching)
 
     def close(self) -> None:
         """End all connections."""
+        if self.services is not None:
+            self.services.close()
         self._server.stop()
         self.outgoing.close()
 
