@@ -4,18 +4,24 @@
 from __future__ import annotations
 
 import inspect
+from pathlib import Path
 from typing import Any
 
 import pytest
 from graphs import Graph
-from hostile_values import ROTORS, messages, parameters
-from hypothesis import HealthCheck, given, settings
+from hostile_values import PATIENT, ROTORS, messages, parameters
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
+from recordings import run_of, write_bag
 
-from soliton_linkage_msgs.srv import Reset
+from soliton_linkage_nodes.bags.play import transport
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime.interfaces import SUITE
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -30,29 +36,29 @@ NODES = {
     Visualisation: SMALL,
 }
 MOST_MESSAGES = 12
+OF_EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
 INFO = {'publication_sequence_number': None, 'source_timestamp': 0}
-PATIENT = settings(
-    max_examples=20,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 
 
 def attack(node: Any, data: DataObject) -> None:
     """Give a node messages on any of its topics, and calls, as its executor would."""
-    subscriptions = sorted(node.subscriptions, key=lambda each: str(each.topic_name))
-    for subscription in data.draw(
-        st.lists(st.sampled_from(subscriptions), max_size=MOST_MESSAGES)
-    ):
-        message = data.draw(messages(subscription.msg_type))
-        raw = subscription.raw
-        told = serialize_message(message) if raw else message
-        informed = len(inspect.signature(subscription.callback).parameters) == 2
-        subscription.callback(*([told, INFO] if informed else [told]))
-    for service in node.services:
-        if service.srv_type is Reset:
-            service.callback(data.draw(messages(Reset.Request)), Reset.Response())
+    for _ in range(data.draw(st.integers(0, MOST_MESSAGES))):
+        services = [
+            each
+            for each in node.services
+            if each.srv_type.__module__.partition('.')[0] not in OF_EVERY_NODE
+        ]
+        within_reach = [*node.subscriptions, *services]
+        within_reach.sort(key=lambda each: str(getattr(each, 'topic_name', '') or each.srv_name))
+        each = data.draw(st.sampled_from(within_reach))
+        if each in services:
+            request = data.draw(messages(each.srv_type.Request))
+            each.callback(request, each.srv_type.Response())
+            continue
+        message = data.draw(messages(each.msg_type))
+        told = serialize_message(message) if each.raw else message
+        informed = len(inspect.signature(each.callback).parameters) == 2
+        each.callback(*([told, INFO] if informed else [told]))
 
 
 @pytest.mark.parametrize('kind', NODES, ids=lambda kind: kind.__name__)
@@ -66,10 +72,45 @@ def test_no_value_of_a_range_and_no_message_is_a_failure(kind: Any, graph: Graph
         except ValueError:
             return
         try:
-            if list(node.subscriptions):
-                attack(node, data)
+            attack(node, data)
             node.diagnostics.publish()
             assert node.diagnostics.failed == 0
+        finally:
+            graph.stop(node)
+
+    survive()
+
+
+@pytest.mark.parametrize('kind', [BagRecorder, BagPlayer], ids=lambda kind: kind.__name__)
+def test_no_value_of_a_range_and_no_message_is_a_failure_of_recording_or_playing(
+    kind: Any,
+    graph: Graph,
+    named: NamedChain,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # What is drawn for `output` is a name in here.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(transport, '_LONGEST_BURST', 0.1)
+    fixed = {'bag': str(write_bag(tmp_path / 'played', run_of(named, 5)))}
+    speakers = [topic.publisher(graph.user) for topic in SUITE]
+
+    @PATIENT
+    @given(data=st.data())
+    def survive(data: DataObject) -> None:
+        given = data.draw(parameters(kind.PARAMETERS, fixed if kind is BagPlayer else {}))
+        try:
+            node = graph.start(kind, given)
+        except (ValueError, OSError):
+            return
+        try:
+            for speaker in data.draw(st.lists(st.sampled_from(speakers), max_size=MOST_MESSAGES)):
+                speaker.publish(data.draw(messages(speaker.msg_type)))
+            attack(node, data)
+            if node.configured:
+                node.diagnostics.publish()
+            assert node.diagnostics.failed == 0
+            assert node.failure is None or isinstance(node.failure, (ValueError, OSError))
         finally:
             graph.stop(node)
 

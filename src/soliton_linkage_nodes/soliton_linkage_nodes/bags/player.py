@@ -123,7 +123,7 @@ class BagPlayer(ManagedNode):
             'in lockstep' if settings.lockstep else '',
             limits,
         )
-        self._diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
+        self.diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
         self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
         self._paused = False
         self._begun = False

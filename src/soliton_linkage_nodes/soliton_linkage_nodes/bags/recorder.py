@@ -93,19 +93,10 @@ class BagRecorder(ManagedNode):
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._finder = InletFinder(
-            self._inbox, settings.topics, settings.regex, settings.exclude_regex
-        )
-        self._gate = MessageGate(settings.snapshot_duration, self._paused or not self.starting)
-        self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
         try:
-            self._taking = TakingThread(
-                self._finder, self._gate, self._bag, self._announce, self.real_time
-            )
-            self._diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
-            self._offer_services()
+            self._record(settings)
         except BaseException:
-            self._bag.abandon()
+            self._inbox.destroy_node()
             raise
         self.get_logger().info(
             f'{self._bag.writer.path} is begun; finding all who publish, which takes 3 s'
@@ -152,6 +143,22 @@ class BagRecorder(ManagedNode):
         failure = self._taking.failure or self._bag.failure
         if failure is not None:
             raise failure
+
+    def _record(self, settings: BagRecorderParameters) -> None:
+        self._finder = InletFinder(
+            self._inbox, settings.topics, settings.regex, settings.exclude_regex
+        )
+        self._gate = MessageGate(settings.snapshot_duration, self._paused or not self.starting)
+        self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
+        try:
+            self._taking = TakingThread(
+                self._finder, self._gate, self._bag, self._announce, self.real_time
+            )
+            self.diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
+            self._offer_services()
+        except BaseException:
+            self._bag.abandon()
+            raise
 
     def _announce(self, missing: Sequence[str]) -> None:
         """Say that nothing of what is published from now on is missed."""

@@ -70,10 +70,11 @@ def read(message_type: Any, text: str) -> Any:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
         raise ValueError(f'{text!r} is not YAML: {" ".join(str(error).split())}') from error
-    return _built(message_type, values)
+    return built(message_type, values)
 
 
-def _built(message_type: Any, values: Any) -> Any:
+def built(message_type: Any, values: Any) -> Any:
+    """Message with the fields that a mapping gives; ValueError where it cannot be."""
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):
@@ -86,13 +87,13 @@ def _built(message_type: Any, values: Any) -> Any:
             raise ValueError(f'{name} has no field {field!r}; it has {", ".join(types)}')
         present = getattr(message, field)
         if hasattr(present, 'get_fields_and_field_types'):
-            setattr(message, field, _built(type(present), value))
+            setattr(message, field, built(type(present), value))
             continue
         if '/' in types[field] and isinstance(value, list):
             match = _SEQUENCE.match(types[field])
             assert match
             item = interface_type(match['item'] or match['element'], 'msg')
-            setattr(message, field, [_built(item, values) for values in value])
+            setattr(message, field, [built(item, values) for values in value])
             continue
         try:
             setattr(message, field, _converted(present, value))

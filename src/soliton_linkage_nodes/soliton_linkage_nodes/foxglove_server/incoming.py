@@ -9,7 +9,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 
-from soliton_linkage_nodes.commands.fields import interface_type, read
+from soliton_linkage_nodes.bags.guards.texts import load_json
+from soliton_linkage_nodes.commands.fields import built, interface_type
 from soliton_linkage_nodes.runtime.interfaces import command_qos
 
 ENCODINGS = ('cdr', 'json')
@@ -43,7 +44,7 @@ class IncomingTopic:
     def publish(self, data: bytes) -> None:
         """Publish what a client sends; raises ValueError for what is no message of the type."""
         if self._encoding == 'json':
-            message: Any = read(self._type, data.decode(errors='replace'))
+            message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:
             try:
                 message = deserialize_message(data, self._type)

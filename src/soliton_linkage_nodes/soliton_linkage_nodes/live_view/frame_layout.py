@@ -79,9 +79,13 @@ class Column(NamedTuple):
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Bytes of a frame; fields that are not given are NaN, and arrays empty."""
+    """Bytes of a frame; fields that are not given are NaN, and arrays empty.
+
+    What is beyond the range of floats is infinite.
+    """
     nothing = np.zeros(0, dtype='<f4')
-    parts = [np.asarray(arrays.get(name, nothing), dtype='<f4') for name in ARRAYS]
+    with np.errstate(over='ignore'):
+        parts = [np.asarray(arrays.get(name, nothing), dtype='<f4') for name in ARRAYS]
     head = [numbers.get(name, np.nan) for name in FIELDS]
     head += [float(part.size) for part in parts]
     return b''.join([np.array(head, dtype='<f8').tobytes(), *(part.tobytes() for part in parts)])

@@ -9,6 +9,7 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
 
+from soliton_linkage_nodes.bags.guards.texts import load_json
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
 from soliton_linkage_nodes.live_view.frame_layout import ARRAYS, ENERGIES, FIELDS, pack_history
@@ -153,7 +154,7 @@ class BrowserStream:
         if said == 'drawn':
             self.on_the_way = max(self.on_the_way - 1, 0)
             return
-        message = json.loads(said)
+        message = load_json(said)
         if not isinstance(message, dict):
             raise ValueError('what a page says is an object')
         if 'watch' in message:

@@ -21,7 +21,9 @@ class FrameReader:
     """Reads joint states in the order of the rotors, as far as they show them."""
 
     def __init__(self, joint_names: Sequence[str]) -> None:
-        """Read these joints, rotor 0 first."""
+        """Read these joints, rotor 0 first; raises ValueError where there are none."""
+        if not joint_names:
+            raise ValueError('joint_states.name is empty; name the joints')
         self.joint_names = tuple(joint_names)
         self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
         self._names: tuple[str, ...] | None = None

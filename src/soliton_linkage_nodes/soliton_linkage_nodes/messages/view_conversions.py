@@ -19,6 +19,9 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 Numbers = dict[str, float]
 
+_BEYOND_INTEGERS = 2**63
+"""Least whole number that a ROS parameter, an int64, does not hold [1]."""
+
 OUTCOMES = {
     MoveSoliton.Result.REACHED: 'reached',
     MoveSoliton.Result.CANCELLED: 'cancelled',
@@ -245,7 +248,9 @@ def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValu
     kind, field = next(words for words in _WORDS.values() if words[0] == parameter.kind)
     try:
         converted = _CONVERSIONS[kind](value)
-    except (TypeError, ValueError) as error:
+        if kind == 'int' and not -_BEYOND_INTEGERS <= converted < _BEYOND_INTEGERS:
+            raise OverflowError
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f'parameter {parameter.name} = {value!r} must be a {kind}') from error
     code = next(number for number, words in _WORDS.items() if words[0] == kind)
     return ParameterValue(type=code, **{field: converted})
@@ -259,9 +264,13 @@ def _level(status: DiagnosticStatus) -> int:
 def _finite(name: str, value: float) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f'{name} = {value!r} must be a number')
-    if not math.isfinite(value):
-        raise ValueError(f'{name} = {value} must be a finite number')
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f'{name} = {number} must be a finite number')
+    return number
 
 
 def _chosen(name: str, value: str, known: Mapping[str, int]) -> int:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
@@ -86,7 +87,7 @@ class InletFinder:
         asked = [name.lstrip('/') for name in names]
         self._suite = [topic for name, topic in known.items() if not asked or name in asked]
         others = [name for name in names if name.lstrip('/') not in known]
-        self.awaited = {node.resolve_topic_name(name) for name in others}
+        self.awaited = {_resolved(node, name) for name in others}
         self.refused: dict[str, str] = {}
         self._open: set[str] = set()
 
@@ -127,6 +128,17 @@ class InletFinder:
         latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         source = Source(name, type_, tuple(profiles), latched)
         return [Inlet(self._node, source, message_type)]
+
+
+def _resolved(node: Node, name: str) -> str:
+    try:
+        full_name: str = node.resolve_topic_name(name)
+    except rclpy_implementation.RCLError as error:
+        raise ValueError(
+            f'parameter topics of bag_recorder: {name!r} is no name of a topic: '
+            f'{str(error).partition(", at ")[0]}; mend it'
+        ) from error
+    return full_name
 
 
 def _compiled(parameter: str, pattern: str) -> re.Pattern[str] | None:

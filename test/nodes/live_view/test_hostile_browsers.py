@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever comes on topics and from a browser, it is shown or refused, and all goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from graphs import Graph
+from hostile_values import BEYOND, PATIENT, TEXTS, messages
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.strategies import DataObject
+from rclpy.serialization import serialize_message
+
+from soliton_linkage_nodes.live_view import chain_topics
+from soliton_linkage_nodes.live_view.bag_programs import BagReplay
+from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
+from soliton_linkage_nodes.live_view.canvas_actions import CanvasActions
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
+from soliton_linkage_nodes.live_view.commands import ChainCommands
+from soliton_linkage_nodes.live_view.frame_layout import unpack
+from soliton_linkage_nodes.live_view.status import status
+from soliton_linkage_nodes.live_view.stream import BrowserStream
+from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, parameter_value
+
+NUMBERS = st.one_of(st.sampled_from([*BEYOND, 10**400, -(10**400)]), st.integers(), st.floats())
+ANYTHING = st.recursive(
+    st.one_of(st.none(), st.booleans(), NUMBERS, st.sampled_from([*TEXTS, '/', '*'])),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.sampled_from(TEXTS), inner, max_size=2)
+    ),
+    max_leaves=4,
+)
+ROUNDS = 4
+DEEP = {'deep list': 100_000 * '[', 'deep object': 100_000 * '{"a":'}
+KEYS = ('rotor', 'speed', 'edge', 'at', 'paused', 'chain')
+ACTIONS = st.fixed_dictionaries(
+    {'act': st.sampled_from(['move', 'nudge', 'seek', 'pause', 'other'])},
+    optional={name: st.one_of(NUMBERS, ANYTHING) for name in KEYS} | {'chain': st.just('/')},
+)
+SAID = st.one_of(
+    st.sampled_from(['drawn', '', '{', *DEEP, 'NaN', '1']),
+    ACTIONS,
+    ANYTHING.map(lambda value: {'watch': value}),
+    ANYTHING.map(lambda value: {'window': value}),
+    st.lists(NUMBERS, min_size=2, max_size=2).map(lambda value: {'window': value}),
+    ANYTHING,
+)
+
+
+class Told:
+    """A topic on which there comes what the test draws."""
+
+    data: DataObject
+
+    def __init__(self, _node: Any, topic: Any, _name: str, raw: bool = False) -> None:
+        self._type, self._raw = topic.type, raw
+        self.sequence: int | None = None
+
+    def take(self) -> Any:
+        if not self.data.draw(st.booleans()):
+            return None
+        self.sequence = self.data.draw(st.one_of(st.none(), st.integers(0, 2**63 - 1)))
+        message = self.data.draw(messages(self._type))
+        return serialize_message(message) if self._raw else message
+
+    def adapt(self) -> int:
+        return 1
+
+    def close(self) -> None:
+        pass
+
+
+class Browser:
+    """A browser that says some things, and keeps what it is sent."""
+
+    def __init__(self, said: list[str]) -> None:
+        self._said = said
+        self.texts: list[str] = []
+        self.frames: list[bytes] = []
+
+    async def send_text(self, data: str) -> None:
+        self.texts.append(data)
+
+    async def send_bytes(self, data: bytes) -> None:
+        self.frames.append(data)
+
+    async def receive_text(self) -> str:
+        await asyncio.sleep(0)
+        if not self._said:
+            await asyncio.sleep(0.01)
+            raise EOFError
+        return self._said.pop(0)
+
+
+class Pictures:
+    """What a live view shows of its chains."""
+
+    def __init__(self, finder: ChainFinder, commands: Mapping[str, ChainCommands]) -> None:
+        self._finder, self._commands = finder, commands
+        self.chains = finder.chains
+        self.rounds = ROUNDS
+
+    @property
+    def status(self) -> str:
+        return status(self._finder, self._commands, {})
+
+    @property
+    def versions(self) -> list[int]:
+        return [chain.model.version for chain in self.chains.values()]
+
+    def descriptions(self) -> dict[str, Any]:
+        return {'chains': [chain.model.description() for chain in self.chains.values()]}
+
+    async def wait(self) -> None:
+        if self.rounds:
+            self.rounds -= 1
+            self._finder.take()
+        await asyncio.sleep(0.001)
+
+
+@pytest.fixture
+def commands(graph: Graph) -> Iterator[ChainCommands]:
+    made = ChainCommands(graph.user, '/', read_only=False)
+    yield made
+    made.close()
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f'{constant} is no JSON')
+
+
+def test_whatever_comes_a_browser_gets_what_it_can_read(
+    graph: Graph, commands: ChainCommands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chain_topics, 'Newest', Told)
+
+    @PATIENT
+    @given(data=st.data(), said=st.lists(SAID, max_size=12))
+    def survive(data: DataObject, said: list[Any]) -> None:
+        monkeypatch.setattr(Told, 'data', data, raising=False)
+        finder = ChainFinder(graph.user, '/')
+        replay = BagReplay(BagShelf([tmp_path]), tmp_path, finder, False)
+        actions = CanvasActions(finder, lambda _: commands, replay, False)
+        browser = Browser(
+            [DEEP.get(each, each) if isinstance(each, str) else json.dumps(each) for each in said]
+        )
+        stream = BrowserStream(browser, Pictures(finder, {'/': commands}), actions.carry_out)
+        with pytest.raises(EOFError):
+            asyncio.run(stream.run())
+        for text in browser.texts:
+            json.loads(text, parse_constant=refuse)
+        for frame in browser.frames:
+            if frame[7] < 128:
+                unpack(frame)
+        asked = sum(isinstance(each, dict) and 'act' in each for each in said)
+        assert sum('"answer"' in text for text in browser.texts) >= asked
+
+    survive()
+
+
+@PATIENT
+@given(
+    kind=st.sampled_from(['bool', 'int', 'float', 'str']),
+    value=st.one_of(NUMBERS, ANYTHING),
+)
+def test_a_value_of_a_field_is_that_of_a_parameter_or_refused(kind: str, value: Any) -> None:
+    parameter = AdjustableParameter('p', kind, '', '', None, None, ())
+    try:
+        told = parameter_value(parameter, value)
+    except ValueError:
+        return
+    serialize_message(told)
+
+
+@PATIENT
+@given(data=st.data())
+def test_commands_of_any_numbers_are_sent_or_refused(
+    commands: ChainCommands, data: DataObject
+) -> None:
+    value = data.draw(NUMBERS)
+    text = data.draw(st.sampled_from([*TEXTS, 'kick', 'pressure', 'first', 'angles']))
+    for command in (
+        lambda: commands.nudge(value),
+        lambda: commands.tilt(value),
+        lambda: commands.drive(text, 'first', value, (value, 0.0, value)),
+        lambda: commands.drive('kick', text, 1.0, (0.0, value, 0.0)),
+        lambda: asyncio.run(commands.step(value)),
+        lambda: asyncio.run(commands.reset(text, value, value, {text: value})),
+        lambda: asyncio.run(commands.carry(value, value, value)),
+    ):
+        with pytest.raises(ValueError, match=r'^[^\n]+$'):
+            command()
