@@ -28,7 +28,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -263,8 +263,7 @@ def test_it_is_a_program(start: Callable[..., Program]) -> None:
 
 def test_two_hundred_goals_at_once_are_all_ended(graph: Graph) -> None:
     graph.start(SolitonSteering)
-    deep = {f'{call}_service_qos_profile': CALLS for call in ('goal', 'result', 'cancel')}
-    client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, **deep)
+    client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, **CALLS_OF_ACTION)
     graph.until(client.server_is_ready, 'the action server')
     sent = [client.send_goal_async(MoveSoliton.Goal(rotor=1.0)) for _ in range(200)]
     graph.until(lambda: all(each.done() for each in sent), 'answers to the goals')

@@ -14,6 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS
+
 FOUND_WITHIN = 10.0
 """What is looked for by its name has to show itself within this [s]; on one machine it is there in
 a fraction, now and then in 3, on a busy one later."""
@@ -95,7 +97,7 @@ class Visitor:
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Response of a service; RuntimeError where it is not there or does not answer."""
-        client = self.node.create_client(service_type, name)
+        client = self.node.create_client(service_type, name, qos_profile=CALLS)
         if not self.until(client.service_is_ready, FOUND_WITHIN):
             name = service_type.__name__
             raise RuntimeError(f'there is no service {client.srv_name} of the type {name}')

@@ -22,6 +22,7 @@ from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS, CALLS_OF_ACTION
 
 _LONGEST_ANSWER = 10.0
 """Of a service [s]; a step of many periods takes its time."""
@@ -95,7 +96,9 @@ class ChainCommands:
                 self._publishers[topic.name] = node.create_publisher(
                     topic.type, f'{namespace}{topic.name}', topic.qos
                 )
-            self._mover = ActionClient(node, MoveSoliton, f'{namespace}{interfaces.MOVE_SOLITON}')
+            self._mover = ActionClient(
+                node, MoveSoliton, f'{namespace}{interfaces.MOVE_SOLITON}', **CALLS_OF_ACTION
+            )
             for name, service_type in _SERVICES.items():
                 self._client(f'{namespace}{name}', service_type)
 
@@ -292,7 +295,7 @@ class ChainCommands:
 
     def _client(self, name: str, service_type: Any) -> Client:
         if name not in self._clients:
-            self._clients[name] = self._node.create_client(service_type, name)
+            self._clients[name] = self._node.create_client(service_type, name, qos_profile=CALLS)
         return self._clients[name]
 
     def _publish(self, topic: str, message: Any, listener: str) -> None:

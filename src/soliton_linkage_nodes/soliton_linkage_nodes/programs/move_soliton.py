@@ -23,6 +23,7 @@ from soliton_linkage_nodes.programs.command_line import ProgramParser, number, p
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.programs.spinning import WaitingNode
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -44,7 +45,7 @@ class Mover(WaitingNode):
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         """Connect to the action; `stopping` is set to interrupt."""
         super().__init__('move_soliton', stopping, **kwargs)
-        self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON)
+        self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **CALLS_OF_ACTION)
         self._line = LeanLine(self)
         self._heard_at = math.inf
 

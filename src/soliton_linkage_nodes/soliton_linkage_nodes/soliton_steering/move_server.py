@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.move_conversions import (
     move_result_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS, GuardedNode
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
 """Shortest time between two messages of feedback [s], which a person reads."""
@@ -41,9 +41,7 @@ class MoveServer(ActionServer):
             lambda _: None,
             handle_accepted_callback=self._take,
             cancel_callback=cancel,
-            goal_service_qos_profile=CALLS,
-            result_service_qos_profile=CALLS,
-            cancel_service_qos_profile=CALLS,
+            **CALLS_OF_ACTION,
         )
         self._begin_or_refuse = take
         self.goal: ServerGoalHandle | None = None

@@ -30,6 +30,7 @@ from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.programs.lean_line import LeanLine
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.intake.guarded import CALLS
 from soliton_linkage_nodes.runtime.process import interruptible
 
 _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
@@ -247,7 +248,7 @@ class Experiment:
     def _replay(self) -> dict[int, tuple[float, ...]]:
         """Play the bag into the fresh analyser and return what that one finds."""
         service = service_type('Resume')
-        resuming = self._observer.create_client(service, 'bag_player/resume')
+        resuming = self._observer.create_client(service, 'bag_player/resume', qos_profile=CALLS)
         self._wait_until(
             lambda: self._fresh_analyser_heard() and resuming.service_is_ready(),
             LONGEST_START,

@@ -16,7 +16,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 CALLS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Of services: that of ROS keeps ten calls, and loses more that come at once."""
+"""Of services and their clients: that of ROS keeps ten calls, and loses more that come at once.
+Each client of a service hears the answers to all others too, and keeps as few."""
+CALLS_OF_ACTION = {f'{call}_service_qos_profile': CALLS for call in ('goal', 'result', 'cancel')}
+"""The same of an action and its clients."""
 
 
 def in_one_line(error: BaseException) -> str:
