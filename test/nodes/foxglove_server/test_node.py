@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from graphs import Graph, values
+from hostile_values import PATIENT, TEXTS
+from hypothesis import given
+from hypothesis import strategies as st
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -40,7 +43,10 @@ pytest.importorskip('websockets.sync.client', reason='websockets is not installe
 from foxglove_client import FoxgloveClient
 
 from soliton_linkage_nodes.foxglove_server import services
+from soliton_linkage_nodes.foxglove_server.incoming import Advertisement
 
+TYPES = ('std_msgs/msg/Float64', 'std_msgs/Float64', 'std_msgs/msg/Header', 'os/path', 'a/b/c')
+SAID = (b'{}', b'{"data": 1}', b'{"data": 1e999}', b'{"data": NaN}', 100_000 * b'[', b'\xff')
 Connect = Callable[[FoxgloveServer], FoxgloveClient]
 
 
@@ -259,6 +265,30 @@ def test_what_is_no_message_is_refused(
     told = values(graph.next_report('foxglove_server'))
     assert 'xml' in told['last refusal']
     assert told['messages from clients'] == '0'
+
+
+@PATIENT
+@given(
+    advertised=st.builds(
+        Advertisement,
+        st.sampled_from([*TEXTS, '/nudge', '/diagnostics', '/lab/x', 'ü/x']),
+        st.sampled_from([*TEXTS, *TYPES]),
+        st.sampled_from(['cdr', 'json', 'x']),
+    ),
+    said=st.lists(st.one_of(st.binary(max_size=40), st.sampled_from(SAID)), max_size=4),
+)
+def test_whatever_a_client_advertises_and_says_is_published_or_refused(
+    served: FoxgloveServer, advertised: Advertisement, said: list[bytes]
+) -> None:
+    serving, key = served.serving, (1, 2)
+    refused, published = served.diagnostics.refused, serving.published
+    serving.advertise(key, advertised)
+    if served.diagnostics.refused == refused:
+        for data in said:
+            serving.publish(key, data)
+        answered = served.diagnostics.refused - refused + serving.published - published
+        assert answered == len(said)
+    serving.unadvertise(key)
 
 
 def test_clients_of_a_server_that_is_read_only_publish_nothing(

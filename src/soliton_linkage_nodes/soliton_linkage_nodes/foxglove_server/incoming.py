@@ -5,12 +5,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 
 from soliton_linkage_nodes.bags.guards.texts import load_json
-from soliton_linkage_nodes.commands.fields import built, interface_type
+from soliton_linkage_nodes.bags.read.reading import message_class
+from soliton_linkage_nodes.commands.fields import built
 from soliton_linkage_nodes.runtime.interfaces import command_qos
 
 ENCODINGS = ('cdr', 'json')
@@ -36,10 +39,15 @@ class IncomingTopic:
             )
         self.name = advertised.topic
         self._node, self._encoding = node, advertised.encoding
-        self._type = interface_type(advertised.type, 'msg')
-        self._publisher: Publisher = node.create_publisher(
-            self._type, advertised.topic, command_qos()
-        )
+        package, _, name = advertised.type.replace('/msg/', '/').partition('/')
+        self._type = message_class(f'{package}/msg/{name}')
+        try:
+            self._publisher: Publisher = node.create_publisher(
+                self._type, advertised.topic, command_qos()
+            )
+        except (InvalidTopicNameException, rclpy_implementation.RCLError) as error:
+            reason = str(error).partition('\n')[0]
+            raise ValueError(f'{advertised.type} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
         """Publish what a client sends; raises ValueError for what is no message of the type."""
