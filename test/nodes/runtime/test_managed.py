@@ -83,6 +83,31 @@ def test_a_manager_takes_every_node_through_its_life_twice(
     assert state(graph, node) == State.PRIMARY_STATE_FINALIZED
 
 
+def test_navigation2s_manager_begins_pauses_and_ends_the_suite(
+    graph: Graph, tmp_path: Path
+) -> None:
+    """With `bond_timeout: 0.0`: its lifecycle_manager's calls, in its order, and its checks."""
+    kinds = (BagRecorder, SolitonAnalyser, SolitonSteering, EdgeActuator, Simulator)
+    of_its_own = {BagRecorder: {'output': str(tmp_path / 'run')}}
+    nodes = [graph.start(kind, {**MANAGED, **of_its_own.get(kind, {})}) for kind in kinds]
+    heard = graph.hear(interfaces.SOLITON_STATE)
+
+    def all_to(transition: int, expected: int, backwards: bool = False) -> None:
+        for node in reversed(nodes) if backwards else nodes:
+            assert change(graph, node, transition)
+            assert state(graph, node) == expected
+
+    all_to(CONFIGURE, State.PRIMARY_STATE_INACTIVE)
+    for _ in range(2):
+        heard.clear()
+        all_to(ACTIVATE, State.PRIMARY_STATE_ACTIVE)
+        graph.until(lambda: heard, 'states')
+        all_to(DEACTIVATE, State.PRIMARY_STATE_INACTIVE, backwards=True)
+    all_to(CLEAN_UP, State.PRIMARY_STATE_UNCONFIGURED, backwards=True)
+    end = Transition.TRANSITION_UNCONFIGURED_SHUTDOWN
+    all_to(end, State.PRIMARY_STATE_FINALIZED, backwards=True)
+
+
 def test_a_node_starts_by_itself_unless_it_is_told_not_to(graph: Graph) -> None:
     assert state(graph, graph.start(SolitonAnalyser)) == State.PRIMARY_STATE_ACTIVE
 
