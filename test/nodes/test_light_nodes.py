@@ -13,12 +13,15 @@ LIGHT = (
     'bag_recorder',
     'bag_player',
     'live_view',
+    'visualisation',
+    'foxglove_server',
     'check_bag',
     'experiment',
     'live',
     'move_soliton',
     'nudge',
     'recover_bag',
+    'robot_description',
     'watch_soliton',
 )
 HEAVY = {'matplotlib', 'numba', 'scipy'}
