@@ -15,6 +15,7 @@ from programs import Program
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.programs.suite import program as suite
 from soliton_linkage_nodes.programs.suite.program import NODES, addressed
+from soliton_linkage_nodes.runtime.process import Component
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -73,15 +74,47 @@ def test_a_parameter_may_be_for_one_node_in_any_namespace() -> None:
     assert given == {'edge_actuator': {'torque_limit': 2, 'torque_limits.rotor_3': 0.1}}
 
 
+def test_nodes_of_several_chains_are_in_their_namespaces(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ['right/soliton_analyser', 'left/soliton_analyser', 'left/edge_actuator']
+    components: list[Component] = []
+    monkeypatch.setattr(suite, 'run_together', lambda those, _: components.extend(those))
+    monkeypatch.setattr(sys, 'setswitchinterval', lambda _: None)
+    monkeypatch.setattr(sys, 'argv', ['suite', *names])
+    suite.main()
+    nodes = [graph.start(component.create) for component in components]
+    assert {node.get_fully_qualified_name() for node in nodes} == {f'/{name}' for name in names}
+
+
+def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all() -> None:
+    classes = {f'{chain}/edge_actuator': EdgeActuator for chain in ('left', 'right')}
+    rules = ['-p', 'left/edge_actuator:torque_limit:=2.0', '-p', 'edge_actuator:joints:=[a]']
+    rest, given = addressed(rules, classes)
+    told = {name: {each.name: each.value for each in all_} for name, all_ in given.items()}
+    assert (rest, told['left/edge_actuator']) == ([], {'torque_limit': 2.0, 'joints': ['a']})
+    assert told['right/edge_actuator'] == {'joints': ['a']}
+
+
 @pytest.mark.parametrize('rule', ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0'])
 def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
     assert given_to(rule) == (['-p', rule], {})
 
 
-def test_a_node_that_there_is_not_is_refused_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ('arguments', 'complaint'),
+    [
+        (['encoders'], "'encoders' is none of simulator, edge_actuator"),
+        (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= is for all nodes'),
+    ],
+)
+def test_what_cannot_be_run_is_refused_in_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    complaint: str,
 ) -> None:
-    monkeypatch.setattr(sys, 'argv', ['suite', 'encoders'])
+    monkeypatch.setattr(sys, 'argv', ['suite', *arguments])
     with pytest.raises(SystemExit):
         suite.main()
-    assert "'encoders' is none of simulator, edge_actuator" in capsys.readouterr().err
+    assert complaint in capsys.readouterr().err

@@ -2,7 +2,8 @@
 """Run several nodes of the suite in one process, which takes less memory and time than five.
 
 Each node has the name, topics, services, parameters and diagnostics that it has alone. Ctrl-C
-ends all and closes the bag. With real encoders in place of the simulator, name the others.
+ends all and closes the bag. With real encoders in place of the simulator, name the others. Nodes
+of several chains are named with their namespaces, as left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ NODES = {
 """Where the class of each node is; a node that is not asked for is not imported."""
 _PARAMETER_OPTIONS = ('-p', '--param')
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
+_NAMESPACE_RULE = '__ns:='
 _OF_JOINTS = 'torque_limits.'
 """Beginning of parameters whose names are given by others."""
 
@@ -54,16 +56,19 @@ def main() -> None:
     )
     names = parser.parse_beside_ros().nodes or list(NODES)
     for name in names:
-        if name not in NODES:
+        if _kind(name) not in NODES:
             parser.error(f'{name!r} is none of {", ".join(NODES)}')
-    classes = {name: _class_of(name) for name in NODES if name in names}
+    if any(each.startswith(_NAMESPACE_RULE) for each in sys.argv) and '/' in ''.join(names):
+        parser.error(f'{_NAMESPACE_RULE} is for all nodes, and some are named with theirs')
+    names.sort(key=lambda name: list(NODES).index(_kind(name)))
+    classes = {name: _class_of(_kind(name)) for name in names}
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         rest, given = addressed(sys.argv, classes)
     except (TypeError, ValueError) as error:
         parser.error(str(error))
     components = [
-        Component(partial(create, parameter_overrides=given[name]), _cannot_go_on)
+        Component(partial(create, parameter_overrides=given[name], **_placed(name)), _cannot_go_on)
         for name, create in classes.items()
     ]
     # The simulator is the last to begin and the first to end: the others miss nothing of it.
@@ -86,7 +91,9 @@ def addressed(
         full_name, _, text = (rule or '').partition(':=')
         whom, _, name = full_name.rpartition(':')
         owners = [
-            each for each, node in classes.items() if whom in ('', each) and _has(node, name)
+            each
+            for each, node in classes.items()
+            if whom in ('', each, _kind(each)) and _has(node, name)
         ]
         for owner in owners:
             given[owner].append(Parameter(name, value=_value(text)))
@@ -114,6 +121,16 @@ def _has(node: type[ManagedNode], name: str) -> bool:
     return name in parameter_names(node) or (
         name.startswith(_OF_JOINTS) and _OF_JOINTS in (node.__doc__ or '')
     )
+
+
+def _kind(name: str) -> str:
+    return name.rpartition('/')[2]
+
+
+def _placed(name: str) -> dict[str, str]:
+    """Namespace that a name tells, if any."""
+    namespace = name.rpartition('/')[0].strip('/')
+    return {'namespace': f'/{namespace}'} if namespace else {}
 
 
 def _class_of(name: str) -> Any:

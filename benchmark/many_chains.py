@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What analysers of many chains take: a process for each chain, and one for all of them.
+
+This process publishes the same kicked chain under as many names, and takes every answer; the
+analysers are processes of their own, or the nodes of one. Told are the processor time that they
+take, their memory, resident and without what they share, and the states that did not come.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from processes import node_command, own_domain, processor_time, running
+from rclpy.node import Node
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage_nodes.messages.cdr import JointStateBuffer
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    chain_to_msg,
+    default_joint_names,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+
+KICK = 10.0
+SETTLING = 5.0
+LONGEST_START = 300.0
+MEBIBYTE = 2**20
+
+
+class Chains:
+    """Chains that move alike, each under a name of its own, and what is answered of them."""
+
+    def __init__(
+        self, node: Node, named: NamedChain, moved: Recording, period: int, chains: int
+    ) -> None:
+        self._moved, self._buffer = moved, JointStateBuffer(named)
+        self._frame, self._stamp, self._period = 0, time.time_ns(), period
+        chain, joints, states = interfaces.CHAIN, interfaces.JOINT_STATES, interfaces.SOLITON_STATE
+        self._latched, self._joints = (
+            [
+                node.create_publisher(topic.type, f'{name(n)}/{topic.name}', topic.qos)
+                for n in range(chains)
+            ]
+            for topic in (chain, joints)
+        )
+        self._answers = [
+            node.create_subscription(
+                states.type, f'{name(n)}/{states.name}', print, states.qos, raw=True
+            )
+            for n in range(chains)
+        ]
+        for publisher in self._latched:
+            publisher.publish(chain_to_msg(named, time_to_msg(0)))
+
+    def publish(self, seconds: float) -> tuple[int, int]:
+        """Publish frames for a time [s]; return how many went and how many answers came."""
+        begin, sent, answered = time.monotonic(), 0, 0
+        for frame in range(round(seconds * SECOND / self._period)):
+            time.sleep(max(0.0, begin + frame * self._period / SECOND - time.monotonic()))
+            now = self._frame % len(self._moved.angles)
+            angles, rates = self._moved.angles[now], self._moved.rates[now]
+            stamp = self._stamp + self._frame * self._period
+            message = self._buffer.write(stamp, angles, rates, 0 * angles)
+            for publisher in self._joints:
+                publisher.publish(message)
+            self._frame += 1
+            sent += len(self._joints)
+            answered += self._taken()
+        time.sleep(1.0)
+        return sent, answered + self._taken()
+
+    @property
+    def heard(self) -> bool:
+        """Whether every chain has an analyser that learned it."""
+        return all(answer.get_publisher_count() for answer in self._answers) and all(
+            publisher.get_subscription_count() for publisher in self._joints
+        )
+
+    def _taken(self) -> int:
+        taken = 0
+        for answer in self._answers:
+            with answer.handle:
+                while answer.handle.take_message(interfaces.SOLITON_STATE.type, True) is not None:
+                    taken += 1
+        return taken
+
+
+def name(number: int) -> str:
+    return f'/chain_{number}'
+
+
+@contextmanager
+def analysers(chains: int, together: bool) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Processes that analyse so many chains."""
+    names = [f'{name(n)}/soliton_analyser' for n in range(chains)]
+    one = [[node_command('suite', {})[0], *names]]
+    each = [
+        [*node_command('soliton_analyser', {}), '-r', f'__ns:={name(n)}'] for n in range(chains)
+    ]
+    with ExitStack() as stack:
+        yield [stack.enter_context(running(command)) for command in (one if together else each)]
+
+
+def memory(process: int) -> tuple[float, float]:
+    """Of a process [MB], resident and with its share of what others have too."""
+    text = Path(f'/proc/{process}/smaps_rollup').read_text(encoding='ascii')
+    told = dict(line.split(':') for line in text.splitlines()[1:])
+    resident, shared = (int(told[key].split()[0]) * 1024 / MEBIBYTE for key in ('Rss', 'Pss'))
+    return resident, shared
+
+
+def measure(
+    node: Node, named: NamedChain, moved: Recording, arguments: Any, together: bool
+) -> Sequence[float]:
+    """Processor [cores], memory [MB], twice, and states that did not come."""
+    period = round(SECOND / arguments.rate)
+    chains = Chains(node, named, moved, period, arguments.chains)
+    with analysers(arguments.chains, together) as processes:
+        deadline = time.monotonic() + LONGEST_START
+        while not chains.heard:
+            if time.monotonic() > deadline:
+                raise RuntimeError(f'not all analysers were there in {LONGEST_START:g} s')
+            time.sleep(0.1)
+        chains.publish(SETTLING)
+        before = [processor_time(process.pid) for process in processes]
+        begin = time.monotonic()
+        sent, answered = chains.publish(arguments.seconds)
+        took = time.monotonic() - begin
+        used = sum(processor_time(p.pid) for p in processes) - sum(before)
+        sizes = [memory(process.pid) for process in processes]
+    return used / took, *map(sum, zip(*sizes, strict=True)), sent - answered
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--chains', type=int, default=10)
+    parser.add_argument('--rotors', type=int, default=40)
+    parser.add_argument('--rate', type=float, default=100.0, help='[Hz]')
+    parser.add_argument('--seconds', type=float, default=20.0)
+    parser.add_argument('--rounds', type=int, default=3)
+    arguments = parser.parse_args()
+    chain = Chain(number_of_rotors=arguments.rotors)
+    rest = chain.uniform_state(-1)
+    rates = KICK * edge_mode(chain, rest, Edge.FIRST)
+    named = NamedChain(chain, default_joint_names(arguments.rotors))
+    duration = math.ceil(arguments.seconds + 2 * SETTLING)
+    moved = simulate(chain, rest, rates, duration, 1 / arguments.rate)
+    print('| processes | cores | resident [MB] | without what they share [MB] | states lost |')
+    print('| --- | --- | --- | --- | --- |')
+    with own_domain():
+        for _ in range(arguments.rounds):
+            for together in (False, True):
+                node = rclpy.create_node('many_chains')
+                cores, resident, alone, lost = measure(node, named, moved, arguments, together)
+                count = 1 if together else arguments.chains
+                print(f'| {count} | {cores:.3f} | {resident:.0f} | {alone:.0f} | {lost} |')
+                node.destroy_node()
+
+
+if __name__ == '__main__':
+    main()
