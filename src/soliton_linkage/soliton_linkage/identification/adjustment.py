@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lengths of every bond, from the angles of frames in which a wall passes, without forces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.identification.bundle import Bundle, NormalEquations
+from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, lengths_of, split
+from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
+from soliton_linkage.linkage.chain import Array, Chain
+
+_MOST_STEPS = 60
+"""Gauss-Newton steps [1]: 6 to 15 are usual."""
+_SETTLED = 0.01
+"""Length of a step over the uncertainty that ends them [1]."""
+_LEARNT = 0.01
+"""Relative change of the tolerances that ends them [1]."""
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Lengths and offsets that the angles show, in lengths of the mean spacing, and how well."""
+
+    lengths: Lengths
+    covariance: Array
+    """Of the unknowns, in their order, shape (P, P); the mean spacing is without error."""
+    information: Array
+    """What the angles alone say of the unknowns, shape (P, P)."""
+    tolerances: Tolerances
+    noise: float
+    """Standard deviation of a reading [rad], by what the bonds leave open."""
+    bond_noise: Array
+    """The same by each bond alone, shape (N - 1,)."""
+    readings_left: Array
+    """Root mean square of what is left of the readings of each rotor [rad], shape (N,)."""
+
+    @property
+    def deviations(self) -> Array:
+        """Standard deviation of each unknown, shape (P,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def adjusted(
+    readings: Array, start: Lengths, tolerance: float | None = None
+) -> Adjustment:
+    """Lengths by the readings of frames [rad], NaN where missing, shape (T, N).
+
+    A tolerance of lengths [1] is learnt from the readings unless it is given. Raises
+    ArithmeticError where no lengths close the bonds.
+    """
+    bundle = Bundle(readings, start)
+    tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
+    basis = measurable(start)
+    bundle.close()
+    noise = math.nan
+    for _ in range(_MOST_STEPS):
+        normal = bundle.normal_equations()
+        noise, covariance = _covariance(bundle, normal, basis, tolerances)
+        prior = tolerances.information(start.rotors)
+        gradient = normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
+        change = covariance @ gradient
+        bundle.lengths = bundle.lengths.changed(change)
+        bundle.close()
+        bundle.close()
+        before = tolerances
+        tolerances = tolerances.relearnt(bundle.lengths, covariance)
+        if tolerance is not None:
+            tolerances = Tolerances(tolerance, tolerances.of_offsets)
+        if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
+            break
+    else:
+        raise ArithmeticError(f'no lengths were found that close the bonds in {_MOST_STEPS} steps')
+    normal = bundle.normal_equations()
+    noise, covariance = _covariance(bundle, normal, basis, tolerances)
+    information = normal.matrix / noise**2
+    freedom = bundle.conditions - float(np.sum(covariance * information))
+    bond_noise = np.sqrt(normal.squares * len(normal.squares) / freedom)
+    return Adjustment(
+        bundle.lengths, covariance, information, tolerances, noise, bond_noise, bundle.left()
+    )
+
+
+def measurable(lengths: Lengths) -> Array:
+    """Orthonormal changes of the unknowns that keep the mean spacing, shape (P, P - 1).
+
+    Angles say nothing of the scale of all lengths together.
+    """
+    size = OF_A_ROTOR * lengths.rotors - 2
+    scale = np.zeros((size, 1))
+    split(scale[:, 0])[2][:] = lengths.spacings
+    return np.asarray(np.linalg.qr(scale, mode='complete')[0][:, 1:])
+
+
+def bound(chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None) -> Array:
+    """Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
+
+    For true angles of frames [rad], shape (T, N), that are read with a noise [rad], and, where
+    tolerances are known, the mean over all chains that are made with them.
+    """
+    bundle = Bundle(angles, lengths_of(chain))
+    information = bundle.normal_equations().matrix / noise**2
+    if tolerances is not None:
+        information += tolerances.information(chain.number_of_rotors)
+    return _inverse(information, measurable(bundle.lengths))
+
+
+def _covariance(
+    bundle: Bundle, normal: NormalEquations, basis: Array, tolerances: Tolerances
+) -> tuple[float, Array]:
+    """Noise [rad] and covariance of the unknowns."""
+    noise = math.sqrt(float(normal.squares.sum()) / max(bundle.conditions - len(basis.T), 1))
+    prior = tolerances.information(bundle.lengths.rotors)
+    return noise, _inverse(normal.matrix / noise**2 + prior, basis)
+
+
+def _inverse(information: Array, basis: Array) -> Array:
+    return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lengths and offsets by least squares with errors in all readings, all frames at once.
+
+Each frame has N unknown angles and N - 1 conditions, that every bond closes. The angles are
+eliminated frame by frame: where J are the slopes of the misclosures w with the unknowns p,
+
+    sum over frames of (w + J dp)^T M^-1 (w + J dp) = least,    v = S R^T M^-1 (w + J dp)
+
+gives the change dp of the unknowns and the errors v of the readings (Gauss and Helmert). About
+the true angles and lengths sum J^T M^-1 J is Fisher's information on p, with nothing assumed of
+the motion, and its inverse the Cramer-Rao bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.identification.lengths import OF_A_BOND, OF_A_ROTOR, Lengths
+from soliton_linkage.identification.misclosures import Misclosures, Factor, factor, misclosures
+from soliton_linkage.linkage.chain import Array
+
+_TOGETHER = 256
+"""Frames that are worked on at once: their arrays stay in the cache."""
+_UNSEEN = 1e4
+"""Variance of a reading that is missing, over that of others [1]: 100 times as unsure."""
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Information on the unknowns, and what the readings say, for readings of unit variance."""
+
+    matrix: Array
+    """sum J^T M^-1 J [1/rad^2], shape (P, P)."""
+    vector: Array
+    """-sum J^T M^-1 w, shape (P,)."""
+    squares: Array
+    """sum over frames of the squared whitened misclosure of each bond [rad^2], shape (N - 1,)."""
+
+
+class Bundle:
+    """Readings of T frames and the true angles that they are believed to be of."""
+
+    def __init__(self, readings: Array, lengths: Lengths) -> None:
+        """Begin with readings [rad], NaN where missing, shape (T, N), and first lengths."""
+        self._readings = np.ascontiguousarray(readings.T)
+        self._seen = np.isfinite(self._readings)
+        self.lengths = lengths
+        self.angles = np.where(self._seen, self._readings - lengths.offsets[:, None], 0.0)
+        """True angles [rad], shape (N, T)."""
+
+    @property
+    def conditions(self) -> int:
+        """Number of independent conditions that readings fulfil."""
+        return int(np.maximum(self._seen.sum(axis=0) - 1, 0).sum())
+
+    def normal_equations(self) -> NormalEquations:
+        """What all frames say of a change of the unknowns."""
+        size = OF_A_ROTOR * self.lengths.rotors - 2
+        matrix, vector = np.zeros((size, size)), np.zeros(size)
+        squares = np.zeros(self.lengths.rotors - 1)
+        for frames in self._chunks():
+            about, factors, whitened = self._linearised(frames)
+            squares += np.einsum('nt,nt->n', whitened, whitened)
+            _accumulate(about, factors, whitened, matrix, vector)
+        return NormalEquations(matrix, vector, squares)
+
+    def close(self) -> float:
+        """Move the angles to the nearest at which all bonds close; largest change [rad]."""
+        largest = 0.0
+        for frames in self._chunks():
+            about, factors, whitened = self._linearised(frames)
+            forces = factors.solved(whitened)
+            pulls = np.zeros_like(self.angles[:, frames])
+            pulls[:-1] = about.first * forces
+            pulls[1:] += about.second * forces
+            closed = self._corrected(frames) - self._variances(frames) * pulls
+            largest = max(largest, float(np.abs(closed - self.angles[:, frames]).max()))
+            self.angles[:, frames] = closed
+        return largest
+
+    def left(self) -> Array:
+        """Root mean square of what the angles leave of the readings of each rotor [rad], (N,)."""
+        left = self._readings - self.lengths.offsets[:, None] - self.angles
+        return np.asarray(np.sqrt(np.nanmean(left**2, axis=1)))
+
+    def _linearised(self, frames: slice) -> tuple[Misclosures, Factor, Array]:
+        angles = self.angles[:, frames]
+        about = misclosures(self.lengths, angles)
+        apart = self._corrected(frames) - angles
+        values = about.values + about.first * apart[:-1] + about.second * apart[1:]
+        factors = factor(about.first, about.second, self._variances(frames))
+        return about, factors, factors.whitened(values)
+
+    def _corrected(self, frames: slice) -> Array:
+        """Readings less the offsets; angles as they are where none was read, (N, T)."""
+        read = self._readings[:, frames] - self.lengths.offsets[:, None]
+        return np.where(self._seen[:, frames], read, self.angles[:, frames])
+
+    def _variances(self, frames: slice) -> Array:
+        return np.where(self._seen[:, frames], 1.0, _UNSEEN)
+
+    def _chunks(self) -> Iterator[slice]:
+        for begin in range(0, self._readings.shape[1], _TOGETHER):
+            yield slice(begin, begin + _TOGETHER)
+
+
+def _accumulate(
+    about: Misclosures, factors: Factor, whitened: Array, matrix: Array, vector: Array
+) -> None:
+    """Add what some frames say to the normal equations."""
+    bonds, frames = whitened.shape
+    rows = np.zeros((frames, OF_A_ROTOR * bonds + 2))
+    for n in range(bonds):
+        end = OF_A_ROTOR * n + OF_A_BOND
+        known = rows[:, :end]
+        known *= (-factors.below[n] / factors.diagonal[n])[:, None]
+        known[:, -OF_A_BOND:] += about.slopes[n] / factors.diagonal[n][:, None]
+        matrix[:end, :end] += known.T @ known
+        vector[:end] -= known.T @ whitened[n]
