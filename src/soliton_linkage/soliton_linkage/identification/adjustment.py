@@ -13,7 +13,7 @@ from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, lengths_
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Array, Chain
 
-_MOST_STEPS = 60
+_MOST_STEPS = 30
 """Gauss-Newton steps [1]: 6 to 15 are usual."""
 _SETTLED = 0.01
 """Length of a step over the uncertainty that ends them [1]."""
@@ -35,8 +35,10 @@ class Adjustment:
     """Standard deviation of a reading [rad], by what the bonds leave open."""
     bond_noise: Array
     """The same by each bond alone, shape (N - 1,)."""
-    readings_left: Array
-    """Root mean square of what is left of the readings of each rotor [rad], shape (N,)."""
+    left: Array
+    """What is left of the readings [rad], shape (T, N)."""
+    settled: bool
+    """Whether more steps would change nothing."""
 
     @property
     def deviations(self) -> Array:
@@ -49,14 +51,13 @@ def adjusted(
 ) -> Adjustment:
     """Lengths by the readings of frames [rad], NaN where missing, shape (T, N).
 
-    A tolerance of lengths [1] is learnt from the readings unless it is given. Raises
-    ArithmeticError where no lengths close the bonds.
+    A tolerance of lengths [1] is learnt from the readings unless it is given.
     """
     bundle = Bundle(readings, start)
     tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
     basis = measurable(start)
     bundle.close()
-    noise = math.nan
+    settled = False
     for _ in range(_MOST_STEPS):
         normal = bundle.normal_equations()
         noise, covariance = _covariance(bundle, normal, basis, tolerances)
@@ -71,16 +72,22 @@ def adjusted(
         if tolerance is not None:
             tolerances = Tolerances(tolerance, tolerances.of_offsets)
         if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
+            settled = True
             break
-    else:
-        raise ArithmeticError(f'no lengths were found that close the bonds in {_MOST_STEPS} steps')
     normal = bundle.normal_equations()
     noise, covariance = _covariance(bundle, normal, basis, tolerances)
     information = normal.matrix / noise**2
     freedom = bundle.conditions - float(np.sum(covariance * information))
     bond_noise = np.sqrt(normal.squares * len(normal.squares) / freedom)
     return Adjustment(
-        bundle.lengths, covariance, information, tolerances, noise, bond_noise, bundle.left()
+        bundle.lengths,
+        covariance,
+        information,
+        tolerances,
+        noise,
+        bond_noise,
+        bundle.left(),
+        settled,
     )
 
 

@@ -48,8 +48,18 @@ class Bundle:
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
         self.lengths = lengths
-        self.angles = np.where(self._seen, self._readings - lengths.offsets[:, None], 0.0)
+        self.angles = self._filled() - lengths.offsets[:, None]
         """True angles [rad], shape (N, T)."""
+
+    def _filled(self) -> Array:
+        """Readings, on straight lines between others where they are missing [rad], (N, T)."""
+        frames = np.arange(self._readings.shape[1])
+        return np.array(
+            [
+                np.interp(frames, frames[seen], values[seen])
+                for values, seen in zip(self._readings, self._seen, strict=True)
+            ]
+        )
 
     @property
     def conditions(self) -> int:
@@ -82,9 +92,9 @@ class Bundle:
         return largest
 
     def left(self) -> Array:
-        """Root mean square of what the angles leave of the readings of each rotor [rad], (N,)."""
+        """What the angles leave of the readings [rad], 0 where none was read, shape (T, N)."""
         left = self._readings - self.lengths.offsets[:, None] - self.angles
-        return np.asarray(np.sqrt(np.nanmean(left**2, axis=1)))
+        return np.asarray(np.where(self._seen, left, 0.0).T)
 
     def _linearised(self, frames: slice) -> tuple[Misclosures, Factor, Array]:
         angles = self.angles[:, frames]

@@ -60,6 +60,16 @@ class Lengths:
             self.offsets + offset,
         )
 
+    def scaled(self, spacing: float) -> Lengths:
+        """These with a mean spacing [m]."""
+        scale = spacing / float(self.spacings.mean())
+        return Lengths(
+            scale * self.rotor_lengths,
+            scale * self.spacings,
+            scale * self.rest_lengths,
+            self.offsets,
+        )
+
     def chain(self, alike: Chain) -> Chain:
         """A chain with these lengths, in all else as a given one.
 

@@ -18,7 +18,7 @@ import numpy as np
 from soliton_linkage.identification.lengths import Lengths
 from soliton_linkage.linkage.chain import Array
 
-_PASSING = 0.1
+_PASSING = 0.2
 """Difference of the sines of neighbours about a wall, over the largest of most bonds [1]."""
 
 
@@ -29,14 +29,21 @@ def equal_rotors(angles: Array) -> Lengths:
     """
     inner = angles[:, 1:-1] if angles.shape[1] > 4 else angles
     apart = np.diff(np.sin(inner), axis=1)
-    swing = float(np.median(np.nanmax(np.abs(apart), axis=0)))
-    passing = np.abs(apart) > _PASSING * swing
-    across = apart[passing]
-    together = np.cos(np.diff(inner, axis=1))[passing]
-    terms = np.column_stack([np.ones_like(across), across])
-    constant, ratio = np.linalg.lstsq(terms, together, rcond=None)[0]
-    squared = ratio**2 + 2 * (1 - constant) if ratio > 0 else -1.0
-    if not squared > ratio**2:
+    together = np.cos(np.diff(inner, axis=1))
+    constants = np.nanmedian(together, axis=0)
+    swing = float(np.median(np.nanmax(np.abs(apart - np.nanmedian(apart, axis=0)), axis=0)))
+    across = apart - np.nanmedian(apart, axis=0)
+    passing = np.abs(across) > _PASSING * swing
+    ratio = float(across[passing] @ (together - constants)[passing])
+    ratio /= float(across[passing] @ across[passing])
+    constant = float(np.median(constants))
+    if ratio < 0:
+        raise ValueError(
+            'the angles are those of a chain seen from behind: name the joints from the first '
+            'rotor to the last, and count angles from upright towards the last'
+        )
+    squared = ratio**2 + 2 * (1 - constant)
+    if not squared > ratio**2 > 0:
         raise ValueError(
             'the angles are those of no chain of rotors on pivots in a row; check that they are '
             'in radians, counted from upright towards the last rotor, in the order of the rotors'

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a chain leaves of the readings: noise, and what is more than that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from soliton_linkage.estimation.robust import robust_deviation
+from soliton_linkage.linkage.chain import Array
+
+_SLIPPING = 3.0
+"""Largest range of a sum of so many independent numbers, over the root of their number [1], that
+chance makes of 40 rotors once in a million recordings."""
+_LEAST_SLIP = 2.0
+"""Over the noise of a reading [1]: less makes no line in a report."""
+
+_JUMP_FRAMES = 15
+"""Over which readings are averaged before and after a jump [1]."""
+_SUDDEN_FRAMES = 2
+"""The same of a jump that is sudden [1]."""
+_SUDDEN = 0.7
+"""Share of a jump that is sudden [1]: of motion over 30 frames a tenth is."""
+_JUMP_OF_NOISE = 8.0
+"""Jump over the noise of such a difference [1], which chance makes of no recording."""
+_JUMP_OF_NEIGHBOURS = 5.0
+"""Jump over the larger one of both neighbours [1]: next to a wall rotors move less unequally."""
+
+
+def noise_of(readings: Array) -> float:
+    """Noise of readings [rad] by what three in a row leave of a straight line, shape (T, N).
+
+    Most rotors are at rest most of the time, and the median does not see the others. NaN where
+    there are not three.
+    """
+    bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
+    sizes = np.abs(bends[np.isfinite(bends)]) / math.sqrt(6)
+    return robust_deviation(sizes) if len(sizes) else math.nan
+
+
+def check_jumps(times: Array, readings: Array, noise: float, names: Sequence[str]) -> None:
+    """Raise ValueError for an inner rotor that jumps at once while those beside it keep still.
+
+    Readings [rad] without gaps, shape (T, N), with a noise [rad].
+    """
+    width = min(_JUMP_FRAMES, len(readings) // 4)
+    steps, sudden = _steps(readings, width), _steps(readings, _SUDDEN_FRAMES)
+    apart = width - _SUDDEN_FRAMES
+    steps = np.minimum(steps, sudden[apart : len(sudden) - apart] / _SUDDEN)
+    beside = np.maximum(steps[:, :-2], steps[:, 2:])
+    limit = _JUMP_OF_NOISE * noise * math.sqrt(2 / width) + _JUMP_OF_NEIGHBOURS * beside
+    excess = steps[:, 1:-1] / limit
+    frame, rotor = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    if excess[frame, rotor] > 1:
+        raise _slipping(names[rotor + 1], steps[frame, rotor + 1], times[frame + width] - times[0])
+
+
+def _steps(readings: Array, width: int) -> Array:
+    """Size of the step from so many frames to as many after them [rad], (T + 1 - 2 width, N)."""
+    sums = np.cumsum(np.vstack([np.zeros(readings.shape[1]), readings]), axis=0)
+    means = (sums[width:] - sums[:-width]) / width
+    return np.asarray(np.abs(means[width:] - means[:-width]))
+
+
+def check_slips(times: Array, left: Array, noise: float, names: Sequence[str]) -> None:
+    """Raise ValueError for an encoder whose residuals [rad], shape (T, N), have a step."""
+    sums = np.cumsum(left - left.mean(axis=0), axis=0) / (noise * math.sqrt(len(left)))
+    largest = np.abs(sums).max(axis=0)
+    rotor = int(np.argmax(largest))
+    frame = int(np.argmax(np.abs(sums[:, rotor]))) + 1
+    step = float(left[frame:, rotor].mean() - left[:frame, rotor].mean())
+    if largest[rotor] > _SLIPPING and abs(step) > _LEAST_SLIP * noise:
+        raise _slipping(names[rotor], step, times[frame] - times[0])
+
+
+def _slipping(name: str, step: float, time: float) -> ValueError:
+    return ValueError(
+        f'the encoder of {name} slips by about {abs(step):.2g} rad at {time:.3g} s; fasten it and '
+        'record again'
+    )

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What keeps a recording from showing a chain, said in one line before anything is computed.
+
+All rotors beyond a wall lean to one side, and the staggered angles of the two sides lie evenly
+about 0, or of all rotors about pi, whatever their lengths. A wall comes to rotors in their order:
+the first instants at which they lean over have no peak among rotors of one parity, wherever the
+wall begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array, staggered
+
+_FEWEST_ROTORS = 4
+"""With fewer the edges' bonds are all there are [1]."""
+_SEEN = 0.5
+"""Least share of the frames that show a rotor [1]."""
+_MOST_MISSING = 4
+"""Rotors that a complaint names [1]."""
+_LEANING = 0.5
+"""sin(phi) of a rotor that leans to one side for certain, over its typical size [1]."""
+_OFF_ZERO = 0.35
+"""Error of the zero of an encoder that least squares can begin with [rad]."""
+_OFF_ZERO_OF_SPINNERS = 0.5
+"""The same where unequal lengths look like it [rad]: 5 % in each move rest angles by 0.2 rad."""
+_FRAMES = 5
+"""At the begin and the end of which the median counts [1]: one may be anything."""
+_OUT_OF_STEP = 0.5
+"""By how much a rotor leans over too late, over the time from one to the next but one [1]."""
+
+def filled(times: Array, readings: Array, names: Sequence[str]) -> Array:
+    """Readings without gaps or turns of 2 pi from frame to frame [rad], (T, N).
+
+    Raises ValueError where rotors are missing.
+    """
+    if readings.shape[1] < _FEWEST_ROTORS:
+        raise ValueError(
+            f'{readings.shape[1]} rotors are too few to identify a chain; it takes '
+            f'{_FEWEST_ROTORS} or more'
+        )
+    shares = np.isfinite(readings).mean(axis=0)
+    missing = np.flatnonzero(~(shares >= _SEEN))
+    if missing.size:
+        shown = ', '.join(names[n] for n in missing[:_MOST_MISSING])
+        more = ', ...' if missing.size > _MOST_MISSING else ''
+        raise ValueError(
+            f'{missing.size} of {len(names)} rotors are missing in half of the frames or more: '
+            f'{shown}{more}; the chain cannot be closed across them, record all rotors'
+        )
+    whole = np.empty_like(readings)
+    for rotor, values in enumerate(readings.T):
+        seen = np.isfinite(values)
+        whole[:, rotor] = np.interp(times, times[seen], np.unwrap(values[seen]))
+    return whole
+
+
+def check_motion(times: Array, readings: Array, names: Sequence[str]) -> None:
+    """Raise ValueError where no wall passes all rotors, or not in their order.
+
+    Times [s] of frames, shape (T,), and their readings [rad], shape (T, N).
+    """
+    check_leans(readings, names)
+    over = _leaning_over(readings)
+    inner = over[1:-1]
+    if not np.isfinite(inner).any():
+        raise ValueError(
+            'no soliton passes in this recording: no rotor leans over from one side to the '
+            'other; nudge the chain while it records'
+        )
+    still = 1 + np.flatnonzero(~np.isfinite(inner))
+    if still.size:
+        raise ValueError(
+            f'the soliton passes only {len(inner) - still.size} of {len(inner)} inner rotors, '
+            f'not {names[int(still[0])]}; record until it has been at both edges'
+        )
+    instants = times[inner.astype(np.intp)]
+    for parity in (0, 1):
+        _check_order(instants[parity::2], names[1:-1][parity::2])
+
+
+def check_leans(readings: Array, names: Sequence[str]) -> None:
+    """Raise ValueError for rotors that do not lean as a chain does."""
+    turned = _otherwise(readings[:_FRAMES]) & _otherwise(readings[-_FRAMES:])
+    centres, most = _centres(readings)
+    half_turn = np.abs(centres) > math.pi - most
+    strange = np.flatnonzero(turned | (np.abs(centres) > most))
+    if not strange.size:
+        return
+    rotor = int(strange[0])
+    if strange.size > 1:
+        shown = ', '.join(names[n] for n in strange[:_MOST_MISSING])
+        more = ', ...' if strange.size > _MOST_MISSING else ''
+        raise ValueError(
+            f'{shown}{more} do not lean as their neighbours do: the joints are not in the order '
+            'of the rotors, or read backwards; name them from the first rotor to the last'
+        )
+    if turned[rotor] != half_turn[rotor]:
+        raise ValueError(
+            f'{names[rotor]} is mounted backwards: its angle falls where those of its neighbours '
+            f'say that it grows; publish {"pi - " if half_turn[rotor] else "-"}phi for it'
+        )
+    off = float(centres[rotor]) * (-1 if rotor % 2 else 1)
+    raise ValueError(
+        f'the zero of {names[rotor]} is off by about {off:.2g} rad; set it upright, to within '
+        f'{most:g} rad'
+    )
+
+
+def _otherwise(readings: Array) -> NDArray[np.bool_]:
+    """Rotors that lean to the side to which none beside them leans, shape (N,)."""
+    sides = np.sign(np.sin(np.median(readings, axis=0)))
+    padded = np.concatenate([sides[1:2], sides, sides[-2:-1]])
+    return np.asarray((padded[:-2] != sides) & (padded[2:] != sides))
+
+
+def _centres(readings: Array) -> tuple[Array, float]:
+    """What the staggered angles of each rotor are off by [rad], (N,), and the most allowed.
+
+    Of flippers that is the middle of both sides, which offsets move and lengths do not; spinners
+    turn by half a turn, so that both sides tell the same.
+    """
+    sine = np.sin(readings)
+    certain = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
+    turns = np.exp(1j * staggered(readings))
+    sides = [np.sum(turns * (certain & side), axis=0) for side in (sine > 0, sine < 0)]
+    right, left = (each / np.maximum(np.abs(each), 1e-9) for each in sides)
+    if np.median(np.real(right) * np.real(left)) > 0:
+        up = np.sign(np.sum(np.real(right + left))) or 1.0
+        off, most = (right + left) * up, _OFF_ZERO
+    else:
+        off = right * np.conj(np.sum(right)) + left * np.conj(np.sum(left))
+        most = _OFF_ZERO_OF_SPINNERS
+    both = (np.abs(right) > 0) & (np.abs(left) > 0)
+    return np.where(both, np.angle(off), 0.0), most
+
+
+def _leaning_over(readings: Array) -> Array:
+    """First frame in which each rotor leans over to the side it began not on, NaN if none."""
+    sine = np.sin(readings)
+    sides = np.where(np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0), np.sign(sine), 0)
+    found = np.full(sides.shape[1], np.nan)
+    for rotor, side in enumerate(sides.T):
+        certain = np.flatnonzero(side)
+        if certain.size:
+            over = np.flatnonzero(side == -side[certain[0]])
+            found[rotor] = over[0] if over.size else np.nan
+    return found
+
+
+def _check_order(instants: Array, names: Sequence[str]) -> None:
+    """Raise ValueError where a wall comes to a rotor later than to both beside it."""
+    if len(instants) < 3:
+        return
+    margin = _OUT_OF_STEP * float(np.median(np.abs(np.diff(instants))))
+    late = instants[1:-1] - np.maximum(instants[:-2], instants[2:]) > margin
+    if late.any():
+        rotor = 1 + int(np.flatnonzero(late)[0])
+        beside = rotor + (1 if instants[rotor + 1] < instants[rotor - 1] else -1)
+        first, second = sorted((rotor, beside))
+        raise ValueError(
+            f'the joints are not in the order of the rotors: the soliton comes to {names[first]} '
+            f'after {instants[first]:.3g} s and to {names[second]} after '
+            f'{instants[second]:.3g} s; swap them, or name the joints from the first to the last'
+        )
