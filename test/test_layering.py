@@ -16,10 +16,16 @@ MOST_MODULES = 15
 
 _FLOORS = (
     'exports compiling completion colours command_line progress linkage linear solitons orbit '
-    'dynamics actuation estimation steering studies command'
+    'dynamics actuation estimation identification steering studies command'
 )
 PHYSICS = {room: floor for floor, room in enumerate(_FLOORS.split())}
-ROS_NODES = {'simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'}
+ROS_NODES = {
+    'simulator',
+    'edge_actuator',
+    'soliton_analyser',
+    'soliton_steering',
+    'chain_identifier',
+}
 NODES = {
     'start': 0,
     'runtime': 1,

@@ -19,13 +19,11 @@ _LEAST_SLIP = 2.0
 
 _JUMP_FRAMES = 15
 """Over which readings are averaged before and after a jump [1]."""
-_SUDDEN_FRAMES = 2
-"""The same of a jump that is sudden [1]."""
-_SUDDEN = 0.7
-"""Share of a jump that is sudden [1]: of motion over 30 frames a tenth is."""
-_JUMP_OF_NOISE = 8.0
-"""Jump over the noise of such a difference [1], which chance makes of no recording."""
-_JUMP_OF_NEIGHBOURS = 5.0
+_JUMP_OF_NOISE = 12.0
+"""Bend of the rate over the noise of a reading [1], of which it has 2.2: more is no chance."""
+_LEAST_JUMP = 0.1
+"""Bend of the rate that no motion makes from frame to frame [rad]."""
+_JUMP_OF_NEIGHBOURS = 3.0
 """Jump over the larger one of both neighbours [1]: next to a wall rotors move less unequally."""
 
 
@@ -46,11 +44,11 @@ def check_jumps(times: Array, readings: Array, noise: float, names: Sequence[str
     Readings [rad] without gaps, shape (T, N), with a noise [rad].
     """
     width = min(_JUMP_FRAMES, len(readings) // 4)
-    steps, sudden = _steps(readings, width), _steps(readings, _SUDDEN_FRAMES)
-    apart = width - _SUDDEN_FRAMES
-    steps = np.minimum(steps, sudden[apart : len(sudden) - apart] / _SUDDEN)
+    rates = np.diff(readings, axis=0)
+    sudden = np.abs(rates[1:-1] - (rates[:-2] + rates[2:]) / 2)
+    steps = np.minimum(_steps(readings, width), sudden[width - 2 : 2 - width])
     beside = np.maximum(steps[:, :-2], steps[:, 2:])
-    limit = _JUMP_OF_NOISE * noise * math.sqrt(2 / width) + _JUMP_OF_NEIGHBOURS * beside
+    limit = max(_JUMP_OF_NOISE * noise, _LEAST_JUMP) + _JUMP_OF_NEIGHBOURS * beside
     excess = steps[:, 1:-1] / limit
     frame, rotor = np.unravel_index(int(np.argmax(excess)), excess.shape)
     if excess[frame, rotor] > 1:

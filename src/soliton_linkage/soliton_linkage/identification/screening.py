@@ -86,11 +86,15 @@ def check_motion(times: Array, readings: Array, names: Sequence[str]) -> None:
 
 
 def check_leans(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for rotors that do not lean as a chain does."""
+    """Raise ValueError for rotors that do not lean as a chain does, but those at the edges.
+
+    Those of flippers toggle, and have two angles on each side.
+    """
     turned = _otherwise(readings[:_FRAMES]) & _otherwise(readings[-_FRAMES:])
     centres, most = _centres(readings)
     half_turn = np.abs(centres) > math.pi - most
-    strange = np.flatnonzero(turned | (np.abs(centres) > most))
+    inner = turned[1:-1] | (np.abs(centres[1:-1]) > most)
+    strange = 1 + np.flatnonzero(inner)
     if not strange.size:
         return
     rotor = int(strange[0])

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameter file of a chain that was identified, which every node takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from soliton_linkage.identification.identification import Identification
+from soliton_linkage_nodes.messages.conversions import default_joint_names
+
+_TOLD = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'visualisation')
+"""Nodes that learn the chain of a bench without a simulator from the file."""
+_PARAMETERS = ('spacing', 'rotor_length', 'rest_angle', 'mass', 'stiffness', 'damping')
+_MEANINGS = {
+    'spacing': 'distances from each rotor to the next',
+    'rotor_length': 'lengths of the rotors',
+    'rest_length': 'lengths of the springs or bars',
+    'mass': 'masses',
+    'stiffness': 'stiffnesses',
+    'damping': 'dampings',
+}
+
+
+def write_parameters(
+    found: Identification, joint_names: Sequence[str], source: str, path: Path
+) -> None:
+    """Write the file; `source` says in its head what the chain was identified by."""
+    path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
+
+
+def _lines(found: Identification, joint_names: Sequence[str], source: str) -> Iterator[str]:
+    chain = found.chain
+    yield f'# A chain that was identified by {source}.'
+    yield '# Fractions have their standard deviations, as fractions too, in the line above them.'
+    yield from (f'# {line}' for line in found.warnings)
+    usual = tuple(joint_names) == default_joint_names(chain.number_of_rotors)
+    for node in _TOLD:
+        yield from (f'/**/{node}:', '  ros__parameters:', '    chain_from: parameters')
+        if not usual:
+            yield f'    joint_names: [{", ".join(map(repr, joint_names))}]'
+    yield from ('', '/**:', '  ros__parameters:')
+    yield f'    chain.number_of_rotors: {chain.number_of_rotors}'
+    yield from (f'    chain.{name}: {getattr(chain, name)!r}' for name in _PARAMETERS)
+    for name, meaning in _MEANINGS.items():
+        fractions = getattr(chain.deviations, name)
+        if fractions:
+            if name in found.deviations:
+                yield f'    # {meaning}; standard deviations {_list(found.deviations[name])}'
+            yield f'    chain.deviations.{name}: {_list(fractions)}'
+    yield '    # what encoders read too much [rad], taken off by the analyser as it finds it:'
+    yield f'    # {_list(found.offsets)}'
+    yield f'    # standard deviations {_list(found.offset_deviations)}'
+
+
+def _list(values: ArrayLike) -> str:
+    return f'[{", ".join(f"{value:.6f}" for value in np.asarray(values).tolist())}]'
