@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain identifier: proposes the chain that joints are of, once a soliton has passed."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rclpy.clock import Clock, ClockType
+from std_srvs.srv import Trigger
+
+from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
+from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, check_names
+from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
+from soliton_linkage_nodes.runtime.parameters import current
+from soliton_linkage_nodes.runtime.process import run
+
+_LOOK_PERIOD = 0.1
+"""Between two looks whether a chain was found [s]: a person sees no wait."""
+
+
+@dataclass(frozen=True)
+class ChainIdentifierParameters:
+    """Parameters of the chain identifier."""
+
+    interval: float = quantity(
+        10.0,
+        'time between two tries to identify the chain by all frames so far, 0 for none but those '
+        'that are asked for',
+        's',
+        0.0,
+        3600.0,
+    )
+    most_frames: int = quantity(
+        4000,
+        'number of frames that are kept, beyond which every other one is left out; half of it '
+        'makes lengths 1.4 times as unsure in half of the time',
+        '',
+        100,
+        100_000,
+    )
+    tolerance: float = quantity(
+        0.0,
+        'standard deviation by which lengths of one kind differ from each other, 0 to have it '
+        'learnt from the angles',
+        '',
+        0.0,
+        1.0,
+    )
+    output: str = quantity('chain.yaml', 'path of the parameter file that ~/save writes')
+    spacing: float = quantity(
+        0.1, 'mean distance of neighbouring pivots, which angles do not tell', 'm', 1e-6, 1e3
+    )
+    mass: float = quantity(
+        0.02, 'mean mass of the rotors, which angles do not tell', 'kg', 1e-9, 1e6
+    )
+    joint_names: tuple[str, ...] = quantity(
+        (), 'names of the joints, rotor 0 first; empty for those of the first joint_states'
+    )
+
+
+class ChainIdentifier(ManagedNode):
+    """Proposes the chain that joints are of, with every length of its own.
+
+    Subscribes to `joint_states` [rad]. Publishes `identified_chain` and `/diagnostics`. Serves
+    `~/identify`, which tries at once, `~/save`, which writes the last proposal with its standard
+    deviations to the file `output`, and `~/forget`, which begins with new frames.
+    """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        ChainIdentifierParameters: '',
+        ManagedParameters: '',
+    }
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Be configured and activated, unless a manager is to do that."""
+        super().__init__('chain_identifier', **kwargs)
+
+    def configure(self) -> None:
+        """Listen to joints, and open the services."""
+        settings = self.settings = current(self, ChainIdentifierParameters)
+        check_names('parameter joint_names', settings.joint_names)
+        self.found: Identification | None = None
+        """The last proposal."""
+        self._complaint = ''
+        self._record: JointRecord | None = None
+        self._tried = 0
+        self._working: threading.Thread | None = None
+        self._outcome: Identification | ValueError | None = None
+        self._decoder = JointStateDecoder()
+        self._encoders = EncoderWatch(self.get_logger().warning)
+        self.diagnostics = Diagnostics(self, 'identification', self.reporting(self._report))
+        self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
+        take = self.diagnostics.refusing('joint_states', self.while_active(self._take))
+        AdaptiveSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
+        self.create_service(Trigger, '~/identify', self._on_identify)
+        self.create_service(Trigger, '~/save', self._on_save)
+        self.create_service(Trigger, '~/forget', self._on_forget)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
+        if settings.interval:
+            self.create_timer(settings.interval, self._try, clock=steady)
+        frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
+        self.get_logger().info(f'identifying the chain of {frames}')
+
+    def _take(self, serialized: bytes) -> None:
+        joints = self._decoder.decode(serialized)
+        if self._record is None:
+            names = self.settings.joint_names or joints.name
+            self._record = JointRecord(names, self.settings.most_frames)
+        self._record.add(joints)
+        self._encoders.look(joints.stamp, joints.position)
+
+    def _try(self) -> None:
+        """Begin to identify the chain where there are new frames and nothing is under way."""
+        record = self._record
+        if not self.active or record is None or self._working or record.frames == self._tried:
+            return
+        self._tried = record.frames
+        times, angles = record.readings()
+        given = dataclasses.replace(
+            Chain(), spacing=self.settings.spacing, mass=self.settings.mass
+        )
+        work = times, angles, given, record.joint_names, self.settings.tolerance or None
+        self._working = threading.Thread(target=self._identify, args=work, daemon=True)
+        self._working.start()
+
+    def _identify(self, times: Array, angles: Array, *given: Any) -> None:
+        try:
+            self._outcome = identify(times, angles, *given)
+        except ValueError as error:
+            self._outcome = error
+
+    def _look(self) -> None:
+        """Publish what was found."""
+        if self._working is None or self._working.is_alive():
+            return
+        outcome, self._working, self._outcome = self._outcome, None, None
+        if not isinstance(outcome, Identification):
+            self._complaint = str(outcome)
+            return
+        if self._record is None:
+            return
+        self.found, self._complaint = outcome, ''
+        named = NamedChain(outcome.chain, self._record.joint_names)
+        stamp = self.get_clock().now().to_msg()
+        self._publisher.publish(chain_to_msg(named, stamp))
+        for warning in outcome.warnings:
+            self.get_logger().warning(warning)
+
+    def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        frames = 0 if self._record is None else self._record.frames
+        self._tried = -1
+        self._try()
+        response.success = self._working is not None
+        response.message = (
+            f'identifying by {frames} frames; the chain will be on identified_chain'
+            if response.success
+            else 'there are no joint_states yet'
+        )
+        return response
+
+    def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.found is None or self._record is None:
+            response.message = self._complaint or 'no chain was identified yet'
+            return response
+        path = Path(self.settings.output)
+        try:
+            write_parameters(self.found, self._record.joint_names, self.get_name(), path)
+        except OSError as error:
+            response.message = f'{path}: {error.strerror}'
+            return response
+        response.success, response.message = True, f'written to {path}'
+        return response
+
+    def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._record, self.found, self._complaint = None, None, ''
+        response.success, response.message = True, 'begun with new frames'
+        return response
+
+    def _report(self) -> Report:
+        frames = 0 if self._record is None else self._record.frames
+        values: dict[str, Any] = {'frames': frames, 'identifying': self._working is not None}
+        if self.found is None:
+            message = self._complaint or 'waiting for a soliton to pass'
+            return Report(message, values, bool(self._complaint))
+        values |= {
+            'noise [rad]': self.found.noise,
+            'noise from frame to frame [rad]': self.found.reading_noise,
+            'tolerance': self.found.tolerance,
+            'worst bonds': ', '.join(map(str, self.found.worst_bonds[:3])),
+        }
+        words = f'a {self.found.chain.motion.value} of {self.found.chain.number_of_rotors} rotors'
+        return Report(
+            '; '.join([words, *self.found.warnings]), values, bool(self.found.warnings)
+        )
+
+
+def main() -> None:
+    """Run the identifier until it is told to stop."""
+    run(ChainIdentifier)
