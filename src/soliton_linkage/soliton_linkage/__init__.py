@@ -14,17 +14,18 @@ A first script, in which a kick of the first edge sends a soliton through the ch
 
 What lives where, each folder importing only from those before it:
 
-============ ==============================================================================
-linkage      the chain: parameters, deviations, gravity, encoders, recorded motion
-linear       linear theory about a configuration: rigidity, zero mode, bands, statics
-solitons     walls at rest, in the continuum, in the unit cell; found and tracked in frames
-orbit        the zero-energy orbit, the closed curve along which a wall runs to and fro
-dynamics     simulations of springs and of rigid bars, integrators, energy balance
-actuation    soft actuators, commands, and the torques and impulses that come of them
-estimation   the analyser: what frames of noisy angles show
-steering     a soliton carried to a place and held there
-studies      figures, films, sweeps and measurements, each a program
-============ ==============================================================================
+============== ==============================================================================
+linkage        the chain: parameters, deviations, gravity, encoders, recorded motion
+linear         linear theory about a configuration: rigidity, zero mode, bands, statics
+solitons       walls at rest, in the continuum, in the unit cell; found and tracked in frames
+orbit          the zero-energy orbit, the closed curve along which a wall runs to and fro
+dynamics       simulations of springs and of rigid bars, integrators, energy balance
+actuation      soft actuators, commands, and the torques and impulses that come of them
+estimation     the analyser: what frames of noisy angles show
+identification a chain that nobody has measured, from the angles of a recording
+steering       a soliton carried to a place and held there
+studies        figures, films, sweeps and measurements, each a program
+============== ==============================================================================
 
 A *wall*, short for domain wall, is where the chain changes from leaning right to leaning left; a
 *soliton* is a wall that moves, as topics and messages call it. The *orbit* is the curve of all

@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from soliton_linkage.identification.adjustment import Adjustment, adjusted, measurable
+from soliton_linkage.identification.free_motion import Motion
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split
+from soliton_linkage.identification.motion_fit import MotionFit, MotionFitting
 from soliton_linkage.identification.residuals import check_jumps, check_slips, noise_of
 from soliton_linkage.identification.screening import check_motion, filled
 from soliton_linkage.identification.start import equal_rotors
@@ -21,6 +25,17 @@ _OPEN = 0.1
 open [1]: more than workshops miss."""
 _STRAINED = 1.3
 """Noise that the bonds leave over that from frame to frame, beyond which springs give way [1]."""
+_WORSE = 1.25
+"""Noise of a bond over that of most, beyond which it is called bad [1]: of 1000 frames chance
+makes 1.1."""
+_MOST_FITTED = 1500
+"""Frames of which a free motion is fitted [1]: 40 rotors take a minute."""
+_FEWEST_FITTED = 100
+"""The fewest [1]: a wall passes some rotors in them."""
+_FIRST_FRAMES = 8
+"""By which rates at the begin are told [1]."""
+_LEAST_NOISE = 1e-4
+"""Noise with which a motion is fitted at least [rad]: better encoders are rounded."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +58,8 @@ class Identification:
     """The same as `noise` by each bond alone [rad], shape (N - 1,)."""
     tolerance: float
     """Standard deviation by which lengths of one kind differ from each other [1]."""
+    rigid: bool
+    """Whether all bonds close to the noise, as bars do: then no stiffness is found."""
     open_combinations: tuple[str, ...]
     """What the angles alone leave open, in words."""
     warnings: tuple[str, ...]
@@ -53,11 +70,6 @@ class Identification:
         """Numbers of the bonds that leave most open, the worst first."""
         return tuple(np.argsort(-self.bond_noise).tolist())
 
-    @property
-    def strained(self) -> bool:
-        """Whether springs give way beyond the noise, as rigid bars do not."""
-        return self.noise > _STRAINED * self.reading_noise
-
 
 def identify(
     times: Array,
@@ -65,12 +77,13 @@ def identify(
     given: Chain,
     names: Sequence[str] = (),
     tolerance: float | None = None,
+    pushes: Sequence[float] = (),
 ) -> Identification:
     """Chain that the readings [rad], NaN where missing, shape (T, N), of times [s], (T,), show.
 
     The given chain tells what angles do not: the mean spacing, masses, stiffness and damping;
     its number of rotors and other lengths do not count. A tolerance of lengths [1] is learnt
-    unless it is given. Raises ValueError, in one line, for a recording that shows no chain.
+    unless it is given. Pushes are instants [s] at which others than springs acted. Raises ValueError, in one line, for a recording that shows no chain.
     """
     names = names or [f'rotor {n}' for n in range(readings.shape[1])]
     whole = filled(times, readings, names)
@@ -79,19 +92,121 @@ def identify(
     check_jumps(times, whole, noise, names)
     seen = np.where(np.isfinite(readings), whole, np.nan)
     found = adjusted(seen, equal_rotors(whole), tolerance)
+    if found.noise > _STRAINED * noise:
+        free = free_frames(times, pushes)
+        start = _begun(times[free], whole[free], equal_rotors(whole), given)
+        fitted = _fitted(times[free], seen[free], start, noise, tolerance)
+        if fitted is not None and fitted.noise < found.noise:
+            check_slips(times[-len(fitted.left) :], fitted.left, fitted.noise, names)
+            return _of_springs(fitted, found, given, noise)
     check_slips(times, found.left, max(noise, found.noise), names)
     if not found.settled:
         raise ValueError(
             'no lengths close the bonds of this recording; check the order of the joints, their '
             'signs and their zeros, and that no rotor was held'
         )
-    return _identified(found, given, noise)
+    return _of_bonds(found, given, noise)
 
 
-def _identified(found: Adjustment, given: Chain, reading_noise: float) -> Identification:
+def free_frames(times: Array, pushes: Sequence[float]) -> slice:
+    """Frames of the longest time between two pushes [s], no more than are fitted."""
+    ends = [-math.inf, *sorted(pushes), math.inf]
+    spans = [
+        (int(np.searchsorted(times, begin, 'right')), int(np.searchsorted(times, end)))
+        for begin, end in pairwise(ends)
+    ]
+    begin, end = max(spans, key=lambda span: span[1] - span[0])
+    return slice(begin, min(end, begin + _MOST_FITTED))
+
+
+def _begun(times: Array, angles: Array, lengths: Lengths, given: Chain) -> Motion:
+    """Motion of equal rotors from the first frames on, [s] (T,) and [rad] (T, N)."""
+    rotors, few = angles.shape[1], min(_FIRST_FRAMES, len(times))
+    rates = np.polyfit(times[:few], angles[:few], 1)[0] if few > 1 else np.zeros(rotors)
+    stiffnesses = np.full(rotors - 1, given.stiffness / given.mass)
+    return Motion(lengths, stiffnesses, np.ones(rotors), 0.0, angles[0], rates)
+
+
+def _fitted(
+    times: Array, readings: Array, start: Motion, noise: float, tolerance: float | None
+) -> MotionFit | None:
+    """Free motion of springs that the readings show, None where none was found."""
+    if len(times) < _FEWEST_FITTED:
+        return None
+    fitting = MotionFitting(times, readings, start, max(noise, _LEAST_NOISE), tolerance)
+    try:
+        return fitting.fit()
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _of_springs(
+    fitted: MotionFit, found: Adjustment, given: Chain, reading_noise: float
+) -> Identification:
+    """Chain of springs, whose stiffnesses, masses and damping the motion shows too."""
+    motion, rotors = fitted.motion, len(fitted.motion.masses)
+    geometry = OF_A_ROTOR * rotors - 2
+    deviations = np.sqrt(np.diag(fitted.covariance))
+    rotor, offset, spacing, rest = split(deviations[:geometry])
+    springs = np.split(deviations[geometry:], [rotors - 1, 2 * rotors - 1])
+    masses = motion.masses / motion.masses.mean()
+    stiffness = float(motion.stiffnesses.mean()) / float(motion.masses.mean())
+    chain = motion.lengths.scaled(given.spacing).chain(given)
+    chain = replace(
+        chain,
+        stiffness=given.mass * stiffness,
+        damping=max(motion.damping, 0.0)
+        * given.mass
+        * given.spacing**2
+        / float(motion.masses.mean()),
+        deviations=replace(
+            chain.deviations,
+            mass=tuple((masses - 1).tolist()),
+            stiffness=tuple((motion.stiffnesses / motion.stiffnesses.mean() - 1).tolist()),
+            damping=(),
+        ),
+    )
+    spreads = {
+        'rotor_length': rotor,
+        'spacing': spacing,
+        'rest_length': rest,
+        'stiffness': springs[0],
+        'mass': springs[1],
+    }
+    by_bond = np.sqrt(np.mean(fitted.left**2, axis=0))
+    return Identification(
+        chain,
+        spreads,
+        motion.lengths.offsets,
+        offset,
+        fitted.noise,
+        reading_noise,
+        np.maximum(by_bond[:-1], by_bond[1:]),
+        fitted.tolerances.of_lengths,
+        False,
+        (),
+        _obstacles(chain),
+    )
+
+
+def _of_bonds(found: Adjustment, given: Chain, reading_noise: float) -> Identification:
+    """Chain whose bonds close, as bars do, or springs about slow walls."""
     rotor, offset, spacing, rest = split(found.deviations)
     chain = found.lengths.scaled(given.spacing).chain(given)
-    made = Identification(
+    warnings = list(_obstacles(chain))
+    if found.noise > _STRAINED * reading_noise:
+        warnings.append(
+            f'bonds leave {found.noise / reading_noise:.2g} times the noise of the readings: '
+            'springs give way about a fast soliton, or pivots have play, and standard deviations '
+            'are too small; record a slower soliton, with its kick before the first frame'
+        )
+    usual = float(np.median(found.bond_noise))
+    warnings += [
+        f'bond {bond} leaves {found.bond_noise[bond] / usual:.2g} times the noise of most bonds: '
+        'an encoder may slip there, or a pivot have play'
+        for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
+    ]
+    return Identification(
         chain,
         {'rotor_length': rotor, 'spacing': spacing, 'rest_length': rest},
         found.lengths.offsets,
@@ -100,13 +215,17 @@ def _identified(found: Adjustment, given: Chain, reading_noise: float) -> Identi
         reading_noise,
         found.bond_noise,
         found.tolerances.of_lengths,
+        found.noise <= _STRAINED * reading_noise,
         _open_combinations(found),
-        tuple(
-            f'bond {each.bond} may stop a wall: {each.rest_length:.4g} m {each.reason}'
-            for each in find_obstacles(chain)
-        ),
+        tuple(warnings),
     )
-    return made
+
+
+def _obstacles(chain: Chain) -> tuple[str, ...]:
+    return tuple(
+        f'bond {each.bond} may stop a wall: {each.rest_length:.4g} m {each.reason}'
+        for each in find_obstacles(chain)
+    )
 
 
 def _open_combinations(found: Adjustment) -> tuple[str, ...]:

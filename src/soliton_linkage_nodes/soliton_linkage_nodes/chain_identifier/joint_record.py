@@ -51,6 +51,10 @@ class JointRecord:
         """One frame of so many is kept."""
         return self._every
 
+    def since_begin(self, stamp: int) -> float:
+        """Time from the first frame to an instant [s], given its stamp [ns]."""
+        return (stamp - self._stamps[0]) * 1e-9
+
     def readings(self) -> tuple[Array, Array]:
         """Times from the first frame on [s], shape (T,), and angles [rad], shape (T, N)."""
         stamps = np.array(self._stamps, dtype=np.int64)

@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 from rclpy.clock import Clock, ClockType
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soliton_linkage.identification.identification import Identification, identify
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
@@ -26,9 +29,13 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _LOOK_PERIOD = 0.1
 """Between two looks whether a chain was found [s]: a person sees no wait."""
+
+_MOST_PUSHES = 10_000
+"""Pushes that are kept [1]: what came before them is no time of free motion any more."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,8 @@ class ChainIdentifierParameters:
 class ChainIdentifier(ManagedNode):
     """Proposes the chain that joints are of, with every length of its own.
 
-    Subscribes to `joint_states` [rad]. Publishes `identified_chain` and `/diagnostics`. Serves
+    Subscribes to `joint_states` [rad], and to `rotor_impulses` and `rotor_torques`, between which
+    springs move by themselves. Publishes `identified_chain` and `/diagnostics`. Serves
     `~/identify`, which tries at once, `~/save`, which writes the last proposal with its standard
     deviations to the file `output`, and `~/forget`, which begins with new frames.
     """
@@ -96,6 +104,7 @@ class ChainIdentifier(ManagedNode):
         """The last proposal."""
         self._complaint = ''
         self._record: JointRecord | None = None
+        self._pushes: deque[int] = deque(maxlen=_MOST_PUSHES)
         self._tried = 0
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
@@ -105,6 +114,8 @@ class ChainIdentifier(ManagedNode):
         self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
         take = self.diagnostics.refusing('joint_states', self.while_active(self._take))
         AdaptiveSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
+        for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES):
+            topic.subscribe(self, self.while_active(self._note_push))
         self.create_service(Trigger, '~/identify', self._on_identify)
         self.create_service(Trigger, '~/save', self._on_save)
         self.create_service(Trigger, '~/forget', self._on_forget)
@@ -115,6 +126,11 @@ class ChainIdentifier(ManagedNode):
         frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
         self.get_logger().info(f'identifying the chain of {frames}')
 
+    @property
+    def frames(self) -> int:
+        """Number of frames since it began."""
+        return 0 if self._record is None else self._record.frames
+
     def _take(self, serialized: bytes) -> None:
         joints = self._decoder.decode(serialized)
         if self._record is None:
@@ -122,6 +138,13 @@ class ChainIdentifier(ManagedNode):
             self._record = JointRecord(names, self.settings.most_frames)
         self._record.add(joints)
         self._encoders.look(joints.stamp, joints.position)
+
+    def _note_push(self, message: RotorImpulses | JointState) -> None:
+        values = message.impulse if isinstance(message, RotorImpulses) else message.effort
+        if any(values):
+            self._pushes.append(
+                time_from_msg(message.header.stamp) or self.get_clock().now().nanoseconds
+            )
 
     def _try(self) -> None:
         """Begin to identify the chain where there are new frames and nothing is under way."""
@@ -133,7 +156,9 @@ class ChainIdentifier(ManagedNode):
         given = dataclasses.replace(
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
-        work = times, angles, given, record.joint_names, self.settings.tolerance or None
+        pushes = [record.since_begin(stamp) for stamp in self._pushes]
+        tolerance = self.settings.tolerance or None
+        work = times, angles, given, record.joint_names, tolerance, pushes
         self._working = threading.Thread(target=self._identify, args=work, daemon=True)
         self._working.start()
 
@@ -161,12 +186,11 @@ class ChainIdentifier(ManagedNode):
             self.get_logger().warning(warning)
 
     def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        frames = 0 if self._record is None else self._record.frames
         self._tried = -1
         self._try()
         response.success = self._working is not None
         response.message = (
-            f'identifying by {frames} frames; the chain will be on identified_chain'
+            f'identifying by {self.frames} frames; the chain will be on identified_chain'
             if response.success
             else 'there are no joint_states yet'
         )
@@ -187,12 +211,12 @@ class ChainIdentifier(ManagedNode):
 
     def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._record, self.found, self._complaint = None, None, ''
+        self._pushes.clear()
         response.success, response.message = True, 'begun with new frames'
         return response
 
     def _report(self) -> Report:
-        frames = 0 if self._record is None else self._record.frames
-        values: dict[str, Any] = {'frames': frames, 'identifying': self._working is not None}
+        values: dict[str, Any] = {'frames': self.frames, 'identifying': self._working is not None}
         if self.found is None:
             message = self._complaint or 'waiting for a soliton to pass'
             return Report(message, values, bool(self._complaint))

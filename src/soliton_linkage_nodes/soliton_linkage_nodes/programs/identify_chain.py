@@ -11,7 +11,7 @@ import argparse
 import csv
 import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,7 @@ from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
     open_bag,
     read_messages,
+    read_topic,
 )
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
@@ -42,7 +43,9 @@ from soliton_linkage_nodes.programs.command_line import (
     plain_failures,
 )
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_FRAMES = 8000
 """Frames that are adjusted together: 40 rotors take 10 s of each step, 20 of them 1 GB."""
@@ -62,6 +65,7 @@ def identify_bag(
     with open_bag(bag, limits) as reader:
         told = given or _told(reader)
         record = _read(reader, told)
+        pushes = [record.since_begin(stamp) for stamp in _pushes(reader)]
     chain = Chain() if told is None else told.chain
     if spacing is not None:
         chain = dataclasses.replace(chain, spacing=spacing)
@@ -74,7 +78,7 @@ def identify_bag(
     times, angles = record.readings()
     progress = ProgressLine('identifying', 0)
     progress.show(0, f'{len(record)} frames of {angles.shape[1]} rotors')
-    found = identify(times, angles, chain, record.joint_names, tolerance)
+    found = identify(times, angles, chain, record.joint_names, tolerance, pushes)
     folder.mkdir(parents=True, exist_ok=True)
     write_parameters(found, record.joint_names, f'{bag.name}', folder / 'chain.yaml')
     write_lengths(found, folder / 'lengths.csv')
@@ -113,7 +117,10 @@ def summary(found: Identification) -> str:
         f'lengths of one kind differ by {found.tolerance:.2%}; known to (median) {spreads}',
         f'noise {found.noise:.3g} rad, from frame to frame {found.reading_noise:.3g} rad; '
         f'worst bonds: {bonds}',
-        'not told by angles: the scale of all lengths together, masses and stiffnesses',
+        'bonds close as those of rigid bars do; not told by angles: the scale of all lengths '
+        'together, masses and stiffnesses'
+        if found.rigid
+        else 'springs give way; not told by angles: the scales of all lengths and of all masses',
     ]
     if found.open_combinations:
         lines.append(
@@ -141,6 +148,16 @@ def _told(reader: Reader) -> NamedChain | None:
         return read_chain(reader)
     except ValueError:
         return None
+
+
+def _pushes(reader: Reader) -> Iterator[int]:
+    """Stamps [ns] of impulses and torques on rotors."""
+    held = {connection.topic.rpartition('/')[2] for connection in reader.connections}
+    for topic, values in ((interfaces.ROTOR_IMPULSES, 'impulse'), (interfaces.ROTOR_TORQUES, 'effort')):
+        if topic.name in held:
+            for received, message in read_topic(reader, topic.name):
+                if any(getattr(message, values)):
+                    yield time_from_msg(message.header.stamp) or received
 
 
 def _read(reader: Reader, told: NamedChain | None) -> JointRecord:

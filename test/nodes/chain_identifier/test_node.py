@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identifier proposes the chain of live joints, writes it, and begins anew when told."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from graphs import Graph
+from recordings import START
+from std_srvs.srv import Trigger
+
+from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_from_msg,
+    default_joint_names,
+    frame_to_msg,
+)
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
+
+sys.path.append(str(Path(__file__).parents[2] / 'physics/identification'))
+
+from passages import SPINNER, passage, read, unequal
+
+PERIOD = 4 * 10**6
+
+
+def test_a_proposal_is_published_and_saved(graph: Graph, tmp_path: Path) -> None:
+    path = tmp_path / 'chain.yaml'
+    made = unequal(SPINNER, 4)
+    named = NamedChain(made, default_joint_names(10))
+    node = graph.start(ChainIdentifier, {'interval': 0.0, 'output': str(path)})
+    proposals = graph.hear(interfaces.IDENTIFIED_CHAIN)
+    frames = graph.speak(interfaces.JOINT_STATES)
+    early = graph.call(Trigger, '/chain_identifier/save')
+    assert (early.success, early.message) == (False, 'no chain was identified yet')
+    for number, angles in enumerate(read(passage(made, 400), 1)[0]):
+        stamp = time_to_msg(START + number * PERIOD)
+        frames.publish(frame_to_msg(named, Frame(angles, None), 0 * angles, stamp))
+    graph.until(lambda: node.frames == 400, 'all frames', lambda: node.frames)
+    assert graph.call(Trigger, '/chain_identifier/identify').success
+    graph.until(lambda: proposals, 'a proposal')
+    found = chain_from_msg(proposals[0])
+    np.testing.assert_allclose(
+        found.chain.rotor_lengths[1:-1] / found.chain.spacings.mean(),
+        made.rotor_lengths[1:-1] / made.spacings.mean(),
+        rtol=0.08,
+    )
+    assert graph.call(Trigger, '/chain_identifier/save').success
+    np.testing.assert_allclose(
+        chain_of_file(path).chain.rest_lengths, found.chain.rest_lengths, rtol=1e-5
+    )
+    assert graph.call(Trigger, '/chain_identifier/forget').success
+    assert node.frames == 0

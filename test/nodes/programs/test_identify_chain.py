@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag's chain is written to a file that nodes take, and what shows none is said."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings import START, write_bag
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.identify_chain import main
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
+
+sys.path.append(str(Path(__file__).parents[2] / 'physics/identification'))
+
+from passages import SPINNER, passage, read, unequal
+
+MADE = unequal(SPINNER, 4)
+JOINTS = tuple(f'arm_{n}' for n in range(10))
+PERIOD = 4 * 10**6
+
+
+def bag_of(folder: Path, angles: Array) -> Path:
+    named = NamedChain(MADE, JOINTS)
+    entries = []
+    for number, frame in enumerate(angles):
+        stamp = START + number * PERIOD
+        message = frame_to_msg(named, Frame(frame, None), 0 * frame, time_to_msg(stamp))
+        entries.append((interfaces.JOINT_STATES, stamp, message))
+    return write_bag(folder / 'run', entries)
+
+
+def test_a_bag_becomes_a_file_that_nodes_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, read(passage(MADE), 1)[0])
+    folder = tmp_path / 'found'
+    main([str(bag), '--output', str(folder), '--spacing', '0.1'])
+    named = chain_of_file(folder / 'chain.yaml')
+    assert named.joint_names == JOINTS
+    assert named.chain.spacings.mean() == pytest.approx(0.1)
+    scale = MADE.spacings.mean() / 0.1
+    np.testing.assert_allclose(
+        scale * named.chain.rotor_lengths[1:-1], MADE.rotor_lengths[1:-1], rtol=0.06
+    )
+    for name in ('lengths.csv', 'identification.png', 'identification.pdf', 'identification.txt'):
+        assert (folder / name).stat().st_size > 100, name
+    said = capsys.readouterr()
+    assert 'worst bonds' in said.out
+
+
+def test_what_shows_no_chain_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, np.tile(passage(MADE, 2)[:1], (50, 1)))
+    with pytest.raises(SystemExit) as end:
+        main([str(bag), '--output', str(tmp_path / 'found')])
+    assert str(end.value).startswith('identify_chain: no soliton passes in this recording')
+    assert not (tmp_path / 'found').exists()

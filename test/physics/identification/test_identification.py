@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings show their chain, or it is said in one line why they do not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from passages import FLIPPER, NAMES, SPINNER, passage, read, unequal
+
+from soliton_linkage.identification.identification import free_frames, identify
+from soliton_linkage.linkage.chain import Array, Chain
+
+TIMES = np.arange(500) / 250
+READINGS = read(passage(unequal(FLIPPER, 3)), 3)[0]
+
+
+def changed(rotor: int, change: Callable[[Array], Array]) -> Array:
+    readings = READINGS.copy()
+    readings[:, rotor] = change(readings[:, rotor])
+    return readings
+
+
+def ordered(*rotors: int) -> Array:
+    return READINGS[:, list(rotors)]
+
+
+def half_missing() -> Array:
+    readings = READINGS.copy()
+    readings[:, ::2] = np.nan
+    return readings
+
+
+def slipping() -> Array:
+    readings = READINGS.copy()
+    readings[400:, 3] += 0.3
+    return readings
+
+
+def resting() -> Array:
+    return READINGS[0] + 0.01 * np.random.default_rng(1).standard_normal(READINGS.shape)
+
+
+BAD = {
+    'backwards': (changed(4, np.negative), 'rotor_4 is mounted backwards'),
+    'mirrored': (changed(5, lambda angles: math.pi - angles), 'rotor_5 is mounted backwards'),
+    'half a turn off': (changed(4, lambda angles: angles + math.pi), 'zero of rotor_4 is off by'),
+    'zero off': (changed(6, lambda angles: angles + 1), 'the zero of rotor_6 is off by about'),
+    'neighbours swapped': (ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9), 'not in the order'),
+    'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'not in the order'),
+    'seen from behind': (READINGS[:, ::-1], 'seen from behind'),
+    'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
+    'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.3 rad at 1.6 s'),
+    'nothing passes': (resting(), 'no soliton passes'),
+    'half a passage': (np.repeat(READINGS[:250], 2, axis=0), 'passes only .* inner rotors'),
+}
+
+
+@pytest.mark.parametrize(('readings', 'words'), BAD.values(), ids=BAD)
+def test_bad_recordings_are_recognised(readings: Array, words: str) -> None:
+    with pytest.raises(ValueError, match=words) as error:
+        identify(TIMES, readings, Chain(), NAMES)
+    assert '\n' not in str(error.value)
+
+
+def test_a_spinner_is_found_with_wrapped_angles_and_gaps_and_scaled() -> None:
+    made = unequal(SPINNER, 4)
+    readings, offsets = read(passage(made), 4)
+    readings[np.random.default_rng(5).random(readings.shape) < 0.05] = np.nan
+    wrapped = np.angle(np.exp(1j * readings))
+    found = identify(TIMES, wrapped, Chain(spacing=0.2))
+    scale = 0.2 / made.spacings.mean()
+    assert found.chain.spacings.mean() == pytest.approx(0.2)
+    for name in ('rotor_length', 'spacing', 'rest_length'):
+        errors = getattr(found.chain, f'{name}s') / (scale * getattr(made, f'{name}s')) - 1
+        assert np.sqrt(np.mean((errors / found.deviations[name]) ** 2)) < 1.6, name
+    off = np.angle(np.exp(1j * (found.offsets - offsets)))
+    assert np.sqrt(np.mean((off / found.offset_deviations) ** 2)) < 1.6
+    assert found.rigid
+
+
+def test_springs_move_freely_between_two_pushes() -> None:
+    assert free_frames(np.arange(10.0), [2.0, 8.0]) == slice(3, 8)
+    assert free_frames(np.arange(10.0), []) == slice(0, 10)
