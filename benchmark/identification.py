@@ -2,9 +2,9 @@
 """How near identified chains come to the Cramer-Rao bound, and what is stated of them.
 
 Chains of 40 rotors with 5 % in every length, one passage of rigid bars at 250 Hz, noise of
-0.01 rad and offsets of 0.05 rad: errors over the bound with the tolerance known, over the bound of
-the angles alone, and over what was stated; then the place that the analyser finds on the chain that
-was identified.
+0.01 rad and offsets of 0.05 rad: errors over the bound with the tolerance known, over that of
+the angles alone, and over what was stated; then the place of the wall by the nearest point on the
+chain that was identified.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def chains(nominal: Chain, draws: int) -> Iterator[Chain]:
 
 
 def place_error(true: Orbit, used: Orbit, offsets: Array, random: np.random.Generator) -> float:
-    """Root mean square error of the place on a chain that is used for the true one, over the bound.
+    """Root mean square error of the place over its bound, on a chain used for the true one.
 
     Offsets are what is left of the encoders' zeros [rad], shape (N,).
     """
@@ -129,7 +129,9 @@ def measure(name: str, draws: int) -> None:
 def main() -> None:
     """Measure the chains that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('names', nargs='*', default=list(CHAINS), help='of flipper, wobbler, spinner')
+    parser.add_argument(
+        'names', nargs='*', default=list(CHAINS), help='of flipper, wobbler, spinner'
+    )
     parser.add_argument('--draws', type=int, default=20, help='chains of each (%(default)s)')
     options = parser.parse_args()
     for name in options.names:

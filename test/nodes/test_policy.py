@@ -15,6 +15,7 @@ from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
@@ -30,7 +31,13 @@ RULES = {
     'actions': ('call', 'execute'),
 }
 SETTLED = 0.5
-EXACT = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'bag_recorder')
+EXACT = (
+    'edge_actuator',
+    'soliton_analyser',
+    'soliton_steering',
+    'chain_identifier',
+    'bag_recorder',
+)
 OPTIONAL = {('subscribe', '/clock'), ('publish', '/clock')}
 OF_ACTIONS = ('cancel_goal', 'get_result', 'send_goal', 'feedback', 'status')
 
@@ -107,6 +114,7 @@ def test_nodes_open_what_the_policy_allows(
         EdgeActuator: {},
         SolitonAnalyser: {},
         SolitonSteering: {},
+        ChainIdentifier: {},
         BagRecorder: {'output': str(tmp_path / 'run')},
         Visualisation: {},
         BagPlayer: {'bag': str(bag), 'start_paused': True},

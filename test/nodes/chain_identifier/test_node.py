@@ -23,7 +23,7 @@ from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
-sys.path.append(str(Path(__file__).parents[2] / 'physics/identification'))
+sys.path.append(str(Path(__file__).parents[2] / 'physics'))
 
 from passages import SPINNER, passage, read, unequal
 

@@ -15,6 +15,7 @@ from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.command_line import check_arguments, help_of, name_of
@@ -22,7 +23,15 @@ from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
-NODES = (Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering, BagRecorder, BagPlayer)
+NODES = (
+    Simulator,
+    EdgeActuator,
+    SolitonAnalyser,
+    SolitonSteering,
+    ChainIdentifier,
+    BagRecorder,
+    BagPlayer,
+)
 OF_ROS = {
     *('use_sim_time', 'start_type_description_service', 'rosout', 'parameter_events'),
     *('describe_parameters', 'get_parameters', 'get_parameter_types', 'list_parameters'),

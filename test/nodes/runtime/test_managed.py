@@ -18,6 +18,7 @@ from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
+from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
@@ -29,7 +30,15 @@ from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 DEACTIVATE, CLEAN_UP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
 SHUT_DOWN = Transition.TRANSITION_ACTIVE_SHUTDOWN
-NODES = (Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering, BagRecorder, BagPlayer)
+NODES = (
+    Simulator,
+    EdgeActuator,
+    SolitonAnalyser,
+    SolitonSteering,
+    ChainIdentifier,
+    BagRecorder,
+    BagPlayer,
+)
 MANAGED = {'autostart': False}
 
 

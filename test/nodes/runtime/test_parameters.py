@@ -30,6 +30,7 @@ from soliton_linkage.linkage.urdf import JointLimits
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
+from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
@@ -73,6 +74,7 @@ OF_NODE = {
         'managed': ManagedParameters,
         'source': OptionalChainSourceParameters,
     },
+    'chain_identifier': {'': ChainIdentifierParameters, 'managed': ManagedParameters},
     'bag_recorder': {'': BagRecorderParameters, 'managed': ManagedParameters},
     'bag_player': {
         '': BagPlayerParameters,

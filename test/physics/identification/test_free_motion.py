@@ -10,7 +10,7 @@ from passages import FLIPPER, read, unequal
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.initial_states import leaning
-from soliton_linkage.identification.free_motion import Motion, frames, frames_with_changes
+from soliton_linkage.identification.free_motion import FreeMotion, frames, frames_with_changes
 from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import lengths_of
 from soliton_linkage.linear.rigidity import Edge, edge_mode
@@ -20,7 +20,7 @@ from soliton_linkage.linkage.deviations import drawn_deviations
 PERIOD = 0.004
 
 
-def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Array, Motion]:
+def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Array, FreeMotion]:
     """Chain of springs that all differ, times and angles after a kick, and that as a motion."""
     chain = unequal(replace(FLIPPER, number_of_rotors=rotors), 7)
     drawn = drawn_deviations(rotors, 5, mass=0.05, stiffness=0.05)
@@ -29,7 +29,7 @@ def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Ar
     rates = speed * edge_mode(chain, start, Edge.FIRST)
     record = simulate(chain, start, rates, duration, PERIOD)
     masses = chain.masses.mean()
-    motion = Motion(
+    motion = FreeMotion(
         lengths_of(chain), chain.stiffnesses / masses, chain.masses / masses, 0.0, start, rates
     )
     return chain, record.times, record.angles, motion

@@ -46,9 +46,7 @@ class Adjustment:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def adjusted(
-    readings: Array, start: Lengths, tolerance: float | None = None
-) -> Adjustment:
+def adjusted(readings: Array, start: Lengths, tolerance: float | None = None) -> Adjustment:
     """Lengths by the readings of frames [rad], NaN where missing, shape (T, N).
 
     A tolerance of lengths [1] is learnt from the readings unless it is given.
@@ -102,7 +100,9 @@ def measurable(lengths: Lengths) -> Array:
     return np.asarray(np.linalg.qr(scale, mode='complete')[0][:, 1:])
 
 
-def bound(chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None) -> Array:
+def bound(
+    chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None
+) -> Array:
     """Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
 
     For true angles of frames [rad], shape (T, N), that are read with a noise [rad], and, where

@@ -19,13 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.identification.lengths import OF_A_BOND, OF_A_ROTOR, Lengths
-from soliton_linkage.identification.misclosures import Misclosures, Factor, factor, misclosures
+from soliton_linkage.identification.misclosures import Factor, Misclosures, factor, misclosures
 from soliton_linkage.linkage.chain import Array
 
 _TOGETHER = 256
 """Frames that are worked on at once: their arrays stay in the cache."""
 _UNSEEN = 1e4
 """Variance of a reading that is missing, over that of others [1]: 100 times as unsure."""
+_FARTHEST = 0.3
+"""That angles may be from readings [rad]: Newton's steps between lengths that are far off, where
+bonds are nearly in line with rotors, lead anywhere."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ class Bundle:
             pulls = np.zeros_like(self.angles[:, frames])
             pulls[:-1] = about.first * forces
             pulls[1:] += about.second * forces
-            closed = self._corrected(frames) - self._variances(frames) * pulls
+            errors = np.clip(self._variances(frames) * pulls, -_FARTHEST, _FARTHEST)
+            closed = self._corrected(frames) - errors
             largest = max(largest, float(np.abs(closed - self.angles[:, frames]).max()))
             self.angles[:, frames] = closed
         return largest

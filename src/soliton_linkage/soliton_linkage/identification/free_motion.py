@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.identification.loops import motion_loops
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths
+from soliton_linkage.identification.loops import motion_loops
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
@@ -30,7 +30,7 @@ misses its angles by 1e-5 rad after a second."""
 
 
 @dataclass(frozen=True)
-class Motion:
+class FreeMotion:
     """Where springs and masses begin, and what moves them; lengths in any unit.
 
     Masses are in units of their mean, stiffnesses and damping as they follow from that.
@@ -58,12 +58,14 @@ class Motion:
         """Upper bound of the frequencies of small vibrations [rad/s]."""
         return 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
 
-    def changed(self, change: Array) -> Motion:
+    def changed(self, change: Array) -> FreeMotion:
         """This with a change of the unknowns."""
         rotors = len(self.masses)
-        parts = np.split(change, np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, 1, rotors]))
+        parts = np.split(
+            change, np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, 1, rotors])
+        )
         lengths, springs, masses, damping, angles, rates = parts
-        return Motion(
+        return FreeMotion(
             self.lengths.changed(lengths),
             self.stiffnesses * np.exp(springs),
             self.masses * np.exp(masses),
@@ -73,7 +75,7 @@ class Motion:
         )
 
 
-def frames(motion: Motion, times: Array) -> Iterator[Array]:
+def frames(motion: FreeMotion, times: Array) -> Iterator[Array]:
     """Angles at each instant [rad], shape (N,)."""
     rotors = len(motion.masses)
     nothing = np.empty((rotors, 0))
@@ -81,7 +83,7 @@ def frames(motion: Motion, times: Array) -> Iterator[Array]:
         yield angles
 
 
-def frames_with_changes(motion: Motion, times: Array) -> Iterator[tuple[Array, Array]]:
+def frames_with_changes(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
     """Angles at each instant [rad], (N,), and their changes with all unknowns, (N, Q)."""
     rotors, size = len(motion.masses), motion.size
     x, v = np.zeros((rotors, size)), np.zeros((rotors, size))
@@ -91,7 +93,7 @@ def frames_with_changes(motion: Motion, times: Array) -> Iterator[tuple[Array, A
     yield from _frames(motion, times, x, v)
 
 
-def _frames(motion: Motion, times: Array, x: Array, v: Array) -> Iterator[tuple[Array, Array]]:
+def _frames(motion: FreeMotion, times: Array, x: Array, v: Array) -> Iterator[tuple[Array, Array]]:
     angles, rates = motion.angles.copy(), motion.rates.copy()
     table, columns = _table(motion), _columns(len(motion.masses))
     drag_column = motion.size - 2 * len(motion.masses) - 1
@@ -103,7 +105,7 @@ def _frames(motion: Motion, times: Array, x: Array, v: Array) -> Iterator[tuple[
         yield angles.copy(), x.copy()
 
 
-def _table(motion: Motion) -> Array:
+def _table(motion: FreeMotion) -> Array:
     lengths, rotors = motion.lengths, len(motion.masses)
     table = np.zeros((5, rotors))
     table[motion_loops.R] = lengths.rotor_lengths

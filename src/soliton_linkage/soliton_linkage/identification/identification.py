@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from soliton_linkage.identification.adjustment import Adjustment, adjusted, measurable
-from soliton_linkage.identification.free_motion import Motion
+from soliton_linkage.identification.free_motion import FreeMotion
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitting
 from soliton_linkage.identification.residuals import check_jumps, check_slips, noise_of
@@ -23,7 +23,7 @@ from soliton_linkage.solitons.passage import find_obstacles
 _OPEN = 0.1
 """Standard deviation of a combination of lengths, by the angles alone, beyond which it is called
 open [1]: more than workshops miss."""
-_STRAINED = 1.3
+_STRAINED = 1.1
 """Noise that the bonds leave over that from frame to frame, beyond which springs give way [1]."""
 _WORSE = 1.25
 """Noise of a bond over that of most, beyond which it is called bad [1]: of 1000 frames chance
@@ -83,7 +83,8 @@ def identify(
 
     The given chain tells what angles do not: the mean spacing, masses, stiffness and damping;
     its number of rotors and other lengths do not count. A tolerance of lengths [1] is learnt
-    unless it is given. Pushes are instants [s] at which others than springs acted. Raises ValueError, in one line, for a recording that shows no chain.
+    unless it is given. Pushes are instants [s] at which others than springs acted. Raises
+    ValueError, in one line, for a recording that shows no chain.
     """
     names = names or [f'rotor {n}' for n in range(readings.shape[1])]
     whole = filled(times, readings, names)
@@ -119,16 +120,16 @@ def free_frames(times: Array, pushes: Sequence[float]) -> slice:
     return slice(begin, min(end, begin + _MOST_FITTED))
 
 
-def _begun(times: Array, angles: Array, lengths: Lengths, given: Chain) -> Motion:
-    """Motion of equal rotors from the first frames on, [s] (T,) and [rad] (T, N)."""
+def _begun(times: Array, angles: Array, lengths: Lengths, given: Chain) -> FreeMotion:
+    """FreeMotion of equal rotors from the first frames on, [s] (T,) and [rad] (T, N)."""
     rotors, few = angles.shape[1], min(_FIRST_FRAMES, len(times))
     rates = np.polyfit(times[:few], angles[:few], 1)[0] if few > 1 else np.zeros(rotors)
     stiffnesses = np.full(rotors - 1, given.stiffness / given.mass)
-    return Motion(lengths, stiffnesses, np.ones(rotors), 0.0, angles[0], rates)
+    return FreeMotion(lengths, stiffnesses, np.ones(rotors), 0.0, angles[0], rates)
 
 
 def _fitted(
-    times: Array, readings: Array, start: Motion, noise: float, tolerance: float | None
+    times: Array, readings: Array, start: FreeMotion, noise: float, tolerance: float | None
 ) -> MotionFit | None:
     """Free motion of springs that the readings show, None where none was found."""
     if len(times) < _FEWEST_FITTED:

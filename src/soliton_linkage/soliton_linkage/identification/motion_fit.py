@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.identification.adjustment import measurable
-from soliton_linkage.identification.free_motion import Motion, frames, frames_with_changes
+from soliton_linkage.identification.free_motion import FreeMotion, frames, frames_with_changes
 from soliton_linkage.identification.lengths import OF_A_ROTOR
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Array
 
 _FIRST = 40
 """Frames to begin with [1], in which a wall passes a rotor or two."""
-_GROWTH = 1.35
+_GROWTH = 1.12
 """Frames over those of the round before [1]; 1.6 loses the wall of some flippers."""
 _TOGETHER = 50
 """Frames whose sensitivities go into one product of matrices [1]."""
@@ -34,12 +34,12 @@ _ROUNDS = 4
 """Times that tolerances are learnt [1]."""
 _SETTLED = 0.1
 """Gain of a step, as twice a logarithm of the likelihood, that ends the last steps [1]."""
-_COARSE = 10.0
+_COARSE = 3.0
 """The same with few frames [1]."""
 _DAMPINGS = 6
 """Dampings that are tried for one step [1], the last 1000 times the first."""
 _BEGIN = 0.1
-"""Standard deviation of all kinds to begin with [1], [rad]: with 0.3 single springs run away."""
+"""Standard deviation of masses and stiffnesses to begin with [1]: 0.3 lets some run away."""
 _WIDEST = 0.3
 """The largest of masses and stiffnesses [1]."""
 _NARROWEST = 1e-3
@@ -52,7 +52,7 @@ _DECAY = 1.0
 class MotionFit:
     """A motion that the readings show, and how well."""
 
-    motion: Motion
+    motion: FreeMotion
     covariance: Array
     """Of the unknowns of the motion, in their order, shape (Q, Q)."""
     noise: float
@@ -68,7 +68,12 @@ class MotionFitting:
     """Brings a motion ever nearer to readings."""
 
     def __init__(
-        self, times: Array, readings: Array, start: Motion, noise: float, tolerance: float | None
+        self,
+        times: Array,
+        readings: Array,
+        start: FreeMotion,
+        noise: float,
+        tolerance: float | None,
     ) -> None:
         """Begin with a motion, for readings [rad] (T, N), NaN where missing, of a noise [rad].
 
@@ -76,7 +81,7 @@ class MotionFitting:
         """
         self._times, self._readings = times, readings
         self._noise, self._tolerance = noise, tolerance
-        self._tolerances = Tolerances(tolerance or _BEGIN, _BEGIN)
+        self._tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
         self._of_forces = _BEGIN
         self._motion = start
         rotors = len(start.masses)
@@ -88,7 +93,7 @@ class MotionFitting:
         self._basis = self._measurable()
 
     def fit(self) -> MotionFit:
-        """Motion that all readings show."""
+        """FreeMotion that all readings show."""
         count = min(_FIRST, len(self._times))
         while count < len(self._times):
             self._improve(count, _STEPS, _COARSE)
@@ -125,7 +130,7 @@ class MotionFitting:
         basis[self._masses, first : first + rotors - 1] = alike
         return np.delete(basis, [lengths.shape[1], first + rotors - 1], axis=1)
 
-    def _prior(self, motion: Motion) -> tuple[Array, Array]:
+    def _prior(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Information on the unknowns before any frame, (Q, Q), and what it is about, (Q,)."""
         information, values = np.zeros((motion.size, motion.size)), np.zeros(motion.size)
         rotors = len(motion.masses)
@@ -142,7 +147,7 @@ class MotionFitting:
         values[self._drag] = motion.damping
         return information, values
 
-    def _cost(self, motion: Motion, count: int) -> float:
+    def _cost(self, motion: FreeMotion, count: int) -> float:
         """Twice the negative logarithm of the likelihood, infinite where a motion runs away."""
         angles = np.array(list(frames(motion, self._times[:count])))
         left = self._readings[:count] - motion.lengths.offsets - angles

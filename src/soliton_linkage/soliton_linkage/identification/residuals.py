@@ -50,7 +50,7 @@ def check_jumps(times: Array, readings: Array, noise: float, names: Sequence[str
     beside = np.maximum(steps[:, :-2], steps[:, 2:])
     limit = max(_JUMP_OF_NOISE * noise, _LEAST_JUMP) + _JUMP_OF_NEIGHBOURS * beside
     excess = steps[:, 1:-1] / limit
-    frame, rotor = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    frame, rotor = divmod(int(np.argmax(excess)), excess.shape[1])
     if excess[frame, rotor] > 1:
         raise _slipping(names[rotor + 1], steps[frame, rotor + 1], times[frame + width] - times[0])
 

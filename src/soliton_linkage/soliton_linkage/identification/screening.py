@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, staggered
@@ -26,14 +25,18 @@ _MOST_MISSING = 4
 """Rotors that a complaint names [1]."""
 _LEANING = 0.5
 """sin(phi) of a rotor that leans to one side for certain, over its typical size [1]."""
-_OFF_ZERO = 0.35
-"""Error of the zero of an encoder that least squares can begin with [rad]."""
-_OFF_ZERO_OF_SPINNERS = 0.5
-"""The same where unequal lengths look like it [rad]: 5 % in each move rest angles by 0.2 rad."""
+_OFF_ZERO = 0.5
+"""Error of the zero of an encoder that least squares can begin with [rad]: 5 % in every length
+and offsets of 0.05 rad look like 0.3 rad of it."""
+_TRIMMINGS = 6
+"""Times that frames far from where a rotor rests are left out [1]."""
+_NEAR = 20.0
+"""Sharpness with which they are: 1 / 0.22 rad, squared [1/rad^2]."""
 _FRAMES = 5
 """At the begin and the end of which the median counts [1]: one may be anything."""
 _OUT_OF_STEP = 0.5
 """By how much a rotor leans over too late, over the time from one to the next but one [1]."""
+
 
 def filled(times: Array, readings: Array, names: Sequence[str]) -> Array:
     """Readings without gaps or turns of 2 pi from frame to frame [rad], (T, N).
@@ -75,6 +78,12 @@ def check_motion(times: Array, readings: Array, names: Sequence[str]) -> None:
             'other; nudge the chain while it records'
         )
     still = 1 + np.flatnonzero(~np.isfinite(inner))
+    beside = np.isfinite(over[still - 1]) & np.isfinite(over[still + 1])
+    if beside.any():
+        raise ValueError(
+            f'{names[int(still[np.argmax(beside)])]} does not lean over although the soliton '
+            'passes the rotors beside it: it is held, or its zero is off by more than it leans'
+        )
     if still.size:
         raise ValueError(
             f'the soliton passes only {len(inner) - still.size} of {len(inner)} inner rotors, '
@@ -91,9 +100,9 @@ def check_leans(readings: Array, names: Sequence[str]) -> None:
     Those of flippers toggle, and have two angles on each side.
     """
     turned = _otherwise(readings[:_FRAMES]) & _otherwise(readings[-_FRAMES:])
-    centres, most = _centres(readings)
-    half_turn = np.abs(centres) > math.pi - most
-    inner = turned[1:-1] | (np.abs(centres[1:-1]) > most)
+    centres = _centres(readings)
+    half_turn = np.abs(centres) > math.pi - _OFF_ZERO
+    inner = turned[1:-1] | (np.abs(centres[1:-1]) > _OFF_ZERO)
     strange = 1 + np.flatnonzero(inner)
     if not strange.size:
         return
@@ -113,7 +122,7 @@ def check_leans(readings: Array, names: Sequence[str]) -> None:
     off = float(centres[rotor]) * (-1 if rotor % 2 else 1)
     raise ValueError(
         f'the zero of {names[rotor]} is off by about {off:.2g} rad; set it upright, to within '
-        f'{most:g} rad'
+        f'{_OFF_ZERO:g} rad'
     )
 
 
@@ -124,8 +133,8 @@ def _otherwise(readings: Array) -> NDArray[np.bool_]:
     return np.asarray((padded[:-2] != sides) & (padded[2:] != sides))
 
 
-def _centres(readings: Array) -> tuple[Array, float]:
-    """What the staggered angles of each rotor are off by [rad], (N,), and the most allowed.
+def _centres(readings: Array) -> Array:
+    """What the staggered angles of each rotor seem to be off by [rad], shape (N,).
 
     Of flippers that is the middle of both sides, which offsets move and lengths do not; spinners
     turn by half a turn, so that both sides tell the same.
@@ -133,16 +142,24 @@ def _centres(readings: Array) -> tuple[Array, float]:
     sine = np.sin(readings)
     certain = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     turns = np.exp(1j * staggered(readings))
-    sides = [np.sum(turns * (certain & side), axis=0) for side in (sine > 0, sine < 0)]
-    right, left = (each / np.maximum(np.abs(each), 1e-9) for each in sides)
+    right, left = (_at_rest(turns, certain & side) for side in (sine > 0, sine < 0))
     if np.median(np.real(right) * np.real(left)) > 0:
         up = np.sign(np.sum(np.real(right + left))) or 1.0
-        off, most = (right + left) * up, _OFF_ZERO
+        off = (right + left) * up
     else:
         off = right * np.conj(np.sum(right)) + left * np.conj(np.sum(left))
-        most = _OFF_ZERO_OF_SPINNERS
     both = (np.abs(right) > 0) & (np.abs(left) > 0)
-    return np.where(both, np.angle(off), 0.0), most
+    return np.where(both, np.angle(off), 0.0)
+
+
+def _at_rest(turns: NDArray[np.complex128], some: NDArray[np.bool_]) -> NDArray[np.complex128]:
+    """Direction in which each rotor is most of the time, of some frames, 0 for none, (N,)."""
+    weights = some.astype(np.float64)
+    for _ in range(_TRIMMINGS):
+        means = np.sum(turns * weights, axis=0)
+        middle = means / np.maximum(np.abs(means), 1e-9)
+        weights = some * np.exp(_NEAR * (np.real(turns * np.conj(middle)) - 1))
+    return np.asarray(middle)
 
 
 def _leaning_over(readings: Array) -> Array:

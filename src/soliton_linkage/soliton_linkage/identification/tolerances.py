@@ -15,8 +15,10 @@ import numpy as np
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split
 from soliton_linkage.linkage.chain import Array
 
-_WIDEST = (0.3, 0.3)
-"""Tolerances to start from [1], [rad], and the largest: beyond a third nothing is alike."""
+_BEGIN = 0.1
+"""Tolerances to start from [1], [rad]: wider ones let single lengths run away at first."""
+_WIDEST = 0.3
+"""The largest [1], [rad]: beyond a third nothing is alike."""
 _NARROWEST = 1e-4
 """Smallest tolerance [1], [rad], a tenth of what workshops reach: 0 has no logarithm."""
 
@@ -25,9 +27,9 @@ _NARROWEST = 1e-4
 class Tolerances:
     """Standard deviations of lengths of one kind about their mean, and of offsets."""
 
-    of_lengths: float = _WIDEST[0]
+    of_lengths: float = _BEGIN
     """Relative [1]."""
-    of_offsets: float = _WIDEST[1]
+    of_offsets: float = _BEGIN
     """[rad]."""
 
     def information(self, rotors: int) -> Array:
@@ -59,7 +61,7 @@ class Tolerances:
         ]
         of_lengths = math.sqrt(sum(squares) / (3 * lengths.rotors - 5))
         of_offsets = math.sqrt(float(np.mean(lengths.offsets**2 + offset)))
-        return Tolerances(_within(of_lengths, _WIDEST[0]), _within(of_offsets, _WIDEST[1]))
+        return Tolerances(_within(of_lengths), _within(of_offsets))
 
 
 def unknowns_of(lengths: Lengths) -> Array:
@@ -75,5 +77,5 @@ def _squares(logarithms: Array, variances: Array) -> float:
     return float(np.sum((logarithms - logarithms.mean()) ** 2 + variances))
 
 
-def _within(tolerance: float, widest: float) -> float:
-    return min(max(tolerance, _NARROWEST), widest)
+def _within(tolerance: float) -> float:
+    return min(max(tolerance, _NARROWEST), _WIDEST)

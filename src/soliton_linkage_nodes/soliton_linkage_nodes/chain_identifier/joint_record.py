@@ -58,4 +58,5 @@ class JointRecord:
     def readings(self) -> tuple[Array, Array]:
         """Times from the first frame on [s], shape (T,), and angles [rad], shape (T, N)."""
         stamps = np.array(self._stamps, dtype=np.int64)
-        return (stamps - stamps[:1]) * 1e-9, np.array(self._angles)
+        times = np.asarray((stamps - stamps[:1]) * 1e-9, dtype=np.float64)
+        return times, np.array(self._angles)

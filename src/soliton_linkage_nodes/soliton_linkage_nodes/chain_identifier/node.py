@@ -227,9 +227,7 @@ class ChainIdentifier(ManagedNode):
             'worst bonds': ', '.join(map(str, self.found.worst_bonds[:3])),
         }
         words = f'a {self.found.chain.motion.value} of {self.found.chain.number_of_rotors} rotors'
-        return Report(
-            '; '.join([words, *self.found.warnings]), values, bool(self.found.warnings)
-        )
+        return Report('; '.join([words, *self.found.warnings]), values, bool(self.found.warnings))
 
 
 def main() -> None:

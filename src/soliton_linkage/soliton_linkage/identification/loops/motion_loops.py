@@ -13,17 +13,29 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ_TABLE, ROW, TABLE, compiled, types
+from soliton_linkage.compiling import COUNT, NUMBER, READ_PLACES, READ_TABLE, ROW, TABLE, compiled
 from soliton_linkage.linkage.chain import Array
 
 R, A, L, K, INERTIA = range(5)
 """Rows of the table, and but for the last of the columns, in which log m takes its place."""
 M = INERTIA
 """Row of the columns of log m."""
-BELOW, MAIN, ABOVE, PULL, FIRST, SECOND, BY_R, BY_NEXT_R, BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A = range(12)
+(
+    BELOW,
+    MAIN,
+    ABOVE,
+    PULL,
+    FIRST,
+    SECOND,
+    BY_R,
+    BY_NEXT_R,
+    BY_A,
+    NEXT_BY_R,
+    NEXT_BY_NEXT_R,
+    NEXT_BY_A,
+) = range(12)
 """Rows of the work of a spring, (12, N): diagonals, tension, levers, and second derivatives."""
 Places = NDArray[np.int64]
-_PLACES = types.Array(types.int64, 2, 'C', readonly=True)
 
 
 @compiled(READ_TABLE, NUMBER, ROW, ROW, ROW, TABLE)
@@ -78,7 +90,7 @@ def combine(out: Array, base: Array, factor: float, other: Array) -> None:
         out[q] = base[q] + factor * other[q]
 
 
-@compiled(READ_TABLE, _PLACES, COUNT, NUMBER, ROW, ROW, TABLE, TABLE, TABLE, TABLE)
+@compiled(READ_TABLE, READ_PLACES, COUNT, NUMBER, ROW, ROW, TABLE, TABLE, TABLE, TABLE)
 def change_accelerations(
     table: Array,
     columns: Places,
@@ -125,7 +137,7 @@ def change_accelerations(
         row[columns[K, n]] += work[PULL, n] * work[SECOND, n] * inverse
 
 
-@compiled(READ_TABLE, _PLACES, COUNT, NUMBER, COUNT, NUMBER, ROW, ROW, TABLE, TABLE)
+@compiled(READ_TABLE, READ_PLACES, COUNT, NUMBER, COUNT, NUMBER, ROW, ROW, TABLE, TABLE)
 def advance(
     table: Array,
     columns: Places,

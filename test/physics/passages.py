@@ -40,7 +40,9 @@ def passage(chain: Chain, frames: int = 500) -> Array:
     return np.array([orbit.configuration(arc) for arc in np.linspace(*orbit.leg_arcs(0), frames)])
 
 
-def read(angles: Array, seed: int, noise: float = 0.01, offset: float = 0.05) -> tuple[Array, Array]:
+def read(
+    angles: Array, seed: int, noise: float = 0.01, offset: float = 0.05
+) -> tuple[Array, Array]:
     """Readings of encoders [rad], shape (T, N), and their offsets, shape (N,)."""
     random = np.random.default_rng(seed)
     offsets = offset * random.standard_normal(angles.shape[1])

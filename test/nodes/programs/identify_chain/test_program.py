@@ -13,11 +13,11 @@ from recordings import START, write_bag
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
-from soliton_linkage_nodes.programs.identify_chain import main
+from soliton_linkage_nodes.programs.identify_chain.program import main
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
-sys.path.append(str(Path(__file__).parents[2] / 'physics/identification'))
+sys.path.append(str(Path(__file__).parents[3] / 'physics'))
 
 from passages import SPINNER, passage, read, unequal
 

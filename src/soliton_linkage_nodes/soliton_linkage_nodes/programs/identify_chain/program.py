@@ -7,7 +7,6 @@ each bond.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import sys
@@ -21,7 +20,7 @@ from soliton_linkage.identification.identification import Identification, identi
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.identified import save_report
+from soliton_linkage.studies.identification.report_page import save_report
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import (
     decoder,
@@ -153,7 +152,10 @@ def _told(reader: Reader) -> NamedChain | None:
 def _pushes(reader: Reader) -> Iterator[int]:
     """Stamps [ns] of impulses and torques on rotors."""
     held = {connection.topic.rpartition('/')[2] for connection in reader.connections}
-    for topic, values in ((interfaces.ROTOR_IMPULSES, 'impulse'), (interfaces.ROTOR_TORQUES, 'effort')):
+    for topic, values in (
+        (interfaces.ROTOR_IMPULSES, 'impulse'),
+        (interfaces.ROTOR_TORQUES, 'effort'),
+    ):
         if topic.name in held:
             for received, message in read_topic(reader, topic.name):
                 if any(getattr(message, values)):
