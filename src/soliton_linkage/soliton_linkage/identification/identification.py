@@ -20,6 +20,10 @@ from soliton_linkage.identification.start import equal_rotors
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
+_NOT_CLOSED = (
+    'no lengths close the bonds of this recording; check the order of the joints, their signs and '
+    'their zeros, and that no rotor was held'
+)
 _OPEN = 0.1
 """Standard deviation of a combination of lengths, by the angles alone, beyond which it is called
 open [1]: more than workshops miss."""
@@ -92,7 +96,10 @@ def identify(
     noise = noise_of(readings)
     check_jumps(times, whole, noise, names)
     seen = np.where(np.isfinite(readings), whole, np.nan)
-    found = adjusted(seen, equal_rotors(whole), tolerance)
+    try:
+        found = adjusted(seen, equal_rotors(whole), tolerance)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(_NOT_CLOSED) from error
     if found.noise > _STRAINED * noise:
         free = free_frames(times, pushes)
         start = _begun(times[free], whole[free], equal_rotors(whole), given)
@@ -102,10 +109,7 @@ def identify(
             return _of_springs(fitted, found, given, noise)
     check_slips(times, found.left, max(noise, found.noise), names)
     if not found.settled:
-        raise ValueError(
-            'no lengths close the bonds of this recording; check the order of the joints, their '
-            'signs and their zeros, and that no rotor was held'
-        )
+        raise ValueError(_NOT_CLOSED)
     return _of_bonds(found, given, noise)
 
 

@@ -42,13 +42,6 @@ class Lengths:
         """Number of rotors."""
         return len(self.rotor_lengths)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What the unknowns are, in their order."""
-        parts = ('rotor_length', 'offset', 'spacing', 'rest_length')
-        every = [f'{part} {n}' for n in range(self.rotors) for part in parts]
-        return tuple(every[: OF_A_ROTOR * self.rotors - 2])
-
     def changed(self, change: Array) -> Lengths:
         """These with a change of the unknowns, which is shortened where it is too large."""
         largest = float(np.abs(change).max(initial=0.0))
