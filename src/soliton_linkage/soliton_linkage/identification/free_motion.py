@@ -25,8 +25,8 @@ from soliton_linkage.identification.loops import motion_loops
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Of the integration, over the shortest time in which springs and masses vibrate [1]: a wall then
-misses its angles by 1e-5 rad after a second."""
+"""Of the integration, over the shortest time in which springs and masses vibrate [1]: a crossing
+of 40 rotors then misses angles by 2e-5 rad at most; 0.2 by 2e-6 rad in twice the time."""
 
 
 @dataclass(frozen=True)
