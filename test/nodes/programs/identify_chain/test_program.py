@@ -63,3 +63,5 @@ def test_what_shows_no_chain_is_one_line(
         main([str(bag), '--output', str(tmp_path / 'found')])
     assert str(end.value).startswith('identify_chain: no soliton passes in this recording')
     assert not (tmp_path / 'found').exists()
+    with pytest.raises(SystemExit, match='0 of 50 frames lie between --begin 1 s and --end inf s'):
+        main([str(bag), '--output', str(tmp_path / 'found'), '--begin', '1'])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -47,7 +48,9 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_FRAMES = 8000
-"""Frames that are adjusted together: 40 rotors take 10 s of each step, 20 of them 1 GB."""
+"""Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
+_FEWEST_FRAMES = 50
+"""That are looked at [1]: a wall passes a rotor or two in them."""
 _WORST = 3
 """Bonds that are named [1]."""
 
@@ -58,9 +61,13 @@ def identify_bag(
     given: NamedChain | None = None,
     spacing: float | None = None,
     tolerance: float | None = None,
+    span: tuple[float, float] = (0.0, math.inf),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Write chain.yaml, lengths.csv and identification.png and .pdf; return what was found."""
+    """Write chain.yaml, lengths.csv and identification.png and .pdf; return what was found.
+
+    Only by frames of a span of times [s] from the first frame on.
+    """
     with open_bag(bag, limits) as reader:
         told = given or _told(reader)
         record = _read(reader, told)
@@ -75,14 +82,21 @@ def identify_bag(
             file=sys.stderr,
         )
     times, angles = record.readings()
+    within = (times >= span[0]) & (times <= span[1])
+    if within.sum() < _FEWEST_FRAMES:
+        raise ValueError(
+            f'{within.sum()} of {len(times)} frames lie between --begin {span[0]:g} s and --end '
+            f'{span[1]:g} s, which is too few to identify a chain; leave them out'
+        )
+    times, angles = times[within], angles[within]
     progress = ProgressLine('identifying', 0)
-    progress.show(0, f'{len(record)} frames of {angles.shape[1]} rotors')
+    progress.show(0, f'{len(times)} frames of {angles.shape[1]} rotors')
     found = identify(times, angles, chain, record.joint_names, tolerance, pushes)
     folder.mkdir(parents=True, exist_ok=True)
     write_parameters(found, record.joint_names, f'{bag.name}', folder / 'chain.yaml')
     write_lengths(found, folder / 'lengths.csv')
     save_report(found, folder)
-    progress.end(f'{len(record)} frames of {bag} show a {found.chain.motion.value}; see {folder}')
+    progress.end(f'{len(times)} frames of {bag} show a {found.chain.motion.value}; see {folder}')
     return found
 
 
@@ -137,7 +151,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         given = chain_of_file(options.chain) if options.chain else None
         limits = limits_of(options)
         found = identify_bag(
-            options.bag, options.output, given, options.spacing, options.tolerance, limits
+            options.bag,
+            options.output,
+            given,
+            options.spacing,
+            options.tolerance,
+            (options.begin, options.end),
+            limits,
         )
         print(summary(found))
 
@@ -214,6 +234,22 @@ def _parser() -> ProgramParser:
         metavar='FRACTION',
         help='standard deviation by which lengths of one kind differ from each other [1] (learnt '
         'from the angles)',
+    )
+    time = Quantity('time', 's', 0.0)
+    parser.add_argument(
+        '--begin',
+        type=number(time),
+        default=0.0,
+        metavar='SECONDS',
+        help='time from the first frame on from which frames count, as after a kick by hand [s] '
+        '(%(default)s)',
+    )
+    parser.add_argument(
+        '--end',
+        type=number(time),
+        default=math.inf,
+        metavar='SECONDS',
+        help='time until which frames count [s] (%(default)s)',
     )
     add_limits(parser)
     return parser
