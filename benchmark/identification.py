@@ -16,11 +16,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.estimation.nearest_point import fit_near
 from soliton_linkage.identification.adjustment import adjusted, bound
+from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import lengths_of, split
 from soliton_linkage.identification.start import equal_rotors
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
+from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
@@ -33,6 +37,15 @@ CHAINS = {
     'spinner': (Chain(40, 0.1, 0.2, 1.18), 6.9),
 }
 """Chains and the speeds of their walls [rotor spacings / s]."""
+KICKS = {'flipper': 10.0, 'wobbler': 4.0, 'spinner': 12.5}
+"""Of springs [rad/s], those of config/*.yaml."""
+PLURALS = {
+    'rotor_length': 'rotor_lengths',
+    'spacing': 'spacings',
+    'rest_length': 'rest_lengths',
+    'stiffness': 'stiffnesses',
+    'mass': 'masses',
+}
 RATE = 250.0
 """Of frames [Hz]."""
 NOISE = 0.01
@@ -126,6 +139,40 @@ def measure(name: str, draws: int) -> None:
     print(f'  place        {np.mean(places):.3f} of its bound, at most {max(places):.3f}')
 
 
+def measure_springs(name: str, draws: int, rotors: int) -> None:
+    """Print what the motion of kicked springs shows, with 5 % in masses and stiffnesses too."""
+    nominal, speed = CHAINS[name]
+    nominal = replace(nominal, number_of_rotors=rotors)
+    errors: dict[str, list[Array]] = {}
+    for number, made in enumerate(chains(nominal, draws)):
+        random = np.random.default_rng([number, 8])
+        drawn = drawn_deviations(rotors, number, mass=SPREAD, stiffness=SPREAD)
+        chain = replace(made, deviations=made.deviations.joined(drawn))
+        start = leaning(chain, -1).angles
+        rates = KICKS[name] * edge_mode(chain, start, Edge.FIRST)
+        record = simulate(chain, start, rates, 1.3 * rotors / speed, 1 / RATE)
+        offsets = OFFSET * random.standard_normal(rotors)
+        readings = record.angles + offsets + NOISE * random.standard_normal(record.angles.shape)
+        found = identify(record.times, readings, Chain())
+        for part, spreads in found.deviations.items():
+            shown, true = (np.array(getattr(each, PLURALS[part])) for each in (found.chain, chain))
+            logarithms = np.log(shown) - np.log(true)
+            if part == 'stiffness':
+                logarithms += np.log(chain.masses.mean()) - np.log(found.chain.masses.mean())
+            elif part == 'mass':
+                logarithms -= logarithms.mean()
+            else:
+                logarithms += np.log(chain.spacings.mean()) - np.log(found.chain.spacings.mean())
+            errors.setdefault(part, []).extend([logarithms, logarithms / spreads])
+        print(f'{name} {number}: noise {found.noise:.5f} rad, rigid {found.rigid}', flush=True)
+    for part, pairs in errors.items():
+        plain, stated = (
+            math.sqrt(float(np.mean(np.square(each))))
+            for each in (np.concatenate(pairs[::2]), np.concatenate(pairs[1::2]))
+        )
+        print(f'  {part:12} rms {plain:.2%}, over what was stated {stated:.2f}')
+
+
 def main() -> None:
     """Measure the chains that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -133,9 +180,15 @@ def main() -> None:
         'names', nargs='*', default=list(CHAINS), help='of flipper, wobbler, spinner'
     )
     parser.add_argument('--draws', type=int, default=20, help='chains of each (%(default)s)')
+    parser.add_argument(
+        '--springs', type=int, metavar='ROTORS', help='kicked springs of so many rotors instead'
+    )
     options = parser.parse_args()
     for name in options.names:
-        measure(name, options.draws)
+        if options.springs:
+            measure_springs(name, options.draws, options.springs)
+        else:
+            measure(name, options.draws)
 
 
 if __name__ == '__main__':

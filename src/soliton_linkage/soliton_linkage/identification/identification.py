@@ -28,7 +28,10 @@ _OPEN = 0.1
 """Standard deviation of a combination of lengths, by the angles alone, beyond which it is called
 open [1]: more than workshops miss."""
 _STRAINED = 1.1
-"""Noise that the bonds leave over that from frame to frame, beyond which springs give way [1]."""
+"""Noise that is left over that from frame to frame, beyond which it is more than noise [1]."""
+_CHANCE = 2.0
+"""The same over the root of the number of readings, less 1, beyond which springs may give way and
+a motion is looked for [1]: what a median makes of a thousand readings is good to 3 %."""
 _WORSE = 1.25
 """Noise of a bond over that of most, beyond which it is called bad [1]: of 1000 frames chance
 makes 1.1."""
@@ -100,7 +103,7 @@ def identify(
         found = adjusted(seen, equal_rotors(whole), tolerance)
     except np.linalg.LinAlgError as error:
         raise ValueError(_NOT_CLOSED) from error
-    if found.noise > _STRAINED * noise:
+    if found.noise > noise * (1 + _CHANCE / math.sqrt(readings.size)):
         free = free_frames(times, pushes)
         start = _begun(times[free], whole[free], equal_rotors(whole), given)
         fitted = _fitted(times[free], seen[free], start, noise, tolerance)
@@ -190,7 +193,17 @@ def _of_springs(
         fitted.tolerances.of_lengths,
         False,
         (),
-        _obstacles(chain),
+        (*_unexplained(fitted.noise, reading_noise), *_obstacles(chain)),
+    )
+
+
+def _unexplained(noise: float, reading_noise: float) -> tuple[str, ...]:
+    if noise <= _STRAINED * max(reading_noise, _LEAST_NOISE):
+        return ()
+    return (
+        f'the motion of springs leaves {noise / reading_noise:.2g} times the noise of the '
+        'readings, and standard deviations are too small; record with a slower soliton, or less '
+        'of it by --begin and --end',
     )
 
 
