@@ -45,6 +45,7 @@ setup(
             'mcap',
             'mujoco; python_version >= "3.11"',
         ],
+        'camera': ['av', 'matplotlib>=3.6', 'opencv-python-headless>=4.6'],
         'cluster': ['distributed'],
         'completion': ['argcomplete'],
         'films': [*DRAWING, 'imageio-ffmpeg'],

@@ -21,16 +21,20 @@ NODES = [
     'live_view',
     'visualisation',
     'foxglove_server',
+    'camera_encoders',
 ]
 PROGRAMS = [
     'analyse_bag',
+    'calibrate_camera',
     'check_bag',
     'contraction',
     'experiment',
+    'film_encoders',
     'identify_chain',
     'live',
     'move_soliton',
     'nudge',
+    'print_markers',
     'recover_bag',
     'robot_description',
     'suite',
@@ -85,7 +89,11 @@ setup(
         'rosbags>=0.11',
         'soliton_linkage[studies]',
     ],
-    extras_require={'foxglove': ['foxglove-sdk'], 'live': ['nicegui>=3']},
+    extras_require={
+        'camera': ['soliton_linkage[camera]'],
+        'foxglove': ['foxglove-sdk'],
+        'live': ['nicegui>=3'],
+    },
     entry_points={
         'console_scripts': [f'{name} = {PACKAGE}.start:{name}' for name in EXECUTABLES],
         'soliton_linkage.commands': [

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image, JointState
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -119,6 +119,10 @@ ROBOT_DESCRIPTION = Topic('robot_description', String, latched_qos())
 MARKERS = Topic('markers', MarkerArray, picture_qos())
 SOLITON_POSE = Topic('soliton_pose', PoseWithCovarianceStamped, picture_qos())
 KYMOGRAPH = Topic('kymograph', Image, picture_qos())
+JOINT_STATE_DEVIATIONS = Topic('joint_state_deviations', JointState, stream_qos())
+IMAGE = Topic('image', Image, picture_qos())
+COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, picture_qos())
+CAMERA_INFO = Topic('camera_info', CameraInfo, picture_qos())
 MOVE_SOLITON = 'move_soliton'
 """Name of the action."""
 

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Films of a chain as a camera would take them, of which the truth is known.
+
+Drawn are the plane with its frame markers, and on it, from back to front, the bonds, the rotors
+0, 2, ..., and the rotors 1, 3, ..., each with the dots of its pivot and mass. Each pixel is the
+mean over its exposure, which in row v begins `row_time` v after that of the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.vision.dots import Picture
+from soliton_linkage.vision.films.render_loops import Pixels, paint_bonds, paint_rotors
+from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker_cells
+from soliton_linkage.vision.lens.plane import ChainPlane
+from soliton_linkage.vision.opencv import opencv
+
+Motion = Callable[[Array], tuple[Array, Array, Array]]
+"""Angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]: (T,) to (T, N) each."""
+
+_BOARD = (172, 180, 176)
+"""Red, green and blue of what is behind the chain [0 to 255]: wood, painted grey."""
+_ARM = (70, 74, 80)
+"""Of the rotors' arms."""
+_BOND = (120, 110, 90)
+"""Of the bonds."""
+_WHITE = (246, 246, 242)
+"""Of paper."""
+_ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
+"""Half widths of arms and bonds over the radius of a label [1]."""
+_NOISES = 4
+"""Pictures of noise, which come again with their parts in other places."""
+
+
+@with_fields
+@dataclass(frozen=True)
+class FilmSettings:
+    """Light and sensor of a film; raises ValueError for values out of their range."""
+
+    light: float = quantity(
+        0.85, 'brightness of white in the middle, 1 where it burns out', '', 0, 1
+    )
+    unevenness: float = quantity(
+        0.25, 'by how much one side is darker than the other, of the brightness', '', 0.0, 1.0
+    )
+    noise: float = quantity(2.5, 'standard deviation of a pixel', 'grey levels', 0.0, 50.0)
+    blur: float = quantity(0.5, 'standard deviation of what the lens blurs', 'pixels', 0.1, 5.0)
+    quality: int = quantity(0, 'of JPEG, 0 for pictures that are not compressed', '', 0, 100)
+    samples: int = quantity(6, 'instants of an exposure', '', 1, 100)
+    seed: int = quantity(0, 'of the noise', '', 0, 10**9)
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their range."""
+        check_quantities(self)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """An ellipse before the camera, from one time to another, that moves across the picture."""
+
+    begin: float
+    """When it comes [s]."""
+    end: float
+    """When it has gone [s]."""
+    start: tuple[float, float]
+    """Of its centre [pixels]."""
+    velocity: tuple[float, float]
+    """Of its centre [pixels/s]."""
+    size: tuple[float, float]
+    """Half axes [pixels]."""
+
+
+class Renderer:
+    """Takes pictures of a chain in motion."""
+
+    def __init__(
+        self,
+        layout: MarkerLayout,
+        plane: ChainPlane,
+        motion: Motion,
+        settings: FilmSettings = FilmSettings(),
+        hands: tuple[Hand, ...] = (),
+    ) -> None:
+        """Prepare what does not move."""
+        self._layout, self._plane, self._motion = layout, plane, motion
+        self._settings, self._hands = settings, hands
+        self._camera = plane.camera
+        self._generator = np.random.default_rng(settings.seed)
+        self._pictures = 0
+        self._background = self._painted_background()
+        shape = self._background.shape
+        self._noise = settings.noise * self._generator.standard_normal(
+            (_NOISES, *shape), dtype=np.float32
+        )
+
+    @cached_property
+    def middle_row(self) -> float:
+        """Row in which the pivots are on the mean [pixels]."""
+        layout = self._layout
+        pivots = np.column_stack([layout.chain.pivots, np.zeros(layout.chain.number_of_rotors)])
+        return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
+
+    def stamp(self, time: float) -> float:
+        """Middle of the exposure of the middle row of a picture that begins at a time [s]."""
+        camera = self._camera
+        return time + camera.exposure / 2 + self.middle_row * camera.row_time
+
+    def picture(self, time: float) -> Picture:
+        """Blue, green and red of the picture that begins at a time [s], (height, width, 3)."""
+        canvas = self._background.copy()
+        self._paint_chain(canvas, time)
+        noise = self._noise[self._pictures % _NOISES]
+        shift = int(self._generator.integers(0, noise.shape[1]))
+        canvas *= self._lighting[..., None]
+        split = noise.shape[1] - shift
+        canvas[:, :split] += noise[:, shift:]
+        canvas[:, split:] += noise[:, :shift]
+        self._pictures += 1
+        picture = np.clip(np.rint(canvas, out=canvas), 0, 255, out=canvas).astype(np.uint8)
+        self._paint_hands(picture, time)
+        return self._compressed(picture)
+
+    def _paint_chain(self, canvas: NDArray[np.float32], time: float) -> None:
+        angles, rates, accelerations = (
+            each[0] for each in self._motion(np.array([self.stamp(time)]))
+        )
+        camera, samples = self._camera, self._settings.samples
+        instants: Array = camera.exposure * ((np.arange(samples) + 0.5) / samples - 0.5)
+        pixels = self._pixels
+        motion = np.stack([angles, rates, accelerations])
+        chain = self._layout.chain
+        shape = np.array(
+            [
+                self._layout.label_radius,
+                self._layout.dot_radius,
+                _ARM_WIDTH * self._layout.label_radius,
+                _BOND_WIDTH * self._layout.label_radius,
+            ]
+        )
+        rows = np.arange(camera.height, dtype=np.float64) - self.middle_row
+        times: Array = np.asarray(camera.row_time * rows)
+        boxes = self._boxes(angles, rates)
+        told = chain.pivots, chain.rotor_lengths, boxes
+        width = float(shape[3])
+        paint_bonds(canvas, pixels[0], motion, *told, self._paint[3], width, times, instants)
+        for parity in (0, 1):
+            paint_rotors(
+                canvas, pixels[parity], parity, motion, *told, self._paint, shape, times, instants
+            )
+
+    def _boxes(self, angles: Array, rates: Array) -> NDArray[np.int64]:
+        """Columns and rows about each rotor: left, right, top, bottom [pixels], shape (N, 4)."""
+        layout, camera = self._layout, self._camera
+        reach = 1.5 * layout.label_radius
+        longest = camera.exposure / 2 + camera.row_time * camera.height / 2
+        turns = np.linspace(-1, 1, 5) * np.minimum(np.abs(rates) * longest, np.pi)[:, None]
+        swept = angles[:, None] + turns
+        pivots = np.column_stack([layout.chain.pivots, np.zeros_like(angles)])
+        lengths = layout.chain.rotor_lengths[:, None]
+        masses = np.stack([lengths * np.sin(swept), lengths * np.cos(swept)], axis=-1)
+        points = np.concatenate([pivots[:, None], pivots[:, None] + masses], axis=1)
+        low, high = points.min(axis=1) - reach, points.max(axis=1) + reach
+        ends = np.stack([low, high])
+        corners = np.stack(
+            [np.column_stack([ends[i, :, 0], ends[j, :, 1]]) for i in (0, 1) for j in (0, 1)],
+            axis=1,
+        )
+        pixels = self._plane.pixels(corners, layout.heights[:, None])
+        edges = np.array([camera.width, camera.height])
+        first = np.clip(np.floor(pixels.min(axis=1)) - 2, 0, edges)
+        last = np.clip(np.ceil(pixels.max(axis=1)) + 3, 0, edges)
+        return np.column_stack([first[:, 0], last[:, 0], first[:, 1], last[:, 1]]).astype(np.int64)
+
+    @cached_property
+    def _pixels(self) -> tuple[Pixels, Pixels]:
+        """Where in the plane each pixel is, for rotors of either height."""
+        heights = self._layout.heights[:2]
+        return self._seen_at(float(heights[0])), self._seen_at(float(heights[1]))
+
+    def _seen_at(self, height: float) -> Pixels:
+        camera = self._camera
+        grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+        points = self._plane.points(grid.astype(np.float64), height)
+        size = 1 / self._plane.pixels_per_metre(points, height)
+        spread = np.sqrt(self._settings.blur**2 + 1 / 12)
+        return Pixels(
+            np.ascontiguousarray(points[..., 0]),
+            np.ascontiguousarray(points[..., 1]),
+            np.ascontiguousarray(size * spread),
+        )
+
+    @cached_property
+    def _paint(self) -> NDArray[np.float32]:
+        """Blue, green and red of arm, white, and the dots, shape (3 + C, 3)."""
+        paints = [_ARM, _WHITE, COLOURS[0], _BOND, *COLOURS[1:]]
+        table = np.array(paints, dtype=np.float32)[:, ::-1]
+        return np.ascontiguousarray(np.maximum(table, 12.0))
+
+    @cached_property
+    def _lighting(self) -> NDArray[np.float32]:
+        camera, settings = self._camera, self._settings
+        across = np.linspace(-0.5, 0.5, camera.width)
+        up = np.linspace(-0.5, 0.5, camera.height)[:, None]
+        light = settings.light * (1 + settings.unevenness * (across + 0.6 * up))
+        return np.asarray(light, dtype=np.float32)
+
+    def _painted_background(self) -> NDArray[np.float32]:
+        """Board and frame markers, the mean over each pixel."""
+        cv2 = opencv()
+        camera, layout = self._camera, self._layout
+        canvas = np.empty((camera.height, camera.width, 3), dtype=np.float32)
+        canvas[:] = _BOARD[::-1]
+        size = layout.frame_marker_size
+        for number, centre in enumerate(layout.frame_centres):
+            bits = marker_cells(number)
+            half = layout.paper_size / size / 2
+            box = centre + size * half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+            pixels = self._plane.pixels(box)
+            low = np.clip(np.floor(pixels.min(axis=0)) - 2, 0, [camera.width, camera.height])
+            high = np.clip(np.ceil(pixels.max(axis=0)) + 3, 0, [camera.width, camera.height])
+            (left, top), (right, bottom) = low.astype(int), high.astype(int)
+            if left >= right or top >= bottom:
+                continue
+            fine = 8
+            columns = left + (np.arange((right - left) * fine) + 0.5) / fine - 0.5
+            rows = top + (np.arange((bottom - top) * fine) + 0.5) / fine - 0.5
+            places = (
+                self._plane.points(np.stack(np.meshgrid(columns, rows), axis=-1)) - centre
+            ) / size
+            paper = np.abs(places).max(axis=-1) < half
+            from_dot = np.hypot(*(np.abs(places) * size - size / 2 - layout.label_radius).T).T
+            cells = np.floor((places * [1, -1] + 0.5) * MODULES).astype(int)
+            on = np.all((cells >= 0) & (cells < MODULES), axis=-1)
+            inside = np.clip(cells, 0, MODULES - 1)
+            black = on & (bits[inside[..., 1], inside[..., 0]] == 0)
+            black |= from_dot < layout.dot_radius
+            patch = np.where(
+                black[..., None], 14.0, np.where(paper[..., None], _WHITE[::-1], _BOARD[::-1])
+            ).astype(np.float32)
+            shape = (bottom - top, fine, right - left, fine, 3)
+            mean = patch.reshape(shape).mean(axis=(1, 3))
+            canvas[top:bottom, left:right] = mean
+        return np.asarray(cv2.GaussianBlur(canvas, (0, 0), self._settings.blur), dtype=np.float32)
+
+    def _paint_hands(self, picture: Picture, time: float) -> None:
+        cv2 = opencv()
+        for hand in self._hands:
+            if hand.begin <= time < hand.end:
+                x, y = (
+                    s + v * (time - hand.begin)
+                    for s, v in zip(hand.start, hand.velocity, strict=True)
+                )
+                cv2.ellipse(
+                    picture,
+                    (round(x), round(y)),
+                    tuple(round(a) for a in hand.size),
+                    20.0,
+                    0.0,
+                    360.0,
+                    (120, 150, 205),
+                    -1,
+                    cv2.LINE_AA,
+                )
+
+    def _compressed(self, picture: Picture) -> Picture:
+        if not self._settings.quality:
+            return picture
+        cv2 = opencv()
+        _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, self._settings.quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plane of the chain by the markers on its frame, and whether the camera moves.
+
+ArUco markers are looked for in the first picture, and whenever the camera has moved. Their dots
+are found anew in every picture; as long as the camera stands, their mean over the pictures tells
+the plane, whose noise so goes away.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.vision.dot_fit import fit_dots
+from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
+from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.lens.plane import ChainPlane, fitted_plane
+from soliton_linkage.vision.opencv import opencv
+
+Grey = NDArray[np.uint8]
+
+_MOST_AVERAGED = 1000
+"""Pictures that a mean is of, so that a frame that settles slowly is followed [1]."""
+_ALL_FITTED = 30
+"""Pictures of which each is fitted, and between two fits after that [1]: means hardly change."""
+FEWEST_DOTS = 6
+"""That tell a plane, and how well they do [1]."""
+_MOVED = 6.0
+"""Shift of the mean dot, over its standard deviation, that is a move of the camera [1]: never by
+chance, though there are 60 pictures a second."""
+_LEAST_MOVE = 0.1
+"""Of the mean dot that is a move of the camera [pixels]: lamps that flicker seem to do less."""
+_HIDDEN = 0.5
+"""From the shift of the most beyond which a dot is hidden, at least [pixels]."""
+_LARGEST_MISFIT = 0.12
+"""Of the model of a dot, over its contrast [1]: of one that is half hidden it is more."""
+_LEAST_CONTRAST = 20.0
+"""Of a dot [grey levels of 256], a tenth of what they have in good light."""
+_PATIENCE = 60
+"""Pictures between two looks for markers that are missing: a look takes as long as a picture."""
+
+
+class FrameMarkers:
+    """Follows the markers on the frame of a chain."""
+
+    def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
+        """Know none of them yet."""
+        self.plane: ChainPlane | None = None
+        """The plane, as the pictures so far show it."""
+        self.deviation = 0.0
+        """Standard deviation of where the plane has the whole chain [pixels]."""
+        self.seen = 0
+        """Dots of frame markers seen in the latest picture."""
+        self.moves = 0
+        """How often the camera has moved."""
+        self.shift = 0.0
+        """By which it did so last [pixels]."""
+        self._layout, self._camera = layout, camera
+        self._points = layout.frame_dots.reshape(-1, 2)
+        self._known = np.zeros(len(self._points), dtype=bool)
+        self._places = np.full((len(self._points), 2), np.nan)
+        self._noise = _HIDDEN
+        self._pictures = self._missing_for = 0
+        self._detector = _detector(opencv())
+
+    def look(self, grey: Grey) -> bool:
+        """Follow the markers in a picture; whether the plane is known."""
+        if self.plane is None:
+            return self._find(grey)
+        if not self._known.all():
+            self._missing_for += 1
+            if self._missing_for % _PATIENCE == 0 and self._found_more(grey):
+                return True
+        places, good = self._measured(grey, self.plane, self._places[self._known])
+        shifts = places - self._places[self._known]
+        common = np.median(shifts[good], axis=0) if good.any() else np.zeros(2)
+        good &= np.hypot(*(shifts - common).T) < max(_HIDDEN, 6 * self._noise)
+        self.seen = int(good.sum())
+        if self.seen < max(FEWEST_DOTS, len(places) // 2):
+            return self._find_anew(grey)
+        mean = float(np.hypot(*shifts[good].mean(axis=0)))
+        if mean > max(_LEAST_MOVE, _MOVED * self._noise / np.sqrt(self.seen)):
+            return self._find_anew(grey)
+        self._pictures = min(self._pictures + 1, _MOST_AVERAGED)
+        which = np.flatnonzero(self._known)[good]
+        self._places[which] += shifts[good] / self._pictures
+        if self._pictures < _ALL_FITTED or self._pictures % _ALL_FITTED == 0:
+            self._fit()
+        return True
+
+    def _find(self, grey: Grey) -> bool:
+        """Look for all markers in a whole picture; whether there are enough."""
+        found = self._detected(grey)
+        if not found:
+            self.seen = 0
+            return False
+        numbers = sorted(found)
+        corners = self._layout.frame_corners[numbers].reshape(-1, 2)
+        if len(numbers) * 4 < FEWEST_DOTS:
+            self.seen = 0
+            return False
+        rough, _ = fitted_plane(self._camera, corners, np.concatenate([found[n] for n in numbers]))
+        places, good = self._measured(grey, rough, rough.pixels(self._points))
+        self.seen = int(good.sum())
+        if self.seen < FEWEST_DOTS:
+            return False
+        self._known = good
+        self._places = np.where(good[:, None], places, np.nan)
+        self._pictures = 1
+        self._fit()
+        return True
+
+    def _find_anew(self, grey: Grey) -> bool:
+        """Look whether the camera has moved, or the markers are hidden."""
+        before, known = self._places.copy(), self._known.copy()
+        kept = self.plane, self._places, self._known, self._pictures
+        if not self._find(grey):
+            self.plane, self._places, self._known, self._pictures = kept
+            return True
+        both = known & self._known
+        shift = (
+            np.median(self._places[both] - before[both], axis=0) if both.any() else [np.nan] * 2
+        )
+        distance = float(np.hypot(*shift))
+        if distance < _LEAST_MOVE:
+            self.plane, self._places, self._known, self._pictures = kept
+            return True
+        self.moves += 1
+        self.shift = distance
+        return True
+
+    def _found_more(self, grey: Grey) -> bool:
+        """Take up markers that were not to be seen before; whether there are any."""
+        kept = self.plane, self._places, self._known, self._pictures
+        before = int(self._known.sum())
+        if self._find(grey) and self.seen > before:
+            return True
+        self.plane, self._places, self._known, self._pictures = kept
+        return False
+
+    def _measured(
+        self, grey: Grey, plane: ChainPlane, starts: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Centres of dots near places [pixels], and which are to be seen."""
+        scale = float(np.median(plane.pixels_per_metre(self._points)))
+        radius = self._layout.dot_radius * scale
+        fitted = fit_dots(grey, starts, radius, radius / DOT_SHARE, np.zeros_like(starts))
+        good = (fitted.contrasts > _LEAST_CONTRAST) & (
+            fitted.misfits < _LARGEST_MISFIT * fitted.contrasts + 2.0
+        )
+        good &= np.hypot(*(fitted.places - starts).T) < 2 * radius
+        return plane.centred(fitted.places, self._layout.dot_radius), good
+
+    def _fit(self) -> None:
+        points, places = self._points[self._known], self._places[self._known]
+        self.plane, self._noise = fitted_plane(self._camera, points, places)
+        self.deviation = self._noise / np.sqrt(len(points))
+
+    def _detected(self, grey: Grey) -> dict[int, Array]:
+        """Corners of the markers of the layout in a picture by their number, (4, 2) each."""
+        corners, numbers = self._detector(grey)
+        known = len(self._layout.frame_centres)
+        return {
+            int(number): np.asarray(four, dtype=np.float64).reshape(4, 2)
+            for number, four in zip(
+                [] if numbers is None else np.ravel(numbers), corners, strict=True
+            )
+            if number < known
+        }
+
+
+def _detector(cv2: Any) -> Any:
+    """What finds corners and numbers of markers in a picture, of OpenCV 4.6 and of later ones."""
+    aruco = cv2.aruco
+    dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))
+    if hasattr(aruco, 'ArucoDetector'):
+        detector = aruco.ArucoDetector(dictionary, aruco.DetectorParameters())
+        return lambda grey: detector.detectMarkers(grey)[:2]
+    parameters = aruco.DetectorParameters_create()
+    return lambda grey: aruco.detectMarkers(grey, dictionary, parameters=parameters)[:2]

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera in place of encoders: angles of the rotors from pictures of a chain."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, ClassVar
+
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from soliton_linkage.vision.dots import Picture
+from soliton_linkage.vision.layout import MarkerSettings
+from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.opencv import opencv
+from soliton_linkage_nodes.camera_encoders.camera_file import camera_from_msg, read_camera
+from soliton_linkage_nodes.camera_encoders.parameters import (
+    CameraEncodersParameters,
+    SightParameters,
+)
+from soliton_linkage_nodes.camera_encoders.sight import (
+    Seen,
+    Sight,
+    angles_to_msg,
+    deviations_to_msg,
+    in_words,
+    median_deviation,
+)
+from soliton_linkage_nodes.camera_encoders.webcam import Webcam
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_PARAMETERS,
+    ChainSource,
+    ChainSourceParameters,
+)
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.picture_conversions import (
+    picture_from_compressed_msg,
+    picture_from_msg,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
+from soliton_linkage_nodes.runtime.parameters import current
+from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
+
+
+class CameraEncoders(ManagedNode):
+    """Publishes the angles of the rotors that pictures of a chain show, in place of encoders.
+
+    Subscribes to `image` or `image/compressed`, unless it has a camera of this machine, to
+    `camera_info`, unless it has a file of that, and, unless told the chain by parameters, to
+    `chain`. Publishes `joint_states` [rad], NaN for rotors that are not seen, with the stamp of
+    their exposure, `joint_state_deviations`, standard deviations of these angles in the place of
+    positions [rad], and `/diagnostics`.
+    """
+
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        CameraEncodersParameters: '',
+        SightParameters: '',
+        MarkerSettings: 'markers.',
+        ManagedParameters: '',
+        ChainSourceParameters: '',
+        **CHAIN_PARAMETERS,
+    }
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Be configured and activated, unless a manager is to do that."""
+        super().__init__('camera_encoders', **kwargs)
+
+    def configure(self) -> None:
+        """Learn the chain and the camera, and listen to its pictures."""
+        self._cv2 = opencv()
+        self.settings = current(self, CameraEncodersParameters)
+        self._markers = current(self, MarkerSettings, 'markers.')
+        self._camera: Camera | None = None
+        if self.settings.camera_file:
+            self._camera = read_camera(Path(self.settings.camera_file))
+        self._named: NamedChain | None = None
+        self._sight: Sight | None = None
+        self._seen: Seen | None = None
+        self._webcam: Webcam | None = None
+        self._pictures, self._busy = 0, 0.0
+        self._reported = (time.monotonic(), 0, 0.0)
+        self.diagnostics = Diagnostics(self, 'seeing', self.reporting(self._report))
+        self._angles = interfaces.JOINT_STATES.publisher(self)
+        self._deviations = interfaces.JOINT_STATE_DEVIATIONS.publisher(self)
+        self._source = ChainSource(self, self.diagnostics, self._on_chain)
+        self._listen()
+        self.get_logger().info(f'seeing {self._source.in_words} in {self._whence()}')
+
+    def activate(self) -> None:
+        """Begin to take pictures, where they are those of a camera of this machine."""
+        if self.settings.pictures_from == 'camera':
+            take = self.diagnostics.refusing('picture', self._on_own_picture)
+            self._webcam = Webcam(self.settings.camera, take, self.diagnostics.fail)
+
+    def deactivate(self) -> None:
+        """Let the camera go, and look anew when it comes back."""
+        if self._webcam is not None:
+            self._webcam.close()
+            self._webcam = None
+        self._look_anew()
+
+    def look(self, stamp: int, picture: Picture) -> None:
+        """Publish the angles in a picture that was begun at a stamp [ns], once it shows any.
+
+        Raises ValueError for a picture that is refused.
+        """
+        if self._sight is None:
+            return
+        begin = time.perf_counter()
+        seen = self._seen = self._sight.look(stamp, picture)
+        if self._named is not None and seen.frame.seen:
+            self._angles.publish(angles_to_msg(self._named, seen))
+            self._deviations.publish(deviations_to_msg(self._named, seen))
+        self._pictures += 1
+        self._busy += time.perf_counter() - begin
+
+    def _listen(self) -> None:
+        kind = self.settings.pictures_from
+        topics = {'image': interfaces.IMAGE, 'compressed': interfaces.COMPRESSED_IMAGE}
+        takes = {'image': self._on_image, 'compressed': self._on_compressed}
+        if kind in topics:
+            take = self.while_active(self.diagnostics.refusing('picture', takes[kind]))
+            AdaptiveSubscription(self, topics[kind], take, self.diagnostics)
+            if self._camera is None:
+                take = self.diagnostics.refusing('camera_info', self._on_camera_info)
+                AdaptiveSubscription(self, interfaces.CAMERA_INFO, take, self.diagnostics)
+
+    def _on_image(self, message: Image) -> None:
+        self.look(time_from_msg(message.header.stamp), picture_from_msg(message))
+
+    def _on_compressed(self, message: CompressedImage) -> None:
+        picture = picture_from_compressed_msg(self._cv2, message)
+        self.look(time_from_msg(message.header.stamp), picture)
+
+    def _on_own_picture(self, picture: Picture) -> None:
+        self.look(self.get_clock().now().nanoseconds, picture)
+
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        camera = camera_from_msg(message)
+        if camera is not None and camera != self._camera:
+            self._camera = camera
+            self._look_anew()
+
+    def _on_chain(self, named: NamedChain) -> None:
+        if named != self._named:
+            self._named = named
+            self._look_anew()
+
+    def _look_anew(self) -> None:
+        self._seen = None
+        if self._named is not None:
+            parameters = current(self, SightParameters)
+            self._sight = Sight(self._named, self._markers, parameters, self._camera)
+
+    def _whence(self) -> str:
+        if self.settings.pictures_from == 'camera':
+            return f'pictures of camera {self.settings.camera}'
+        kind = self.settings.pictures_from
+        topic = interfaces.IMAGE if kind == 'image' else interfaces.COMPRESSED_IMAGE
+        return self.resolve_topic_name(topic.name)
+
+    def _report(self) -> Report:
+        now = time.monotonic()
+        before, pictures_before, busy_before = self._reported
+        self._reported = (now, self._pictures, self._busy)
+        fresh = self._pictures - pictures_before
+        values: dict[str, Any] = {
+            'rate [Hz]': fresh / (now - before),
+            'time per picture [ms]': 1e3 * (self._busy - busy_before) / max(fresh, 1),
+            'pictures': self._pictures,
+            'calibrated': self._camera is not None,
+        }
+        if self._sight is None:
+            return Report('waiting for the topic chain', values, warning=True)
+        if self._seen is None or not fresh:
+            return Report(f'waiting for {self._whence()}', values, warning=True)
+        frame = self._seen.frame
+        values |= {
+            'rotors seen': frame.seen,
+            'deviation [rad]': median_deviation(frame),
+            'moves of the camera': self._sight.moves,
+            'pictures missing': self._sight.gaps.missing,
+        }
+        return Report(in_words(self._sight, self._seen), values, warning=bool(frame.status))
+
+
+def main() -> None:
+    """See angles until it is told to stop."""
+    run(CameraEncoders)

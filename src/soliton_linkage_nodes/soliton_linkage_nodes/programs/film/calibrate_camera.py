@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibrate a camera by pictures or a film of a chessboard, such as the last of print_markers.
+
+Show the whole board in a dozen pictures, tilted differently in each, and in all parts of the
+picture. The file is that of camera_calibration in ROS, which camera drivers take too.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from soliton_linkage.linkage.quantities import Quantity
+from soliton_linkage.vision.dots import Picture
+from soliton_linkage.vision.films.footage import read_film
+from soliton_linkage.vision.lens.calibration import calibrated
+from soliton_linkage.vision.opencv import opencv
+from soliton_linkage_nodes.camera_encoders.camera_file import write_camera
+from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+
+_PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
+_STRIDE = 10
+"""Of the pictures of a film, one in so many is looked at: to find the board takes 0.1 s."""
+_CORNERS = Quantity('inner corners', '', 2, 100)
+_SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Calibrate."""
+    parser = ProgramParser(prog='calibrate_camera', description=__doc__)
+    parser.add_argument('paths', type=Path, nargs='+', metavar='picture', help='or one film')
+    parser.add_argument(
+        '--columns', type=number(_CORNERS, int), default=8, help='of inner corners (%(default)s)'
+    )
+    parser.add_argument(
+        '--rows', type=number(_CORNERS, int), default=5, help='of inner corners (%(default)s)'
+    )
+    parser.add_argument(
+        '--square', type=number(_SQUARE), default=0.025, help='side of a square [m] (%(default)s)'
+    )
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/camera.yaml'), help='(%(default)s)'
+    )
+    options = parser.parse(arguments)
+    with plain_failures('calibrate_camera'):
+        interrupt_on_signals()
+        pictures = _pictures(options.paths)
+        found = calibrated(pictures, int(options.columns), int(options.rows), options.square)
+        write_camera(options.output, found.camera)
+        print(
+            f'{options.output}: {found.pictures} pictures, corners to {found.misfit:.2f} pixels',
+            file=sys.stderr,
+        )
+
+
+def _pictures(paths: Sequence[Path]) -> Iterator[Picture]:
+    cv2 = opencv()
+    for path in paths:
+        if path.suffix.lower() not in _PICTURES:
+            for count, taken in enumerate(read_film(path).pictures):
+                if count % _STRIDE == 0:
+                    yield taken.picture
+            continue
+        picture = cv2.imread(str(path))
+        if picture is None:
+            raise ValueError(f'picture {str(path)!r} is not there or cannot be read')
+        yield np.asarray(picture)

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""See the angles of a chain in a film, and write them into a bag that analyse_bag takes.
+
+The bag has the topics chain, joint_states and joint_state_deviations: the standard deviation of
+each angle. The stamps are those of the film, which may have any rate of pictures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage.vision.films.footage import Footage, camera_pictures, read_film
+from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.camera_encoders.camera_file import read_camera
+from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
+from soliton_linkage_nodes.camera_encoders.sight import (
+    Seen,
+    Sight,
+    angles_to_msg,
+    deviations_to_msg,
+    in_words,
+    median_deviation,
+)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+
+
+class Account(NamedTuple):
+    """What was seen in a film."""
+
+    bag: Path
+    pictures: int
+    """In which rotors were seen."""
+    shares: float
+    """Of the rotors that were seen in them, on the mean [1]."""
+    deviation: float
+    """Median of the standard deviations [rad]."""
+    last: str
+    """What the last picture showed, and what happened before."""
+
+
+def film_to_bag(footage: Footage, named: NamedChain, sight: Sight, output: Path) -> Account:
+    """Write what a film shows into a bag; raises ValueError where it shows no angle.
+
+    What was seen until Ctrl-C is in the bag.
+    """
+    bag = _AngleBag(output, named)
+    deviations, shares, last = [], [], 'it has no pictures'
+    progress = ProgressLine('seeing', footage.frames)
+    try:
+        for count, seen in enumerate(_seen(footage, sight), start=1):
+            last = in_words(sight, seen)
+            progress.show(count, f'{count} pictures, {last}')
+            if seen.frame.seen:
+                bag.write(seen)
+                deviations.append(median_deviation(seen.frame))
+                shares.append(seen.frame.seen / named.rotors)
+    finally:
+        progress.clear()
+        bag.close()
+    if not shares:
+        raise ValueError(f'the film shows no angle: {last}')
+    middle, share = float(np.median(deviations)), float(np.mean(shares))
+    return Account(bag.path, len(shares), share, middle, last)
+
+
+def _seen(footage: Footage, sight: Sight) -> Iterator[Seen]:
+    start = round(footage.start * SECOND)
+    for taken in footage.pictures:
+        yield sight.look(start + round(taken.time * SECOND), taken.picture)
+
+
+class _AngleBag:
+    """A bag with a chain and its angles."""
+
+    def __init__(self, output: Path, named: NamedChain) -> None:
+        self._named = named
+        self._writer: BagWriter | None = None
+        self._output = output
+        self._topics: dict[str, StoredTopic] = {}
+
+    @property
+    def path(self) -> Path:
+        """Of the bag."""
+        return self._output if self._writer is None else self._writer.path
+
+    def write(self, seen: Seen) -> None:
+        """Write what a picture shows, before the first of them the chain."""
+        if self._writer is None:
+            self._writer = BagWriter(self._output, 'mcap')
+            chain = chain_to_msg(self._named, time_to_msg(seen.stamp))
+            self._put(interfaces.CHAIN, seen.stamp, chain)
+        self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
+        deviations = deviations_to_msg(self._named, seen)
+        self._put(interfaces.JOINT_STATE_DEVIATIONS, seen.stamp, deviations)
+
+    def close(self) -> None:
+        """Finish the bag, where there is one."""
+        if self._writer is not None:
+            self._writer.close()
+
+    def _put(self, topic: interfaces.Topic, stamp: int, message: Any) -> None:
+        assert self._writer is not None
+        if topic.name not in self._topics:
+            name = f'/{topic.name}'
+            stored = self._writer.add_topic(name, type_name(topic.type), topic.qos)
+            self._topics[topic.name] = stored
+        self._writer.write(self._topics[topic.name], stamp, serialize_message(message))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """See the angles of a film; exit with 1 where that fails, 130 on Ctrl-C."""
+    options = _parser().parse(arguments)
+    with plain_failures('film_encoders'):
+        interrupt_on_signals()
+        named = chain_of_file(options.chain)
+        lens = read_camera(options.camera_info) if options.camera_info else None
+        parameters = SightParameters(options.row_time, options.exposure, not options.unmarked)
+        sight = Sight(named, markers_of_file(options.chain), parameters, lens)
+        account = film_to_bag(_footage(options), named, sight, options.output)
+        print(
+            f'{account.pictures} pictures, in which {account.shares:.1%} of the rotors are seen '
+            f'to {1e3 * account.deviation:.2g} mrad; {account.last}\n{account.bag} has the '
+            f'angles: analyse_bag {account.bag}',
+            file=sys.stderr,
+        )
+
+
+def _footage(options: argparse.Namespace) -> Footage:
+    if options.camera is None:
+        return read_film(options.film)
+    return Footage(time.time(), 0, camera_pictures(options.camera))
+
+
+def _parser() -> ProgramParser:
+    parser = ProgramParser(prog='film_encoders', description=__doc__)
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument('film', type=Path, nargs='?', help='file of a film, such as film.mp4')
+    source.add_argument(
+        '--camera', type=int, metavar='NUMBER', help='a camera of this machine, until Ctrl-C'
+    )
+    parser.add_argument(
+        '--chain',
+        type=Path,
+        required=True,
+        metavar='FILE',
+        help='parameter file with chain.* and markers.*, such as config/flipper.yaml',
+    )
+    parser.add_argument(
+        '--camera-info', type=Path, metavar='FILE', help='calibration by calibrate_camera'
+    )
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/film'), help='bag, to which _0 is added'
+    )
+    quantities = described_fields(SightParameters)
+    for name in ('row_time', 'exposure'):
+        parser.add_argument(
+            f'--{name.replace("_", "-")}',
+            type=number(quantities[name]),
+            default=0.0,
+            metavar='SECONDS',
+            help=f'{quantities[name].description} (0)',
+        )
+    parser.add_argument(
+        '--unmarked',
+        action='store_true',
+        help='the rotors wear no markers: they are dark on a light ground, and do not touch',
+    )
+    return parser

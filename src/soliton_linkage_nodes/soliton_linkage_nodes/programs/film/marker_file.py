@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The markers that a parameter file describes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.vision.layout import MarkerSettings
+from soliton_linkage_nodes.runtime.parameter_files import read_sections
+
+_PREFIX = 'markers.'
+
+
+def markers_of_file(path: Path) -> MarkerSettings:
+    """Settings of markers.* of a parameter file; raises ValueError for what there is not."""
+    given: dict[str, Any] = {
+        name.removeprefix(_PREFIX): value
+        for held in read_sections(path).values()
+        for name, value in held.items()
+        if name.startswith(_PREFIX)
+    }
+    known = described_fields(MarkerSettings)
+    for name in given:
+        if name not in known:
+            raise ValueError(
+                f'{path}: {_PREFIX}{name} is unknown; known: {_PREFIX}{{{", ".join(known)}}}'
+            )
+    values: dict[str, Any] = {
+        name: tuple(v) if isinstance(v, list) else v for name, v in given.items()
+    }
+    return MarkerSettings(**values)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write a page of markers for a chain, to scale: dots for pivots and masses, and frame markers.
+
+Print it without scaling, measure its ruler, cut the markers out, and stick each where it says.
+The last sheet is a chessboard for calibrate_camera.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.sheets import PAPERS, write_sheets
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write the page."""
+    parser = ProgramParser(prog='print_markers', description=__doc__)
+    parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
+    parser.add_argument(
+        '--output', type=Path, default=Path('out/markers.pdf'), help='.pdf or .svg (%(default)s)'
+    )
+    parser.add_argument('--paper', choices=list(PAPERS), default='a4', help='(%(default)s)')
+    options = parser.parse(arguments)
+    with plain_failures('print_markers'):
+        layout = MarkerLayout(chain_of_file(options.config).chain, markers_of_file(options.config))
+        paths = write_sheets(layout, options.output, options.paper)
+        sheets = f'{paths[0]} to {paths[-1]}' if len(paths) > 1 else str(paths[0])
+        print(
+            f'{sheets}: labels of {2e3 * layout.label_radius:.0f} mm and frame markers of '
+            f'{1e3 * layout.paper_size:.0f} mm; print without scaling',
+            file=sys.stderr,
+        )
