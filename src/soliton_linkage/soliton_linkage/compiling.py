@@ -33,6 +33,7 @@ FLAGS = types.boolean[::1]
 READ_PLACES = types.Array(types.int64, 2, 'C', readonly=True)
 READ_BOX = types.Array(types.float64, 3, 'C', readonly=True)
 BOX = types.float64[:, :, ::1]
+READ_PICTURE = types.Array(types.uint8, 2, 'C', readonly=True)
 
 
 def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:

@@ -27,10 +27,15 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits
+from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
+from soliton_linkage_nodes.camera_encoders.parameters import (
+    CameraEncodersParameters,
+    SightParameters,
+)
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
@@ -88,6 +93,13 @@ OF_NODE = {
         'source': ChainSourceParameters,
     },
     'foxglove_server': {'': FoxgloveServerParameters},
+    'camera_encoders': {
+        '': CameraEncodersParameters,
+        'sight': SightParameters,
+        'markers.': MarkerSettings,
+        'managed': ManagedParameters,
+        'source': ChainSourceParameters,
+    },
     'experiment': {'': ExperimentParameters},
 }
 

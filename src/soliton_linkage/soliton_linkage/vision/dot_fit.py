@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import compile_loop
+from soliton_linkage.compiling import NUMBER, READ_PICTURE, ROW, TABLE, compiled
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
@@ -48,74 +48,8 @@ _LEAST_SMEAR = 0.3
 """Way below which a dot is as good as at rest [pixels]."""
 
 
-@dataclass(frozen=True)
-class FittedDots:
-    """Dots of K places in a picture."""
-
-    places: Array
-    """Of their centres [pixels], shape (K, 2)."""
-    covariances: Array
-    """Of their places [pixels^2], shape (K, 2, 2)."""
-    contrasts: Array
-    """Of white and dot [grey levels], shape (K,)."""
-    whites: Array
-    """Of their labels [grey levels], shape (K,)."""
-    misfits: Array
-    """Root mean square of what the model leaves [grey levels], shape (K,)."""
-
-
-def fit_dots(
-    grey: NDArray[np.uint8], starts: Array, radius: float, label_radius: float, ways: Array
-) -> FittedDots:
-    """Fit dots near places, each with its way while it was exposed [pixels], (K, 2) each.
-
-    All have the same radius, and so have their labels [pixels].
-    """
-    reach = min(max(label_radius - _CLEAR, radius + 0.5), radius + _BEYOND)
-    found = np.empty((len(starts), 8))
-    fit_loop(np.ascontiguousarray(grey), starts, radius, reach, ways, found)
-    covariances = found[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
-    return FittedDots(found[:, :2], covariances, found[:, 3], found[:, 2], found[:, 7])
-
-
-def _fit_loop(
-    grey: NDArray[np.uint8], starts: Array, radius: float, reach: float, ways: Array, found: Array
-) -> None:
-    """Fill rows of place, white, contrast, covariance (xx, xy, yy) and misfit."""
-    state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
-    normal = np.empty((_PARAMETERS, _PARAMETERS))
-    for dot in range(len(starts)):
-        begin_loop(grey, starts[dot], reach, state)
-        state[6], state[7] = radius, _BLUR
-        for _ in range(_ITERATIONS):
-            normal_loop(grey, state, reach, ways[dot], normal, right)
-            solve_loop(normal, right)
-            length = math.hypot(right[4], right[5])
-            share = min(1.0, _LONGEST_STEP / max(length, 1e-12))
-            for n in range(4):
-                state[n] += right[n]
-            state[1] = max(state[1], 1.0)
-            state[4] += share * right[4]
-            state[5] += share * right[5]
-            state[6] += share * right[6]
-            state[6] = min(max(state[6], _RADII[0] * radius), _RADII[1] * radius)
-            state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
-            if length < _SETTLED or not math.isfinite(length):
-                break
-        squares, count = normal_loop(grey, state, reach, ways[dot], normal, right)
-        variance = squares / max(count - _PARAMETERS, 1.0)
-        found[dot, 0], found[dot, 1] = state[4], state[5]
-        found[dot, 2], found[dot, 3] = state[0], state[1]
-        for n in range(2):
-            second = normal.copy()
-            right[:] = 0.0
-            right[4 + n] = variance
-            solve_loop(second, right)
-            found[dot, 4 + n], found[dot, 5 + n] = right[4], right[5]
-        found[dot, 7] = math.sqrt(variance)
-
-
-def _begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array) -> None:
+@compiled(READ_PICTURE, ROW, NUMBER, ROW)
+def begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array) -> None:
     """White, contrast, gradient and place to begin with."""
     height, width = grey.shape
     low, high = 255.0, 0.0
@@ -129,7 +63,8 @@ def _begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Arra
     state[4], state[5] = start[0], start[1]
 
 
-def _normal_loop(
+@compiled(READ_PICTURE, ROW, NUMBER, ROW, TABLE, ROW)
+def normal_loop(
     grey: NDArray[np.uint8],
     state: Array,
     reach: float,
@@ -191,7 +126,8 @@ def _normal_loop(
     return squares, count
 
 
-def _solve_loop(matrix: Array, right: Array) -> None:
+@compiled(TABLE, ROW)
+def solve_loop(matrix: Array, right: Array) -> None:
     """Solve a symmetric positive system in place by elimination; `right` becomes the solution."""
     size = len(right)
     for i in range(size):
@@ -207,7 +143,70 @@ def _solve_loop(matrix: Array, right: Array) -> None:
         right[i] /= max(matrix[i, i], 1e-12)
 
 
-begin_loop = compile_loop(_begin_loop)
-normal_loop = compile_loop(_normal_loop)
-solve_loop = compile_loop(_solve_loop)
-fit_loop = compile_loop(_fit_loop)
+@compiled(READ_PICTURE, TABLE, NUMBER, NUMBER, TABLE, TABLE)
+def fit_loop(
+    grey: NDArray[np.uint8], starts: Array, radius: float, reach: float, ways: Array, found: Array
+) -> None:
+    """Fill rows of place, white, contrast, covariance (xx, xy, yy) and misfit."""
+    state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
+    normal = np.empty((_PARAMETERS, _PARAMETERS))
+    for dot in range(len(starts)):
+        begin_loop(grey, starts[dot], reach, state)
+        state[6], state[7] = radius, _BLUR
+        for _ in range(_ITERATIONS):
+            normal_loop(grey, state, reach, ways[dot], normal, right)
+            solve_loop(normal, right)
+            length = math.hypot(right[4], right[5])
+            share = min(1.0, _LONGEST_STEP / max(length, 1e-12))
+            for n in range(4):
+                state[n] += right[n]
+            state[1] = max(state[1], 1.0)
+            state[4] += share * right[4]
+            state[5] += share * right[5]
+            state[6] += share * right[6]
+            state[6] = min(max(state[6], _RADII[0] * radius), _RADII[1] * radius)
+            state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
+            if length < _SETTLED or not math.isfinite(length):
+                break
+        squares, count = normal_loop(grey, state, reach, ways[dot], normal, right)
+        variance = squares / max(count - _PARAMETERS, 1.0)
+        found[dot, 0], found[dot, 1] = state[4], state[5]
+        found[dot, 2], found[dot, 3] = state[0], state[1]
+        for n in range(2):
+            second = normal.copy()
+            right[:] = 0.0
+            right[4 + n] = variance
+            solve_loop(second, right)
+            found[dot, 4 + n], found[dot, 5 + n] = right[4], right[5]
+        found[dot, 7] = math.sqrt(variance)
+
+
+@dataclass(frozen=True)
+class FittedDots:
+    """Dots of K places in a picture."""
+
+    places: Array
+    """Of their centres [pixels], shape (K, 2)."""
+    covariances: Array
+    """Of their places [pixels^2], shape (K, 2, 2)."""
+    contrasts: Array
+    """Of white and dot [grey levels], shape (K,)."""
+    whites: Array
+    """Of their labels [grey levels], shape (K,)."""
+    misfits: Array
+    """Root mean square of what the model leaves [grey levels], shape (K,)."""
+
+
+def fit_dots(
+    grey: NDArray[np.uint8], starts: Array, radius: float, label_radius: float, ways: Array
+) -> FittedDots:
+    """Fit dots near places, each with its way while it was exposed [pixels], (K, 2) each.
+
+    All have the same radius, and so have their labels [pixels].
+    """
+    reach = min(max(label_radius - _CLEAR, radius + 0.5), radius + _BEYOND)
+    found = np.empty((len(starts), 8))
+    placed, ended = (np.array(each, dtype=np.float64, order='C') for each in (starts, ways))
+    fit_loop(np.ascontiguousarray(grey), placed, radius, reach, ended, found)
+    covariances = found[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
+    return FittedDots(found[:, :2], covariances, found[:, 3], found[:, 2], found[:, 7])

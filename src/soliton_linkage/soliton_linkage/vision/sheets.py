@@ -21,7 +21,7 @@ _MARGIN = 0.010
 """Of a sheet, on which printers do not print [m]."""
 _HEAD = 0.022
 """Of a sheet, for its title and the ruler [m]."""
-_GAP = 0.004
+_GAP = 0.002
 """Between markers, for scissors, and below labels for their numbers [m]."""
 _RULER = 0.1
 """Length of the ruler that shows whether a sheet was printed to scale [m]."""

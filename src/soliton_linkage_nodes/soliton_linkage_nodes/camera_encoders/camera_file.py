@@ -11,7 +11,6 @@ import yaml
 from sensor_msgs.msg import CameraInfo
 
 from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage_nodes.bags.guards.texts import load_yaml
 
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Coefficients of the models of lenses [1]."""
@@ -20,7 +19,7 @@ _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 def read_camera(path: Path) -> Camera:
     """Camera of a calibration file; raises ValueError or OSError where it is none."""
     try:
-        content = load_yaml(path.read_text(encoding='utf-8'))
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
         return _camera(
             int(content['image_width']),
             int(content['image_height']),
@@ -28,9 +27,10 @@ def read_camera(path: Path) -> Camera:
             content['camera_matrix']['data'],
             content['distortion_coefficients']['data'],
         )
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
         raise ValueError(
-            f'{path} is no calibration of a camera: {error}; write one with calibrate_camera'
+            f'{path} is no calibration of a camera: {reason}; write one with calibrate_camera'
         ) from error
 
 

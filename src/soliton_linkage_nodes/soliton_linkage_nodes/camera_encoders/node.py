@@ -69,6 +69,11 @@ class CameraEncoders(ManagedNode):
         """Be configured and activated, unless a manager is to do that."""
         super().__init__('camera_encoders', **kwargs)
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens of the camera is known."""
+        return self._camera is not None
+
     def configure(self) -> None:
         """Learn the chain and the camera, and listen to its pictures."""
         self._cv2 = opencv()
@@ -172,7 +177,7 @@ class CameraEncoders(ManagedNode):
             'rate [Hz]': fresh / (now - before),
             'time per picture [ms]': 1e3 * (self._busy - busy_before) / max(fresh, 1),
             'pictures': self._pictures,
-            'calibrated': self._camera is not None,
+            'calibrated': self.calibrated,
         }
         if self._sight is None:
             return Report('waiting for the topic chain', values, warning=True)

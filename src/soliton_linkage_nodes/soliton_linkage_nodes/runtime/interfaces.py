@@ -145,3 +145,5 @@ SUITE = (
 """What the nodes say and hear, and bags hold."""
 DRAWN = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """What is drawn of that for viewers; bags need not hold it."""
+SEEN = (JOINT_STATE_DEVIATIONS, IMAGE, COMPRESSED_IMAGE, CAMERA_INFO)
+"""Of cameras in place of encoders."""

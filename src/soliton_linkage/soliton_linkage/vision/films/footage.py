@@ -28,7 +28,7 @@ _REMEMBERED = 31
 """Pictures whose distances in time tell that of most [1]."""
 
 
-class Taken(NamedTuple):
+class Shot(NamedTuple):
     """A picture and when it was begun."""
 
     time: float
@@ -44,7 +44,7 @@ class Footage(NamedTuple):
     """When its first picture was taken, since the epoch [s]."""
     frames: int
     """About how many pictures it has, 0 where that is not told."""
-    pictures: Iterator[Taken]
+    pictures: Iterator[Shot]
     """In the order of their times."""
 
 
@@ -79,7 +79,7 @@ def read_film(path: Path) -> Footage:
     return _read_by_opencv(path) if av is None else _read_by_av(av, path)
 
 
-def camera_pictures(number: int) -> Iterator[Taken]:
+def camera_pictures(number: int) -> Iterator[Shot]:
     """Pictures of a camera of this machine as it takes them, since the first one."""
     cv2 = opencv()
     with closing(_Capture(cv2.VideoCapture(number))) as capture:
@@ -93,10 +93,10 @@ def camera_pictures(number: int) -> Iterator[Taken]:
                     'other program has it'
                 )
             begun = now if begun is None else begun
-            yield Taken(now - begun, picture)
+            yield Shot(now - begun, picture)
 
 
-def write_film(path: Path, pictures: Iterable[Taken], quality: int = 18) -> int:
+def write_film(path: Path, pictures: Iterable[Shot], quality: int = 18) -> int:
     """Write pictures with their times as H.264; return how many. Lower qualities are better."""
     av: Any = pyav_to_write()
     count = 0
@@ -123,7 +123,7 @@ def _read_by_av(av: Any, path: Path) -> Footage:
     except (av.error.FFmpegError, IndexError) as error:
         raise ValueError(f'film {str(path)!r} cannot be read: {error}') from error
 
-    def pictures() -> Iterator[Taken]:
+    def pictures() -> Iterator[Shot]:
         with container:
             first = None
             for frame in container.decode(stream):
@@ -131,7 +131,7 @@ def _read_by_av(av: Any, path: Path) -> Footage:
                     continue
                 taken = float(frame.pts * frame.time_base)
                 first = taken if first is None else first
-                yield Taken(taken - first, frame.to_ndarray(format='bgr24'))
+                yield Shot(taken - first, frame.to_ndarray(format='bgr24'))
 
     told = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
@@ -148,7 +148,7 @@ def _read_by_opencv(path: Path) -> Footage:
     frames = max(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
     rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
 
-    def pictures() -> Iterator[Taken]:
+    def pictures() -> Iterator[Shot]:
         with closing(_Capture(source)) as capture:
             first = None
             while True:
@@ -157,7 +157,7 @@ def _read_by_opencv(path: Path) -> Footage:
                     return
                 taken = float(source.get(cv2.CAP_PROP_POS_MSEC)) / 1000
                 first = taken if first is None else first
-                yield Taken(taken - first, picture)
+                yield Shot(taken - first, picture)
 
     return Footage(_start(path, '', frames / rate), frames, pictures())
 

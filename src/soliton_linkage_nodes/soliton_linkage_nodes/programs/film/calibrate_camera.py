@@ -26,7 +26,9 @@ _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
 """Of the pictures of a film, one in so many is looked at: to find the board takes 0.1 s."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
+"""More than any board has [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
+"""From what microscopes see to walls [m]."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

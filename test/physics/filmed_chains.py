@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rendered films of chains whose motion is a formula."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.vision.films.renderer import FilmSettings, Hand, Motion, Renderer
+from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.lens.plane import ChainPlane, posed_plane
+
+LENS = (-0.12, 0.05, 0.0005, -0.0003, 0.0)
+CAMERA = Camera(640, 360, (560.0, 560.0), (318.6, 181.2), LENS, row_time=25e-6, exposure=0.004)
+PERIOD = 1 / 60
+
+
+def swinging(chain: Chain, amplitude: float, rate: float) -> Motion:
+    """Rotors that lean more and less, all alike, about the uniform state."""
+    rest, sides = chain.uniform_state(1), (-1.0) ** np.arange(chain.number_of_rotors)
+
+    def motion(times: Array) -> tuple[Array, Array, Array]:
+        turns = rate * times[:, None]
+        swing = amplitude * sides * np.sin(turns)
+        return rest + swing, amplitude * rate * sides * np.cos(turns), -(rate**2) * swing
+
+    return motion
+
+
+def plane_of(layout: MarkerLayout, camera: Camera = CAMERA, near: float = 1.0) -> ChainPlane:
+    """Plane of a chain that fills the picture, from a little aside."""
+    length = float(layout.chain.pivots[-1])
+    seen = length + 2 * layout.frame_marker_size + layout.paper_size
+    distance = near * 1.1 * seen * camera.focal[0] / camera.width
+    return posed_plane(camera, (length / 2, 0.0), distance, 0.06, -0.09, 0.01)
+
+
+def renderer(
+    chain: Chain,
+    amplitude: float = 0.15,
+    rate: float = 12.0,
+    settings: FilmSettings | None = None,
+    hands: tuple[Hand, ...] = (),
+) -> tuple[MarkerLayout, Renderer, Motion]:
+    """What films a chain that swings."""
+    layout, motion = MarkerLayout(chain), swinging(chain, amplitude, rate)
+    given = FilmSettings() if settings is None else settings
+    return layout, Renderer(layout, plane_of(layout), motion, given, hands), motion

@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration by pictures that nobody here has made: OpenCV's own, in Debian's opencv-doc."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from soliton_linkage.vision.lens.calibration import calibrated
+
+SAMPLES = Path(os.environ.get('OPENCV_DOC', '/usr/share/doc/opencv-doc')) / 'examples/data'
+FOCAL, MIDDLE, LENS = 535.9, (342.3, 235.6), (-0.266, -0.0386, 0.2384)
+"""Of this camera as left_intrinsics.yml beside the pictures in OpenCV's sources has it."""
+
+
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason='the pictures are in the package opencv-doc')
+def test_the_camera_of_the_samples_of_opencv_is_found() -> None:
+    cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pictures = [cv2.imread(str(path)) for path in sorted(SAMPLES.glob('left[01]*.jpg'))]
+    found = calibrated(pictures, 9, 6, 0.025)
+    assert found.pictures >= 8
+    assert found.misfit < 0.5
+    assert found.camera.focal == pytest.approx((FOCAL, FOCAL), abs=6)
+    assert found.camera.centre == pytest.approx(MIDDLE, abs=6)
+    k1, k2, _, _, k3 = found.camera.distortion[:5]
+    for square in (0.05, 0.15, 0.25, 0.35):
+        powers = [square, square**2, square**3]
+        theirs = np.dot(LENS, powers)
+        assert np.dot((k1, k2, k3), powers) == pytest.approx(theirs, abs=0.01)

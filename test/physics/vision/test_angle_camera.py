@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Angles that are seen in films of which the truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from filmed_chains import CAMERA, PERIOD, renderer
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.vision.angle_camera import AngleCamera
+from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.films.renderer import FilmSettings, Hand
+
+pytest.importorskip('cv2', reason='cameras need OpenCV')
+CHAIN = Chain(number_of_rotors=10)
+FRAMES = 24
+
+
+def filmed(
+    hands: tuple[Hand, ...] = (), frames: int = FRAMES, settings: FilmSettings | None = None
+) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
+    """What a camera sees in a film, and by how much that is wrong [rad], (frames, N)."""
+    layout, film, motion = renderer(CHAIN, hands=hands, settings=settings)
+    camera = AngleCamera(layout, CAMERA)
+    times = PERIOD * np.arange(frames)
+    seen = [camera.look(time, film.picture(time)) for time in times]
+    truth = motion(times + np.array([frame.delay for frame in seen]))[0]
+    return camera, seen, np.array([frame.angles for frame in seen]) - truth
+
+
+def test_angles_are_seen_as_well_as_is_said_and_without_bias() -> None:
+    _, seen, errors = filmed()
+    assert np.isfinite(errors).all()
+    errors, stated = errors[3:], np.array([frame.deviations for frame in seen[3:]])
+    own = errors - errors.mean(axis=0)
+    assert np.sqrt(np.mean(own**2)) < 1e-3
+    assert 0.4 < np.sqrt(np.mean((own / stated) ** 2)) < 1.3
+    assert abs(errors.mean()) < 0.1 * np.sqrt(np.mean(own**2))
+
+
+def test_jpeg_costs_a_little() -> None:
+    _, _, errors = filmed(frames=12, settings=FilmSettings(quality=90))
+    assert np.isfinite(errors).all()
+    assert np.sqrt(np.mean(errors[3:] ** 2)) < 4e-3
+
+
+def test_what_a_hand_hides_is_nan_and_comes_back_with_its_turns() -> None:
+    hand = Hand(6 * PERIOD, 12 * PERIOD, (250.0, 180.0), (0.0, 0.0), (45.0, 60.0))
+    _, seen, errors = filmed((hand,))
+    hidden = np.isnan(errors)
+    assert not hidden[:6].any()
+    assert hidden[7:12].any(axis=1).all()
+    assert not hidden[14:].any()
+    assert np.nanmax(np.abs(errors)) < 0.02
+    assert 'hidden' in seen[8].status
+    assert not seen[-1].status
+
+
+def test_a_camera_that_moved_is_noticed_and_sees_on() -> None:
+    layout, film, motion = renderer(CHAIN)
+    camera = AngleCamera(layout, CAMERA)
+    for frame in range(16):
+        picture = film.picture(frame * PERIOD)
+        if frame >= 8:
+            picture = np.roll(picture, (2, 3), axis=(0, 1))
+        seen = camera.look(frame * PERIOD, picture)
+    assert camera.frame_markers.moves == 1
+    assert camera.frame_markers.shift == pytest.approx(np.hypot(2, 3), abs=0.1)
+    truth = motion(np.array([15 * PERIOD + seen.delay]))[0][0]
+    assert np.abs(seen.angles - truth).max() < 0.01
+
+
+def test_without_markers_it_says_what_to_show() -> None:
+    layout, _, _ = renderer(CHAIN)
+    seen = AngleCamera(layout, CAMERA).look(0.0, np.full((360, 640, 3), 128, dtype=np.uint8))
+    assert np.isnan(seen.angles).all()
+    assert 'show two markers or more' in seen.status
+
+
+def test_a_picture_of_another_size_is_refused() -> None:
+    layout, _, _ = renderer(CHAIN)
+    with pytest.raises(ValueError, match=r'shape \(360, 641, 3\) is none of the camera'):
+        AngleCamera(layout, CAMERA).look(0.0, np.zeros((360, 641, 3), dtype=np.uint8))

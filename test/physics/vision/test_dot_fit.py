@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places of dots against those that were drawn, and their stated errors against the true ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import erfc
+
+from soliton_linkage.vision.dot_fit import FittedDots, fit_dots
+
+RADIUS, LABEL, NOISE = 3.0, 6.4, 2.0
+AT_REST = np.zeros(2)
+
+
+def fitted(places: np.ndarray, way: np.ndarray = AT_REST, noise: float = NOISE) -> FittedDots:
+    """Dots that were drawn on labels at places in tiles of 20 pixels, on a dark ground."""
+    generator = np.random.default_rng(5)
+    rows, columns = np.mgrid[0:20, 0:20]
+    tiles, starts = [], []
+    for number, (x, y) in enumerate(places):
+        cover = np.zeros((20, 20))
+        for share in np.linspace(-0.5, 0.5, 21):
+            away = np.hypot(columns - x - share * way[0], rows - y - share * way[1])
+            dot = erfc((away - RADIUS) / 0.55 / np.sqrt(2)) / 2
+            label = erfc((away - LABEL) / 0.55 / np.sqrt(2)) / 2
+            cover += (40 + 180 * label - 170 * dot) / 21
+        tiles.append(
+            cover * (1 + 0.004 * (columns - 10)) + noise * generator.normal(size=(20, 20))
+        )
+        starts.append((20 * number + round(x), round(y)))
+    picture = np.clip(np.rint(np.hstack(tiles)), 0, 255).astype(np.uint8)
+    ways = np.tile(way, (len(places), 1))
+    found = fit_dots(picture, np.array(starts, dtype=float), RADIUS, LABEL, ways)
+    found.places[:, 0] -= 20 * np.arange(len(places))
+    return found
+
+
+def test_places_have_the_error_that_is_stated_and_no_other() -> None:
+    places = 9.5 + np.random.default_rng(1).uniform(-0.5, 0.5, (200, 2))
+    found = fitted(places)
+    errors = found.places - places
+    stated = np.sqrt(found.covariances[:, [0, 1], [0, 1]])
+    assert np.sqrt(np.mean(errors**2)) < 0.02
+    assert 0.85 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.15
+    assert np.abs(errors.mean(axis=0)).max() < 3 * 0.02 / np.sqrt(200)
+
+
+def test_a_dot_on_its_way_is_in_the_middle_of_it() -> None:
+    places = 9.5 + np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2))
+    found = fitted(places, np.array([2.0, 1.0]))
+    assert np.sqrt(np.mean((found.places - places) ** 2)) < 0.03
+    assert np.median(found.misfits) < 2 * NOISE
+
+
+def test_of_no_dots_there_are_none() -> None:
+    picture = np.zeros((20, 20), dtype=np.uint8)
+    assert not len(fit_dots(picture, np.zeros((0, 2)), 3.0, 6.0, np.zeros((0, 2))).places)

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The likeliest rotors of dots, against all that there might be."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from soliton_linkage.vision.identities import NOBODY, Expectation, identified
+
+ANGLES = np.array([0.9, 2.2, 1.0, 2.1, 0.95])
+ROTORS = len(ANGLES)
+
+
+def scene() -> tuple[np.ndarray, np.ndarray, Expectation]:
+    """Places of the masses of five rotors [m], costs of their colours, what is expected."""
+    pivots = np.column_stack([0.1 * np.arange(ROTORS), np.zeros(ROTORS)])
+    masses = pivots + 0.2 * np.column_stack([np.sin(ANGLES), np.cos(ANGLES)])
+    lengths = np.full(ROTORS, 0.2)
+    bonds = np.hypot(*np.diff(masses, axis=0).T)
+    colours = 1 + np.arange(ROTORS) % 3
+    costs = np.where(colours[:, None] == np.arange(4), 0.0, 20.0)
+    expected = Expectation(
+        pivots,
+        lengths,
+        0.02 * lengths,
+        ANGLES + 0.05,
+        np.full(ROTORS, 0.1),
+        bonds,
+        0.03 * bonds,
+        colours,
+    )
+    return masses, costs, expected
+
+
+def test_dots_in_any_order_are_those_of_their_rotors() -> None:
+    masses, costs, expected = scene()
+    for order in itertools.islice(itertools.permutations(range(ROTORS)), 0, 120, 7):
+        places = masses[list(order)]
+        chosen = identified(
+            np.stack([places] * 2), np.full(ROTORS, 1e-3), costs[list(order)], expected
+        )
+        assert [order[dot] for dot in chosen] == list(range(ROTORS))
+
+
+def test_a_rotor_without_a_dot_has_none_and_takes_that_of_nobody_else() -> None:
+    masses, costs, expected = scene()
+    kept = [0, 1, 3, 4]
+    chosen = identified(np.stack([masses[kept]] * 2), np.full(4, 1e-3), costs[kept], expected)
+    assert list(chosen) == [0, 1, NOBODY, 2, 3]
+
+
+def test_without_dots_nobody_has_one() -> None:
+    _, _, expected = scene()
+    none = np.zeros((2, 0, 2)), np.zeros(0), np.zeros((0, 4))
+    assert (identified(*none, expected) == NOBODY).all()
