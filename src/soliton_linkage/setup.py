@@ -8,7 +8,7 @@ from setuptools import find_packages, setup
 
 HOME = Path(__file__).resolve().parent
 PAPER = 'https://doi.org/10.1073/pnas.1405969111'
-STUDIES = ['accuracy', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
+STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
 SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
 DRAWING = ['matplotlib>=3.6', 'pyyaml']
 

@@ -33,6 +33,8 @@ _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
 """Diameter of a label over the spacing and over a rotor's length [1]: labels do not touch."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker over the spacing [1]."""
+_APART = 1.05
+"""Distance of frame markers next to each other over the side of their paper [1], at least."""
 _BETWEEN = 0.25
 """From the paper of frame markers to the labels that come nearest, of the spacing [1]."""
 
@@ -115,8 +117,11 @@ class MarkerLayout:
         length = float(chain.pivots[-1])
         away = float(chain.rotor_lengths.max()) + self.label_radius
         away += self.paper_size / 2 + _BETWEEN * chain.spacing
-        columns = np.linspace(-size / 2, length + size / 2, self.settings.frame_columns)
-        return np.array([(x, z) for x in columns for z in (away, -away)])
+        apart = _APART * self.paper_size
+        half = max((length + size) / 2, apart / 2)
+        columns = min(self.settings.frame_columns, 1 + int(2 * half / apart))
+        places = length / 2 + np.linspace(-half, half, columns)
+        return np.array([(x, z) for x in places for z in (away, -away)])
 
     @cached_property
     def frame_corners(self) -> Array:

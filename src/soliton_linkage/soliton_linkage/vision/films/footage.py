@@ -23,9 +23,11 @@ from soliton_linkage.vision.opencv import opencv, pyav, pyav_to_write
 _TICKS = 90_000
 """In which files tell times [Hz]: those of video since MPEG."""
 _GAP = 1.6
-"""Time from a picture to the next, over that of most, beyond which some are missing [1]."""
+"""Time from a picture to the next, over the usual one, beyond which some are missing [1]."""
 _REMEMBERED = 31
-"""Pictures whose distances in time tell that of most [1]."""
+"""Pictures whose distances in time tell the usual one [1]."""
+_USUAL = 75
+"""Percentile of these that is the usual one: rates of phones change from picture to picture."""
 
 
 class Shot(NamedTuple):
@@ -64,7 +66,7 @@ class GapWatch:
         self._last = taken
         if period <= 0:
             return 0
-        usual = float(np.median(self._periods)) if len(self._periods) > 2 else period
+        usual = float(np.percentile(self._periods, _USUAL)) if len(self._periods) > 2 else period
         self._periods = [*self._periods, period][-_REMEMBERED:]
         lost = round(period / usual) - 1 if period > _GAP * usual else 0
         self.missing += lost

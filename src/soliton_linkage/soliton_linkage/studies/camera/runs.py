@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One long film of a chain, and the errors of the angles that are seen in it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from soliton_linkage.linkage.chain import Array, Chain, wrapped
+from soliton_linkage.studies.experiments import kicked
+from soliton_linkage.vision.angle_camera import AngleCamera
+from soliton_linkage.vision.films.renderer import FilmSettings, Hand, Motion, Renderer
+from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.lens.plane import ChainPlane, posed_plane
+from soliton_linkage.vision.opencv import opencv
+
+CAMERA = Camera(
+    1280,
+    720,
+    (1100.0, 1100.0),
+    (641.3, 357.2),
+    (-0.12, 0.05, 5e-4, -3e-4, 0.0),
+    row_time=25e-6,
+    exposure=0.004,
+)
+"""A camera of 1280 x 720 pixels with the lens and the rolling shutter of a phone [pixels, s]."""
+_PERIOD = 1 / 60
+"""Of the pictures [s]."""
+_SIMULATED = 0.002
+"""Period of the simulated motion between whose frames cubics lead [s]."""
+_TILTS = (0.06, -0.09, 0.01)
+"""Of the camera, from looking squarely [rad]."""
+_FILLED = 1.12
+"""Width of the picture over that of chain and frame markers [1]."""
+_SWAPPED = 0.1
+"""Error that no dot of a rotor has [rad], but that of another one."""
+_SETTLING = 10
+"""Pictures after which the plane and the pivots are means [1]."""
+_HAND_EVERY, _HAND_FOR = 10.0, 0.7
+"""From one hand before the camera to the next, and for how long each is there [s]."""
+_TURN = 0.01
+"""By which all rotors are turned to see how pixels change with their angles [rad]."""
+
+
+@dataclass(frozen=True)
+class FilmedTask:
+    """A film to be made and looked at."""
+
+    chain: Chain
+    kick: float
+    """Speed of the masses, in units of a sqrt(k_e / M) [1]."""
+    frames: int
+    settings: FilmSettings
+
+    def __call__(self) -> FilmedRun:
+        """Make the film, picture by picture, and look at it."""
+        duration = _PERIOD * (self.frames + 2)
+        motion = _motion(self.chain, self.kick, duration)
+        layout = MarkerLayout(self.chain)
+        plane = _plane(layout)
+        hands = _hands(duration)
+        film = Renderer(layout, plane, motion, self.settings, hands)
+        eye = AngleCamera(layout, CAMERA)
+        begin = 2 * _PERIOD
+        seen, truth, busy = [], [], 0.0
+        for frame in range(self.frames):
+            taken = begin + frame * _PERIOD
+            picture = film.picture(taken)
+            before = time.process_time()
+            seen.append(eye.look(taken, picture))
+            busy += time.process_time() - before
+            truth.append(motion(np.array([taken + seen[-1].delay]))[0][0])
+        angles = np.array([frame.angles for frame in seen])
+        stated = np.array([frame.deviations for frame in seen])
+        bound = _pixel_bound(self, layout, plane)
+        return FilmedRun(angles - np.array(truth), stated, bound, busy / self.frames)
+
+
+@dataclass(frozen=True)
+class FilmedRun:
+    """What was seen in a film of F pictures."""
+
+    errors: Array
+    """Of the angles, turns and all [rad], NaN where they were not seen, shape (F, N)."""
+    stated: Array
+    """Their standard deviations [rad], shape (F, N)."""
+    bound: float
+    """Least standard deviation that the pixels of a dot and its label allow [rad]."""
+    busy: float
+    """Time of one processor for a picture [s]."""
+
+    @property
+    def row(self) -> list[str]:
+        """Cells of the table."""
+        known = np.isfinite(self.errors[_SETTLING:])
+        errors, stated = self.errors[_SETTLING:], self.stated[_SETTLING:]
+        near = wrapped(errors)
+        swapped = known & (np.abs(near) > _SWAPPED)
+        right = np.where(swapped, np.nan, near)
+        own = right - np.nanmean(right, axis=0)
+        noise = float(np.nanstd(own))
+        return [
+            f'{len(self.errors)}',
+            f'{1 - known.mean():.2%}',
+            f'{int(swapped.sum())}',
+            f'{_changes(errors)}',
+            f'{1e3 * self.bound:.3f}',
+            f'{1e3 * noise:.3f}',
+            f'{1e3 * float(np.sqrt(np.nanmean(stated**2))):.3f}',
+            f'{float(np.nanstd(own / stated)):.2f}',
+            f'{float(np.nanmean(right)) / noise:+.3f}',
+            f'{1e3 * self.busy:.1f}',
+        ]
+
+
+COLUMNS = (
+    'pictures',
+    'hidden',
+    'swapped',
+    'turns lost',
+    'bound of the pixels [mrad]',
+    'noise [mrad]',
+    'stated [mrad]',
+    'noise over stated',
+    'bias over noise',
+    'a picture [ms]',
+)
+"""Heads of the cells of `FilmedRun.row`."""
+
+
+def _changes(errors: Array) -> int:
+    """How often a rotor has come back with another number of turns."""
+    turns = np.rint(errors / (2 * np.pi))
+    return sum(
+        int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
+    )
+
+
+def _motion(chain: Chain, kick: float, duration: float) -> Motion:
+    """Simulated motion of a kicked chain, a cubic from frame to frame."""
+    frames = round(duration / _SIMULATED)
+    recording = kicked(chain, kick, frames * _SIMULATED / chain.time_unit, frames)
+    angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
+    rates, accelerations = angles.derivative(1), angles.derivative(2)
+    return lambda times: (angles(times), rates(times), accelerations(times))
+
+
+def _plane(layout: MarkerLayout) -> ChainPlane:
+    """Plane of a chain that fills the picture."""
+    length = float(layout.chain.pivots[-1])
+    distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width
+    return posed_plane(CAMERA, (length / 2, 0.0), distance, *_TILTS)
+
+
+def _hands(duration: float) -> tuple[Hand, ...]:
+    """Hands that cross the picture, each from another place."""
+    begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY)
+    return tuple(
+        Hand(
+            float(begin),
+            float(begin) + _HAND_FOR,
+            (150.0 + 370.0 * (number % 3), 250.0),
+            (150.0, 150.0),
+            (45.0, 90.0),
+        )
+        for number, begin in enumerate(begins)
+    )
+
+
+def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
+    """Cramer-Rao bound of an angle by the pixels about its mass, the median of the rotors [rad].
+
+    sigma / sqrt(sum (dI / dphi)^2) over the grey levels I of the label of a rotor at rest, whose
+    noise sigma is that of a pixel, less where its three colours are averaged.
+    """
+    cv2 = opencv()
+    rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))
+    pictures = []
+    for turn in (_TURN, -_TURN):
+        clear = FilmSettings(light=task.settings.light, blur=task.settings.blur, noise=0.0)
+        angles = (rest + turn)[None]
+        film = Renderer(layout, plane, lambda _, held=angles: (held, still, still), clear)
+        pictures.append(cv2.cvtColor(film.picture(0.0), cv2.COLOR_BGR2GRAY).astype(float))
+    change = (pictures[0] - pictures[1]) / (2 * _TURN)
+    lengths = task.chain.rotor_lengths[:, None]
+    arms = lengths * np.column_stack([np.sin(rest), np.cos(rest)])
+    places = plane.pixels(np.column_stack([task.chain.pivots, 0 * rest]) + arms)
+    radius = layout.label_radius * float(np.median(plane.pixels_per_metre(arms)))
+    rows, columns = np.indices(change.shape)
+    weights = np.array([0.299, 0.587, 0.114])
+    noise = task.settings.noise * float(np.sqrt(np.sum(weights**2)))
+    sums = [
+        np.sum(change[np.hypot(columns - x, rows - y) < radius] ** 2) for x, y in places.tolist()
+    ]
+    return noise / float(np.sqrt(np.median(sums)))

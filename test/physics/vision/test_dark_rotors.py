@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Angles of dark bars on a light ground, drawn four times as large and made smaller."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.vision.dark_rotors import DarkRotors
+from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.lens.camera import uncalibrated
+
+cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+CHAIN = Chain(number_of_rotors=8)
+SCALE, FINE = 600.0, 4
+
+
+def drawn(angles: Array, hidden: int | None = None, seed: int = 0) -> np.ndarray:
+    """Rotors of 30 pixels with bonds of one, and a hand over one of them."""
+    picture = np.full((200 * FINE, 520 * FINE), 205.0, dtype=np.float32)
+    pivots = np.column_stack([CHAIN.pivots, np.zeros(8)])
+    masses = pivots + 0.05 * np.column_stack([np.sin(angles), np.cos(angles)])
+
+    def pixels(point: Array) -> tuple[int, int]:
+        at = np.array([50.0, 100.0]) + SCALE * point * [1, -1]
+        return round(FINE * at[0]), round(FINE * at[1])
+
+    for left, right in pairwise(masses):
+        cv2.line(picture, pixels(left), pixels(right), 120.0, FINE)
+    for pivot, mass in zip(pivots, masses, strict=True):
+        cv2.line(picture, pixels(pivot), pixels(mass), 35.0, 7 * FINE)
+    if hidden is not None:
+        cv2.circle(picture, pixels(pivots[hidden]), 40 * FINE, 205.0, -1)
+    small = cv2.resize(picture, None, fx=1 / FINE, fy=1 / FINE, interpolation=cv2.INTER_AREA)
+    noise = 2.0 * np.random.default_rng(seed).normal(size=small.shape)
+    return np.clip(np.rint(small + noise), 0, 255).astype(np.uint8)
+
+
+def test_dark_rotors_are_seen_by_their_ends_as_well_as_is_said() -> None:
+    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated(520, 200))
+    rest, sides = CHAIN.uniform_state(1), (-1.0) ** np.arange(8)
+    errors, stated = [], []
+    for frame in range(20):
+        angles = rest + 0.15 * sides * np.sin(0.3 * frame)
+        seen = eye.look(frame / 60, drawn(angles, seed=frame))
+        errors.append(seen.angles - angles)
+        stated.append(seen.deviations)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.01
+    assert np.median(stated) < 0.01
+    assert not seen.status
+
+
+def test_a_hidden_rotor_is_nan_and_the_others_stay_who_they_are() -> None:
+    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated(520, 200))
+    rest = CHAIN.uniform_state(1)
+    eye.look(0.0, drawn(rest))
+    seen = eye.look(1 / 60, drawn(rest, hidden=4))
+    assert np.isnan(seen.angles[4])
+    clear = [0, 1, 2, 6, 7]
+    assert np.abs(seen.angles - rest)[clear].max() < 0.05
+    assert 'hidden' in seen.status
+
+
+def test_too_few_rotors_are_said() -> None:
+    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated(520, 200))
+    seen = eye.look(0.0, drawn(CHAIN.uniform_state(1), hidden=4))
+    assert np.isnan(seen.angles).all()
+    assert 'dark rotors are seen for 8' in seen.status

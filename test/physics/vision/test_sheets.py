@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sheets to print: to scale, and a frame marker that is found in its picture."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filmed_chains import CAMERA, renderer
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.vision.frame_markers import FrameMarkers
+from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
+from soliton_linkage.vision.lens.camera import uncalibrated
+from soliton_linkage.vision.sheets import write_sheets
+
+pytest.importorskip('cv2', reason='the cells of frame markers come from OpenCV')
+CHAIN = Chain(number_of_rotors=8)
+
+
+def test_a_sheet_is_as_large_as_its_paper_and_a_chain_has_all_its_markers(tmp_path: Path) -> None:
+    paths = write_sheets(MarkerLayout(CHAIN), tmp_path / 'markers.svg')
+    texts = [path.read_text(encoding='utf-8') for path in paths]
+    width = float(re.findall(r'<svg[^>]* width="([\d.]+)pt"', texts[0])[0])
+    assert width == pytest.approx(210 / 25.4 * 72, abs=0.1)
+    assert len(paths) == len(MarkerLayout(CHAIN).frame_centres) + 1 + 1 + 1
+
+
+def test_what_does_not_fit_on_the_paper_is_said(tmp_path: Path) -> None:
+    layout = MarkerLayout(CHAIN, MarkerSettings(frame_marker_size=0.3))
+    with pytest.raises(ValueError, match=r'frame markers of 390 mm do not fit on a4.*a3'):
+        write_sheets(layout, tmp_path / 'markers.pdf')
+
+
+def test_printed_frame_markers_are_found_where_they_are() -> None:
+    layout, film, _ = renderer(CHAIN)
+    markers = FrameMarkers(layout, CAMERA)
+    grey = film.picture(0.0)[..., 1].copy()
+    assert markers.look(grey)
+    assert markers.seen == 4 * len(layout.frame_centres)
+    found = markers.plane
+    assert found is not None
+    points = layout.frame_centres
+    places = found.pixels(points)
+    assert np.allclose(found.points(places), points, atol=1e-6)
+    assert not FrameMarkers(layout, uncalibrated(640, 360)).look(np.zeros_like(grey))
