@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves driving benchmark format build develop clean scenario soak audit release
+.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves camera driving benchmark format build develop clean scenario soak audit release
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -63,6 +63,9 @@ contraction: build  ## record walls at a dozen speeds and measure how they contr
 
 moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 	@$(enter) soliton-linkage moves --output out/moves $(ARGS)
+
+camera: build develop  ## see the angles of rendered films again, by a camera, against the truth; ARGS='--quick'
+	@$(enter) soliton-linkage camera --output out/camera $(ARGS)
 
 driving: build  ## show on one page what drives a chain: actuator, energy balance, bars, tilt, moves
 	@$(enter) soliton-linkage driving --output out/driving $(ARGS)

@@ -171,6 +171,11 @@ def _hands(duration: float) -> tuple[Hand, ...]:
     )
 
 
+def _held(angles: Array, still: Array) -> Motion:
+    """Rotors that stay where they are."""
+    return lambda _times: (angles, still, still)
+
+
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
     """Cramer-Rao bound of an angle by the pixels about its mass, the median of the rotors [rad].
 
@@ -183,7 +188,7 @@ def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> f
     for turn in (_TURN, -_TURN):
         clear = FilmSettings(light=task.settings.light, blur=task.settings.blur, noise=0.0)
         angles = (rest + turn)[None]
-        film = Renderer(layout, plane, lambda _, held=angles: (held, still, still), clear)
+        film = Renderer(layout, plane, _held(angles, still), clear)
         pictures.append(cv2.cvtColor(film.picture(0.0), cv2.COLOR_BGR2GRAY).astype(float))
     change = (pictures[0] - pictures[1]) / (2 * _TURN)
     lengths = task.chain.rotor_lengths[:, None]
