@@ -104,7 +104,7 @@ class RotorTracks:
         """Angles [rad] with the turns that the rotors have made, NaN where they are, (N,).
 
         A rotor of a spinner that was hidden for long has made as many as its neighbours: all turn
-        to the same side as a wall passes. Others make none.
+        to the same side as a wall passes. Others make none beyond their last angle.
         """
         expected, deviations = self.predicted(times)
         sure = np.isfinite(angles) & (deviations < _UNKNOWN)
@@ -133,7 +133,8 @@ class RotorTracks:
         """Angle within half a turn of that of a rotor, by those seen next to it [rad]."""
         known = np.flatnonzero(np.isfinite(turned))
         if not (self._spins and len(known)):
-            return float(self._start[rotor])
+            seen = np.isfinite(self._times[0, rotor])
+            return float(self._angles[0, rotor] if seen else self._start[rotor])
         sides = (known[known < rotor][-1:], known[known > rotor][:1])
         return float(np.mean(turned[np.concatenate(sides)]))
 
