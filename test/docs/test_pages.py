@@ -88,8 +88,7 @@ def test_the_table_of_topics_is_that_of_the_nodes() -> None:
         told[name.strip('`')] = (type_name, 'latched' in kind)
         assert meaning
     others = interfaces.IDENTIFIED_CHAIN, interfaces.CLOCK
-    topics = [*interfaces.SUITE, *interfaces.DRAWN, *interfaces.SEEN, interfaces.CLOCK]
-    topics = [*interfaces.SUITE, *interfaces.DRAWN, *others]
+    topics = [*interfaces.SUITE, *interfaces.DRAWN, *interfaces.SEEN, *others]
     assert told == {
         topic.name: (
             f'{topic.type.__module__.partition(".")[0]}/{topic.type.__name__}',

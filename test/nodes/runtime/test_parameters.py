@@ -31,11 +31,11 @@ from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
-from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
 from soliton_linkage_nodes.camera_encoders.parameters import (
     CameraEncodersParameters,
     SightParameters,
 )
+from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
