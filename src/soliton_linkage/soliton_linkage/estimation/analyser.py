@@ -2,8 +2,7 @@
 """What the frames of a chain show, one after the other: the analyser, as it runs live and offline.
 
 Where the frames show one wall that costs nothing it is placed on the orbit of the chain, by all
-frames so far. Other walls, of which a frame may show several, are placed one by one by a fit to
-that frame alone.
+frames so far. Of several each has a filter of its own, `walls.WallTracker`, which also names them.
 """
 
 from __future__ import annotations
@@ -41,13 +40,16 @@ from soliton_linkage.estimation.state_report import (
     Topology,
 )
 from soliton_linkage.estimation.wall_width import Width, WidthReporter
+from soliton_linkage.estimation.walls.soliton_event import SolitonEvent
+from soliton_linkage.estimation.walls.wall_frame import WallFrame
+from soliton_linkage.estimation.walls.wall_reporter import WallReporter
+from soliton_linkage.estimation.walls.wall_track import WallTrack
 from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.continuum import wall_theory
-from soliton_linkage.solitons.tanh_fit import Soliton, find_solitons
 
 _NANOSECOND = 1e-9
 """Unit of stamps [s]."""
@@ -58,6 +60,7 @@ _NO_WIDTH = Width(math.nan, math.nan, math.nan, math.nan, math.nan)
 class AnalysedSoliton:
     """One wall; a quantity that cannot be told is NaN, and so is its standard deviation.
 
+    id: its name for as long as it is followed, from 1 on; 0 where walls are not followed.
     rotor: centre in rotor spacings from rotor 0.
     position: centre [m] from the pivot of rotor 0.
     velocity: of the centre [m/s], positive towards the last rotor.
@@ -69,6 +72,7 @@ class AnalysedSoliton:
     width_deviation: standard deviation of the width [m].
     """
 
+    id: int
     rotor: float
     position: float
     velocity: float
@@ -109,6 +113,7 @@ class Analysis:
     estimate: where the chain is on its orbit.
     cycle: the same in phase.
     solitons: walls half a spacing or more from the edges, in the order of their place.
+    events: what is known of late to have happened to walls.
     topology: of the whole state.
     edge_rotors: of the whole state.
     energies: of the whole state.
@@ -121,6 +126,7 @@ class Analysis:
     estimate: OrbitEstimate
     cycle: CyclePhase
     solitons: tuple[AnalysedSoliton, ...]
+    events: tuple[SolitonEvent, ...]
     topology: Topology | None
     edge_rotors: EdgeRotors | None
     energies: Energies | None
@@ -179,6 +185,7 @@ class Analyser:
             )
         self.chain = chain
         self._settings = settings
+        self._noise = math.nan if noise is None else noise
         self.limitation = ''
         self._filter: OrbitFilter | None = None
         try:
@@ -191,6 +198,7 @@ class Analyser:
         if self._filter is not None and chain.deviations == NO_DEVIATIONS:
             self._widths = WidthReporter(chain, settings.width)
         self._wobbles = WobbleReporter(chain, settings.wobble)
+        self._walls = WallReporter(chain, self._filter.orbit if self._filter else None, settings)
         self._rate_noise = RateNoise(chain, settings.noise)
         self._theory = wall_theory(chain)
         self._unwrapper = Unwrapper(chain.number_of_rotors)
@@ -239,19 +247,21 @@ class Analyser:
         if self._clock.restarted:
             self._observer.restart()
             self._rate_noise.restart()
+            self._walls.restart()
             self._unwrapper = Unwrapper(rotors)
         estimate, frame = self._read(angles, rates)
         followed = self._followed(estimate, frame)
-        solitons = self._solitons(frame, estimate, followed)
         errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         state = None if unknown else FrameState(self.chain, frame.angles)
+        solitons, events = self._solitons(frame, state, estimate, followed, errors)
         return Analysis(
             motion=self.chain.motion,
             measured_motion=self._measured_motion(state, frame, errors.noise),
             estimate=estimate,
             cycle=cycle_phase(estimate, self._filter.orbit if self._filter else None),
             solitons=solitons,
+            events=events,
             topology=self._topology(state, solitons),
             edge_rotors=None if state is None else self._reporter.edge_rotors(state),
             energies=self._energies(state, frame, estimate, solitons, errors),
@@ -268,7 +278,7 @@ class Analyser:
                 rates = np.where(np.abs(rates) < fastest, rates, np.nan)
             self._rate_noise.update(self._clock.time, rates)
         if self._filter is None:
-            estimate = lost(self._clock.time)
+            estimate = lost(self._clock.time, self._noise)
             return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
         estimate, view = self._filter.update(self._clock.time, seen), self._filter.view
         corrected = seen - self.offsets
@@ -310,6 +320,7 @@ class Analyser:
         width = self._width(estimate, frame, velocity)
         return (
             AnalysedSoliton(
+                id=0,
                 rotor=place,
                 position=place * chain.spacing,
                 velocity=velocity,
@@ -335,35 +346,40 @@ class Analyser:
     def _solitons(
         self,
         frame: CompletedFrame,
+        state: FrameState | None,
         estimate: OrbitEstimate,
         followed: tuple[AnalysedSoliton, ...],
-    ) -> tuple[AnalysedSoliton, ...]:
-        """Walls of a frame, of which the one on the orbit is placed there."""
+        errors: FrameErrors,
+    ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...]]:
+        """Walls of a frame, of which one that is on the orbit is placed there, and events."""
         on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
-        if frame.number_filled == len(frame.filled) or (on_it and not frame.others):
-            return followed
-        found = [
-            self._fitted(each) for each in find_solitons(self.chain, frame.angles, frame.rates)
-        ]
-        if on_it and followed:
-            free = [each for each in found if each.charge > 0]
-            place = followed[0].rotor
-            same = min(free, key=lambda each: abs(each.rotor - place), default=None)
-            found = [*followed, *(each for each in found if each is not same)]
-        return tuple(sorted(found, key=lambda each: each.rotor))
+        empty = frame.number_filled == len(frame.filled)
+        if empty and estimate.status is TrackingStatus.LOST:
+            return (), ()
+        seen = WallFrame(self.chain, self._walls.line, state, frame.rates, errors)
+        if empty or on_it:
+            tracks, events = self._walls.on_orbit(estimate, seen)
+            named = zip(followed, tracks, strict=True)
+            return tuple(each._replace(id=track.id) for each, track in named), tuple(events)
+        time = self._clock.time
+        tracks, events = self._walls.beside_orbit(time, frame.angles, frame.rates, seen)
+        return tuple(map(self._tracked, tracks)), tuple(events)
 
-    def _fitted(self, soliton: Soliton) -> AnalysedSoliton:
-        """A wall that was fitted to the frame alone."""
+    def _tracked(self, track: WallTrack) -> AnalysedSoliton:
+        """A wall that is followed by a filter of its own."""
+        spacing, seen = self.chain.spacing, track.seen
+        velocity = track.place_rate * spacing
         return AnalysedSoliton(
-            rotor=soliton.rotor,
-            position=soliton.position,
-            velocity=soliton.velocity,
-            width=soliton.width,
-            theory_width=self._theory_width(soliton.velocity),
-            charge=soliton.charge,
-            position_deviation=soliton.position_deviation,
-            velocity_deviation=soliton.velocity_deviation,
-            width_deviation=soliton.width_deviation,
+            id=track.id,
+            rotor=track.rotor,
+            position=track.rotor * spacing,
+            velocity=velocity,
+            width=math.nan if seen is None else seen.width,
+            theory_width=self._theory_width(velocity),
+            charge=track.charge,
+            position_deviation=track.deviation * spacing,
+            velocity_deviation=track.rate_deviation * spacing,
+            width_deviation=math.nan if seen is None else seen.width_deviation,
         )
 
     def _theory_width(self, velocity: float) -> float:
@@ -440,6 +456,7 @@ class UnknownChainAnalyser:
             measured_motion=measured,
             estimate=lost(self._clock.time),
             cycle=cycle_phase(lost(self._clock.time), None),
+            events=(),
             solitons=_crossing(self._observer.evidence.place, seen),
             topology=None,
             edge_rotors=None,
@@ -478,4 +495,4 @@ def _crossing(place: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
     leans = np.sin(staggered(angles))[: math.floor(place) + 1]
     charge = 1 if np.nansum(leans) > 0 else -1
     nan = math.nan
-    return (AnalysedSoliton(place, nan, nan, nan, nan, charge, nan, nan, nan),)
+    return (AnalysedSoliton(0, place, nan, nan, nan, nan, charge, nan, nan, nan),)

@@ -285,6 +285,35 @@ class WidthSettings(_Part):
 
 
 @dataclass(frozen=True)
+class WallSettings(_Part):
+    """How several walls are told apart, and what counts as an event."""
+
+    opposite: float = quantity(
+        2.5, 'bonds side by side of the opposite lean that are a domain, a wall on either side'
+    )
+    confirmed: float = quantity(3, 'frames running that make sure of a wall, or that it is gone')
+    gate: float = quantity(4.0, 'deviations from where it is expected at which a wall is another')
+    gate_widths: float = quantity(0.5, 'the same in widths, where it is expected too surely')
+    near_depths: float = quantity(8.0, 'distance of two walls that are not free, in ell / a')
+    near_beside: float = quantity(4.0, 'the same beside that', 'rotor spacings')
+    parted_depths: float = quantity(12.0, 'distance of two that are free again, in ell / a')
+    parted_beside: float = quantity(6.0, 'the same beside that', 'rotor spacings')
+    edge_rotors: float = quantity(5.0, 'reach of an edge', 'rotor spacings')
+    edge_widths: float = quantity(2.0, 'the same beside that, in widths')
+    edge_patience: float = quantity(3.0, 'times that a wall may take to turn back at an edge')
+    longest_wait: float = quantity(60.0, 'time that it may take at most', 's')
+    longest_delay: float = quantity(
+        2.0, 'time within which a wall that left an edge is told, far from it or not', 's'
+    )
+    lump_share: float = quantity(0.25, 'swing of a rotor in a breather, over that in a wall')
+    quiet_periods: float = quantity(2.0, 'periods of the slowest phonon without such a swing')
+    breather_periods: float = quantity(
+        8.0, 'periods running without a wall after which swings are a breather'
+    )
+    breather_collisions: float = quantity(4, 'collisions of walls that do not part')
+
+
+@dataclass(frozen=True)
 class ReportSettings(_Part):
     """What of a state counts to a wall, and what is told at all."""
 
@@ -305,7 +334,8 @@ class EstimationSettings:
 
     likelihood: of a frame; noise: of angles and rates; offsets: of encoders; filter: its models;
     tracking: on the orbit; search: of the nearest point; scan: of all places; hypotheses: that
-    compete; motion: its class; wobble, width: of a wall; report: of states.
+    compete; motion: its class; wobble, width: of a wall; walls: several;
+    report: of states.
     """
 
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
@@ -319,6 +349,7 @@ class EstimationSettings:
     motion: MotionSettings = field(default_factory=MotionSettings)
     wobble: WobbleSettings = field(default_factory=WobbleSettings)
     width: WidthSettings = field(default_factory=WidthSettings)
+    walls: WallSettings = field(default_factory=WallSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
 
 

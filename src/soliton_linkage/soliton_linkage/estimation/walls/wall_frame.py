@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a frame shows of walls beside their places: energy, swings, turns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from soliton_linkage.estimation.state_report import FrameErrors, FrameState
+from soliton_linkage.estimation.walls.wall_line import WallLine
+from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
+from soliton_linkage.solitons.tanh_fit import order_field
+
+
+class WallFrame:
+    """One frame of a chain, asked where it is of use to know more."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        line: WallLine,
+        state: FrameState | None,
+        rates: Array | None,
+        errors: FrameErrors,
+    ) -> None:
+        """Take a state, None where rotors are not known, and its rates [rad/s], shape (N,)."""
+        self._chain, self._line = chain, line
+        self._state, self._rates, self._errors = state, rates, errors
+
+    def energy(self, places: Sequence[float]) -> float:
+        """Energy within reach of walls at places [rotor spacings], less that of the noise [J].
+
+        Kinetic energy of the rotors and elastic energy of the springs, which count at n + 1/2;
+        NaN where it cannot be told.
+        """
+        state, chain = self._state, self._chain
+        if state is None or self._rates is None or not np.isfinite(self._rates).all():
+            return math.nan
+        at_rotors = np.arange(chain.number_of_rotors, dtype=np.float64)
+        at_springs = np.arange(chain.number_of_springs) + 0.5
+        extensions, first, second = state.springs
+        noise, rate_noise = self._errors.noise**2, self._errors.rate_noise**2
+        kinetic = 0.5 * chain.moments_of_inertia * (self._rates**2 - rate_noise)
+        elastic = 0.5 * chain.stiffnesses * (extensions**2 - noise * (first**2 + second**2))
+        near = [self._near(where, places) for where in (at_rotors, at_springs)]
+        return float(kinetic[near[0]].sum() + elastic[near[1]].sum())
+
+    def swing(self, place: float, lean: int) -> float:
+        """Largest swing of a rotor near a place from a uniform state that leans so.
+
+        It is over that to the opposite state [1], and 0 where rotors are not known.
+        """
+        if self._state is None:
+            return 0.0
+        field, _ = order_field(self._chain, self._state.angles)
+        rotors = np.arange(len(field))
+        near = np.abs(self._ways(rotors, place)) <= self._line.near
+        return float(np.abs(field[near] - lean).max() / 2)
+
+    def turn(self, left: float, right: float) -> int:
+        """Sense in which a spinner's rotors turn in the left one of two walls, +1 or -1.
+
+        Neighbours are less than half a turn apart from how they are in a uniform state. It is 0
+        for flippers, and where rotors are not known.
+        """
+        chain, state = self._chain, self._state
+        if state is None or chain.motion is not Motion.SPINNER:
+            return 0
+        family = 1 if state.twists > 0 else -1
+        reach = max(round(self._line.near), 2)
+        last = round(self._line.between(left, right))
+        rotors = np.arange(
+            round(left) - reach, last + (chain.number_of_rotors if last < left else 0) + 1
+        )
+        if not chain.periodic:
+            rotors = rotors[(rotors >= 0) & (rotors < chain.number_of_rotors)]
+        rotors %= chain.number_of_rotors
+        steps = np.diff((state.angles - chain.uniform_state(family))[rotors])
+        return int(np.sign(np.sum(wrapped(steps))))
+
+    def _near(self, where: Array, places: Sequence[float]) -> Array:
+        within = np.zeros(len(where), dtype=np.bool_)
+        for place in places:
+            within |= np.abs(self._ways(where, place)) <= self._line.reach
+        return np.asarray(within)
+
+    def _ways(self, where: Array, place: float) -> Array:
+        ways = where - place
+        if self._line.periodic:
+            ways -= self._line.rotors * np.rint(ways / self._line.rotors)
+        return np.asarray(ways)

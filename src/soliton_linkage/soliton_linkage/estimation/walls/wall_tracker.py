@@ -1,0 +1,401 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Follows all walls of a chain: each keeps its name from when it comes until it goes.
+
+Each has a filter of its own, by which it is expected in the next frame; what that shows is paired
+with what was expected. What is left over on either side has come or gone: at an edge, where it
+may come back, as two that overlap or part, or unseen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from soliton_linkage.estimation.settings import EstimationSettings
+from soliton_linkage.estimation.walls.edge_waits import EdgeWaits
+from soliton_linkage.estimation.walls.encounter import Encounter
+from soliton_linkage.estimation.walls.soliton_event import EventKind, SolitonEvent
+from soliton_linkage.estimation.walls.wall_association import ExpectedWall, assigned
+from soliton_linkage.estimation.walls.wall_frame import WallFrame
+from soliton_linkage.estimation.walls.wall_line import WallLine
+from soliton_linkage.estimation.walls.wall_track import FollowedWall, SeenWall, WallTrack
+
+_LEAVING = (EventKind.BOUNCE, EventKind.PASSING)
+
+
+class WallTracker:
+    """Names the walls of frames, as they come, and tells what happens to them."""
+
+    def __init__(
+        self,
+        line: WallLine,
+        scale: float,
+        site_arc: float,
+        swing: float,
+        settings: EstimationSettings,
+    ) -> None:
+        """Begin without walls.
+
+        Rates are of the scale [rad/s] and the arc from one rotor to the next is the site arc
+        [rad]; the swing at an edge takes as long as a way of so many rotor spacings.
+        """
+        self._line, self._scale, self._arc, self._swing = line, scale, site_arc, swing
+        self._settings, self._walls = settings, settings.walls
+        self._next = 1
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all walls, as where a new record begins; names are not given again."""
+        self._tracks: list[WallTrack] = []
+        self._encounters: list[Encounter] = []
+        self._waits = EdgeWaits(self._line, self._walls, self._swing)
+        self._untold: list[tuple[SolitonEvent, WallTrack]] = []
+        self._events: list[SolitonEvent] = []
+        self._time, self._frames = math.nan, 0
+
+    def follow(
+        self, time: float, wall: FollowedWall | None, frame: WallFrame
+    ) -> tuple[list[WallTrack], list[SolitonEvent]]:
+        """Take a frame [s] that shows one kink, where another filter has it, or no wall at all.
+
+        Returns the walls with a name that it shows, from rotor 0 on, and what happened.
+        """
+        self._begin(time)
+        if wall is not None:
+            kinks = [each for each in self._tracks if each.charge > 0 and not self._overlap(each)]
+            same = min(kinks, key=lambda each: self._way(each, wall.rotor), default=None)
+            if same is None or self._way(same, wall.rotor) > self._line.near:
+                same = self._new(1)
+            same.follow(wall, time)
+        for track in self._tracks:
+            if track.last_seen != time:
+                track.miss()
+        return self._resolved(time, frame, 1)
+
+    def take(
+        self, time: float, seen: Sequence[SeenWall], frame: WallFrame
+    ) -> tuple[list[WallTrack], list[SolitonEvent]]:
+        """Take the walls that a frame [s] shows; returns what `follow` does."""
+        elapsed = self._begin(time)
+        followed = list(self._tracks)
+        expected = [self._expected(track, elapsed) for track in followed]
+        pairs = assigned(self._line, expected, seen, self._walls.gate)
+        for row, column in pairs.items():
+            followed[row].take(seen[column], time, self._settings.filter)
+        left = [track for row, track in enumerate(followed) if row not in pairs]
+        others = [wall for column, wall in enumerate(seen) if column not in pairs.values()]
+        self._pair_the_rest(left, others, time)
+        return self._resolved(time, frame, int(self._walls.confirmed))
+
+    def _pair_the_rest(self, left: list[WallTrack], others: list[SeenWall], time: float) -> None:
+        """Pair walls that are not where they were expected: there is no other that they may be."""
+        reach = (self._line.parted / self._walls.gate) ** 2
+        expected = [ExpectedWall(each.rotor, reach, each.charge) for each in left]
+        pairs = assigned(self._line, expected, others, self._walls.gate)
+        for row, track in enumerate(left):
+            if row in pairs:
+                track.stop()
+                track.take(others[pairs[row]], time, self._settings.filter)
+            else:
+                track.miss()
+        for column, wall in enumerate(others):
+            if column not in pairs.values():
+                self._new(wall.charge).take(wall, time, self._settings.filter)
+
+    def _begin(self, time: float) -> float:
+        elapsed = time - self._time if self._frames else 0.0
+        self._time = time
+        self._frames += 1
+        self._events = []
+        return elapsed
+
+    def _new(self, charge: int) -> WallTrack:
+        track = WallTrack(self._line, charge, self._scale, self._arc)
+        self._tracks.append(track)
+        return track
+
+    def _way(self, track: WallTrack, rotor: float) -> float:
+        return abs(self._line.apart(track.rotor, rotor))
+
+    def _overlap(self, track: WallTrack) -> Encounter | None:
+        """The encounter in which a wall is not seen as it overlaps with another."""
+        for each in self._encounters:
+            if each.overlaps and track in (each.left, each.right):
+                return each
+        return None
+
+    def _expected(self, track: WallTrack, elapsed: float) -> ExpectedWall:
+        encounter = self._overlap(track)
+        gate = self._walls.gate
+        if encounter is not None:
+            variance = (self._line.parted / gate) ** 2
+            return ExpectedWall(encounter.place, variance, track.charge)
+        place, variance = track.predicted(elapsed)
+        unsure = (self._walls.gate_widths * max(self._line.width, 1.0)) ** 2 / gate
+        return ExpectedWall(place, variance + track.deviation_squared + unsure, track.charge)
+
+    def _resolved(
+        self, time: float, frame: WallFrame, needed: int
+    ) -> tuple[list[WallTrack], list[SolitonEvent]]:
+        """Find out who came and who went, of walls that so many frames have to show or not."""
+        self._tracks = [each for each in self._tracks if each.id or each.is_seen]
+        self._name_new_ones(time, frame, needed)
+        self._look_at_encounters(time, frame)
+        self._let_go(time, frame, needed)
+        for wait in self._waits.too_long(time):
+            self._tell_death(wait.track, wait.since, wait.energy)
+        shown = sorted(
+            (each for each in self._tracks if each.id and each.is_seen),
+            key=lambda each: each.rotor,
+        )
+        self._note_energies(shown, frame)
+        self._find_encounters(time, shown, frame)
+        self._tell_those_that_left(time, frame)
+        return shown, self._events
+
+    def _name_new_ones(self, time: float, frame: WallFrame, needed: int) -> None:
+        """Give names to walls that are sure."""
+        new = [each for each in self._tracks if not each.id and self._is_sure(each, needed)]
+        for track in sorted(new, key=lambda each: each.rotor):
+            if track.id:
+                continue
+            if self._frames <= needed:
+                self._found(track, time, frame)
+            elif self._is_at_edge(track):
+                self._came_from_edge(track, time)
+            else:
+                self._came_inside(track, new, time, frame)
+
+    def _is_sure(self, track: WallTrack, needed: int) -> bool:
+        """What is read wrongly makes two walls side by side; a wall alone is one."""
+        if track.frames >= min(needed, self._frames) or self._is_at_edge(track):
+            return True
+        return not any(
+            each.is_seen and not each.id and each.charge == -track.charge for each in self._tracks
+        )
+
+    def _is_at_edge(self, track: WallTrack) -> bool:
+        return self._line.edge_distance(track.rotor) < self._line.edge
+
+    def _name(self, track: WallTrack) -> int:
+        track.id = self._next
+        self._next += 1
+        return track.id
+
+    def _found(self, track: WallTrack, time: float, frame: WallFrame) -> None:
+        energy = frame.energy([track.rotor])
+        ids = (self._name(track),)
+        charge = track.charge
+        self._events.append(
+            SolitonEvent(
+                EventKind.FOUND, time, track.rotor, (), ids, charge, charge, energy, energy
+            )
+        )
+
+    def _came_from_edge(self, track: WallTrack, time: float) -> None:
+        wait, charge = self._waits.taken(track.rotor, track.charge), track.charge
+        edge = 0.0 if self._line.side(track.rotor) < 0 else self._line.rotors - 1.0
+        if wait is None:
+            ids = (self._name(track),)
+            event = SolitonEvent(EventKind.BIRTH_AT_EDGE, time, edge, (), ids, 0, charge)
+        else:
+            track.id = wait.track.id
+            ids = (track.id,)
+            middle = (wait.since + time) / 2
+            event = SolitonEvent(
+                EventKind.REFLECTION, middle, edge, ids, ids, charge, charge, wait.energy
+            )
+        self._untold.append((event, track))
+
+    def _came_inside(
+        self, track: WallTrack, new: list[WallTrack], time: float, frame: WallFrame
+    ) -> None:
+        """A wall that nobody saw come, unless another of the opposite charge came beside it."""
+        others = [
+            each
+            for each in new
+            if not each.id
+            and each.charge == -track.charge
+            and self._way(each, track.rotor) < self._line.parted
+        ]
+        if not others:
+            self._found(track, time, frame)
+            return
+        other = min(others, key=lambda each: self._way(each, track.rotor))
+        self._name(track), self._name(other)
+        left, right = self._in_order(track, other)
+        place = self._line.between(left.rotor, right.rotor)
+        energy = frame.energy([left.rotor, right.rotor])
+        ids = left.id, right.id
+        self._events.append(
+            SolitonEvent(EventKind.BIRTH_OF_PAIR, time, place, (), ids, 0, 0, 0.0, energy)
+        )
+
+    def _in_order(self, one: WallTrack, other: WallTrack) -> tuple[WallTrack, WallTrack]:
+        """The left one and the right one."""
+        return (one, other) if self._line.apart(other.rotor, one.rotor) > 0 else (other, one)
+
+    def _note_energies(self, shown: list[WallTrack], frame: WallFrame) -> None:
+        """Note what a wall that was free had, as it comes near an edge or another wall."""
+        for track in shown:
+            alone = all(
+                self._way(each, track.rotor) > self._line.near
+                for each in shown
+                if each is not track
+            )
+            free = alone and self._line.edge_distance(track.rotor) > self._line.free
+            if not free and (track.was_free or math.isnan(track.energy)):
+                track.energy = frame.energy([track.rotor])
+            track.was_free = free
+
+    def _find_encounters(self, time: float, shown: list[WallTrack], frame: WallFrame) -> None:
+        """Neighbours of opposite charges that have come near each other."""
+        after = [*shown[1:], *shown[:1]] if self._line.periodic else shown[1:]
+        for left, right in zip(shown, after, strict=False):
+            known = any({left, right} == {each.left, each.right} for each in self._encounters)
+            near = 0 < self._line.apart(right.rotor, left.rotor) < self._line.near
+            if near and left.charge == -right.charge and not known:
+                self._meet(left, right, time, frame)
+
+    def _meet(self, left: WallTrack, right: WallTrack, time: float, frame: WallFrame) -> Encounter:
+        energy = frame.energy([left.rotor, right.rotor])
+        met = Encounter(self._line, self._walls, left, right, time, energy)
+        self._encounters.append(met)
+        return met
+
+    def _look_at_encounters(self, time: float, frame: WallFrame) -> None:
+        for each in list(self._encounters):
+            left, right = each.left, each.right
+            if left not in self._tracks or right not in self._tracks:
+                self._encounters.remove(each)
+                continue
+            if each.both_seen:
+                each.see(time, frame.turn(left.rotor, right.rotor))
+            elif left.missed and right.missed:
+                if not each.overlaps:
+                    left.stop(), right.stop()
+                each.overlap(time, frame.swing(each.place, left.charge))
+            self._conclude(each, time, frame)
+
+    def _conclude(self, met: Encounter, time: float, frame: WallFrame) -> None:
+        """Tell what has become of two that met, if anything has by now."""
+        kind = met.outcome(time)
+        if kind is EventKind.BREATHER_FORMED:
+            self._tell_breather(met, frame)
+        elif kind is not None:
+            parted = met.both_seen
+            places = [met.left.rotor, met.right.rotor]
+            self._events.append(
+                SolitonEvent(
+                    kind,
+                    time if met.breather else met.when,
+                    met.place,
+                    (met.breather,) if met.breather else self._ids_before(met),
+                    (met.left.id, met.right.id) if parted else (),
+                    energy_before=met.energy,
+                    energy_after=frame.energy(places) if parted else 0.0,
+                    collisions=met.collisions,
+                )
+            )
+        if met.is_over():
+            self._encounters.remove(met)
+        elif kind in (EventKind.ANNIHILATION, EventKind.BREATHER_DECAYED):
+            self._encounters.remove(met)
+            self._tracks = [each for each in self._tracks if each not in (met.left, met.right)]
+
+    def _ids_before(self, met: Encounter) -> tuple[int, int]:
+        """Names from left to right as they came."""
+        ids = met.left.id, met.right.id
+        return (ids[1], ids[0]) if met.passed else ids
+
+    def _tell_breather(self, met: Encounter, frame: WallFrame) -> None:
+        ids = self._ids_before(met)
+        met.breather = self._next
+        self._next += 1
+        before, met.energy = met.energy, frame.energy([met.place])
+        self._events.append(
+            SolitonEvent(
+                EventKind.BREATHER_FORMED,
+                met.when,
+                met.place,
+                ids,
+                (met.breather,),
+                energy_before=before,
+                energy_after=met.energy,
+                collisions=met.collisions,
+            )
+        )
+
+    def _let_go(self, time: float, frame: WallFrame, needed: int) -> None:
+        """Find out where walls are that were not seen for long enough."""
+        gone = [
+            each
+            for each in self._tracks
+            if each.id and each.missed >= needed and not self._overlap(each)
+        ]
+        for track in gone:
+            if self._overlap(track):
+                continue
+            if self._is_at_edge(track):
+                self._waits.add(track)
+                self._tracks.remove(track)
+                continue
+            others = [
+                each
+                for each in gone
+                if each.charge == -track.charge
+                and self._way(each, track.rotor) < self._line.parted
+                and not self._overlap(each)
+                and each in self._tracks
+            ]
+            if others:
+                other = min(others, key=lambda each: self._way(each, track.rotor))
+                left, right = self._in_order(track, other)
+                met = self._meet(left, right, time, frame)
+                met.overlap(time, 1.0)
+            else:
+                self._tracks.remove(track)
+                self._tell_loss(track)
+
+    def _tell_loss(self, track: WallTrack) -> None:
+        ids, charge = (track.id,), track.charge
+        self._events.append(
+            SolitonEvent(
+                EventKind.LOST,
+                track.last_seen,
+                track.rotor,
+                ids,
+                (),
+                charge,
+                charge,
+                math.nan,
+                math.nan,
+            )
+        )
+
+    def _tell_death(self, track: WallTrack, since: float, energy: float) -> None:
+        edge = 0.0 if self._line.side(track.rotor) < 0 else self._line.rotors - 1.0
+        self._events.append(
+            SolitonEvent(
+                EventKind.DEATH_AT_EDGE, since, edge, (track.id,), (), track.charge, 0, energy
+            )
+        )
+
+    def _tell_those_that_left(self, time: float, frame: WallFrame) -> None:
+        """Tell of walls that came from an edge once they are free of it, or after a while.
+
+        One that is at the edge again has not turned back.
+        """
+        waiting = []
+        for event, track in self._untold:
+            free = self._line.edge_distance(track.rotor) > self._line.free
+            late = time - event.time > self._walls.longest_delay
+            if event.kind is EventKind.REFLECTION and track.missed and not free:
+                continue
+            if free or late or track.missed:
+                track.energy = frame.energy([track.rotor]) if track.is_seen else track.energy
+                self._events.append(replace(event, energy_after=track.energy))
+            else:
+                waiting.append((event, track))
+        self._untold = waiting
