@@ -40,8 +40,8 @@ from soliton_linkage_nodes.messages.state_conversions import (
 
 JOINTS = JointStates(1_700_000_000, 123_456_789, 'somewhere', (), np.zeros(0), np.zeros(0))
 NAN = math.nan
-NAN_SOLITON = AnalysedSoliton(1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
-SOLITON = AnalysedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
+NAN_SOLITON = AnalysedSoliton(0, 1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
+SOLITON = AnalysedSoliton(7, 3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
 
 
 def analysed() -> Analysis:
@@ -176,6 +176,7 @@ def fill_wobble(message: Any, wobble: Any) -> None:
 FLOATS = st.floats()
 PAIRS = st.tuples(FLOATS, FLOATS)
 SIGNS = st.integers(-1, 1)
+NAMES = st.integers(0, 2**32 - 1)
 ANALYSES = st.builds(
     replace,
     st.just(WOBBLING),
@@ -195,7 +196,7 @@ ANALYSES = st.builds(
         leg=st.integers(-1, 3),
     ),
     solitons=st.lists(
-        st.builds(AnalysedSoliton, *5 * [FLOATS], SIGNS, *3 * [FLOATS]), max_size=4
+        st.builds(AnalysedSoliton, NAMES, *5 * [FLOATS], SIGNS, *3 * [FLOATS]), max_size=4
     ).map(tuple),
     topology=st.none()
     | st.builds(Topology, PAIRS, st.tuples(SIGNS, SIGNS), charge=SIGNS, mode_centre=FLOATS),
@@ -260,7 +261,7 @@ def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
         mark: int = 7
 
     marked = {**msg.Soliton.get_fields_and_field_types(), 'mark': 'int32'}
-    soliton = MarkedSoliton(3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
+    soliton = MarkedSoliton(7, 3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
     number_fields = NumberFields(marked, MarkedSoliton)
     before = NumberFields(msg.Soliton.get_fields_and_field_types(), AnalysedSoliton)
     assert number_fields(soliton) == (*before(soliton), 7)

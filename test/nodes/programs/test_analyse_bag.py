@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_msgs.msg import Soliton, SolitonEvent, SolitonState
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -28,6 +28,7 @@ from soliton_linkage_nodes.messages.conversions import (
     default_joint_names,
     frame_to_msg,
 )
+from soliton_linkage_nodes.messages.event_conversions import events_to_msgs
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.analyse_bag import main
 from soliton_linkage_nodes.programs.bag_analysis import analysed
@@ -73,8 +74,14 @@ def states_of(bag: Path) -> list[SolitonState]:
     return [state_to_msg(analysis, joints) for joints, analysis in found if analysis is not None]
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / 'soliton_state.csv').open(newline='') as file:
+def events_of(bag: Path) -> list[SolitonEvent]:
+    with open_bag(bag) as reader:
+        found = [(each, joints) for joints, each in analysed(reader) if each is not None]
+    return [event for pair in found for event in events_to_msgs(*pair, NAMED.chain.spacing)]
+
+
+def rows(folder: Path, name: str = 'soliton_state') -> list[dict[str, str]]:
+    with (folder / f'{name}.csv').open(newline='') as file:
         return list(csv.DictReader(file))
 
 
@@ -99,6 +106,7 @@ def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
     sent = frames()
     bag = bag_of(tmp_path, sent)
     states = graph.hear(interfaces.SOLITON_STATE)
+    events = graph.hear(interfaces.SOLITON_EVENTS)
     topic = interfaces.CHAIN
     chain = graph.user.create_publisher(topic.type, topic.name, topic.qos)
     chain.publish(chain_to_msg(NAMED, time_to_msg(START)))
@@ -108,6 +116,9 @@ def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
         joints.publish(frame)
     graph.until(lambda: len(states) == len(sent), 'all states')
     assert list(map(repr, states_of(bag))) == list(map(repr, states))
+    graph.until(lambda: bool(events), 'an event')
+    assert events_of(bag) == events
+    assert [each.kind for each in events] == [SolitonEvent.BIRTH_AT_EDGE]
 
 
 def cells_of(message: Any, prefix: str = '') -> dict[str, Any]:
@@ -139,6 +150,13 @@ def test_the_table_holds_every_number_to_the_last_digit(tmp_path: Path) -> None:
     seen = next(number for number, state in enumerate(states) if state.solitons)
     assert float(table[seen]['soliton_rotor [rotor spacings]']) == states[seen].solitons[0].rotor
     assert table[0]['soliton_rotor [rotor spacings]'] == 'nan'
+    (birth,) = events_of(bag)
+    (cells,) = rows(tmp_path / 'out', 'soliton_events')
+    assert cells['kind_name'] == 'birth at an edge'
+    assert cells['ids_after'] == '1' == table[seen]['soliton_id']
+    assert cells['stamp [ns]'] == str(time_from_msg(birth.header.stamp))
+    assert cells['time [ns]'] == str(time_from_msg(birth.time)) == table[seen]['stamp [ns]']
+    assert cells['energy_after [J]'] == str(birth.energy_after)
     for picture in ('kymograph.png', 'track.png'):
         assert np.std(imread(tmp_path / 'out' / picture)[..., :3]) > 0.02
 

@@ -32,6 +32,7 @@ ENDPOINTS = {
     'rotor_torques': (1, 2),
     'tilt': (0, 2),
     'soliton_state': (1, 2),
+    'soliton_events': (1, 1),
     '/diagnostics': (4, 2),
 }
 

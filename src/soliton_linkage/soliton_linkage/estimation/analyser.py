@@ -352,12 +352,13 @@ class Analyser:
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...]]:
         """Walls of a frame, of which one that is on the orbit is placed there, and events."""
-        on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
+        known = estimate.status is not TrackingStatus.LOST
         empty = frame.number_filled == len(frame.filled)
-        if empty and estimate.status is TrackingStatus.LOST:
+        if empty and not known:
             return (), ()
+        on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
         seen = WallFrame(self.chain, self._walls.line, state, frame.rates, errors)
-        if empty or on_it:
+        if known and (empty or on_it or not frame.others):
             tracks, events = self._walls.on_orbit(estimate, seen)
             named = zip(followed, tracks, strict=True)
             return tuple(each._replace(id=track.id) for each, track in named), tuple(events)

@@ -170,11 +170,12 @@ class BagPlayer(ManagedNode):
         return lockstep
 
     def _give_way(self, reader: Reader) -> None:
-        name = interfaces.SOLITON_STATE.name
-        chosen = any(topic.rpartition('/')[2] == name for topic in self._settings.topics)
+        told = {topic.rpartition('/')[2] for topic in self._settings.topics}
         for connection in self._outlets.of(reader.connections):
-            if connection.topic.rpartition('/')[2] == name:
-                self._outlets.give_way(RecordedStates(self, connection.topic, chosen))
+            name = connection.topic.rpartition('/')[2]
+            if name in (interfaces.SOLITON_STATE.name, interfaces.SOLITON_EVENTS.name):
+                states = RecordedStates(self, connection.topic, name in told)
+                self._outlets.give_way(states)
 
     def _prepare(self) -> None:
         self._outlets.wait_for_subscribers(self._awaited, self._settings.subscriber_timeout)

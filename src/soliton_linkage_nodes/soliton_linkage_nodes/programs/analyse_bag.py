@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyse bags without any node: a table of what each frame shows, and pictures of the run.
+"""Analyse bags without any node: tables of what frames show and of events, and pictures.
 
 Of many bags each has a folder, and a row in bags.csv. They are analysed side by side, and the
 same command goes on where it was interrupted.
@@ -34,6 +34,7 @@ from soliton_linkage_nodes.messages.conversions import (
     JointStates,
     NamedChain,
 )
+from soliton_linkage_nodes.messages.event_conversions import EVENT_COLUMNS, event_rows
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.state_conversions import columns, row
 from soliton_linkage_nodes.programs.bag_analysis import analysed
@@ -87,7 +88,7 @@ def analyse(
     noise: float | None = None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> int:
-    """Write soliton_state.csv, kymograph.png and track.png; return the number of frames."""
+    """Write soliton_state.csv, soliton_events.csv and two pictures; return how many frames."""
     frames = late = 0
     with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
@@ -95,14 +96,19 @@ def analyse(
         drawn = Drawn(named.joint_names)
         progress = ProgressLine('analysing', total)
         folder.mkdir(parents=True, exist_ok=True)
-        with (folder / 'soliton_state.csv').open('w', newline='') as file:
-            table = csv.writer(file)
+        with (
+            (folder / 'soliton_state.csv').open('w', newline='') as file,
+            (folder / 'soliton_events.csv').open('w', newline='') as events_file,
+        ):
+            table, events = csv.writer(file), csv.writer(events_file)
             table.writerow(columns())
+            events.writerow(EVENT_COLUMNS)
             for joints, analysis in analysed(reader, given, noise):
                 if analysis is None:
                     late += 1
                     continue
                 table.writerow(row(analysis, joints))
+                events.writerows(event_rows(analysis, joints, named.chain.spacing))
                 drawn.add(joints, analysis)
                 frames += 1
                 progress.show(frames, f'{frames} frames')
@@ -169,8 +175,8 @@ def _parser() -> ProgramParser:
         '--output',
         type=Path,
         default=Path('out/analysis'),
-        help='folder for soliton_state.csv, kymograph.png and track.png, or for one folder a '
-        'bag and bags.csv (%(default)s)',
+        help='folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png, or '
+        'for one folder a bag and bags.csv (%(default)s)',
     )
     parser.add_argument(
         '--chain',

@@ -25,6 +25,7 @@ from soliton_linkage_msgs.msg import (
     EdgeCommand,
     LastKick,
     RotorImpulses,
+    SolitonEvent,
     SolitonState,
 )
 
@@ -111,6 +112,7 @@ ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
 ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
 TILT = Topic('tilt', Float64, command_qos())
 SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
+SOLITON_EVENTS = Topic('soliton_events', SolitonEvent, stream_qos())
 CHAIN = Topic('chain', Chain, latched_qos())
 IDENTIFIED_CHAIN = Topic('identified_chain', Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
@@ -140,6 +142,7 @@ SUITE = (
     ROTOR_TORQUES,
     TILT,
     SOLITON_STATE,
+    SOLITON_EVENTS,
     DIAGNOSTICS,
 )
 """What the nodes say and hear, and bags hold."""

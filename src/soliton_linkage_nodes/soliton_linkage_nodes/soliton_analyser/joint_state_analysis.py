@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
@@ -27,6 +28,11 @@ class JointStateAnalysis:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, rotor 0 first."""
         return () if self._reader is None else self._reader.joint_names
+
+    @property
+    def spacing(self) -> float:
+        """Distance between neighbouring pivots [m], NaN where the chain is not known."""
+        return math.nan if self._named is None else self._named.chain.spacing
 
     def learn(self, named: NamedChain) -> None:
         """Analyse the frames of this chain from now on; what is known of it already is kept."""

@@ -17,6 +17,7 @@ from soliton_linkage_nodes.messages.chain_source import (
 )
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.messages.event_conversions import events_to_msgs
 from soliton_linkage_nodes.messages.state_conversions import serialized_state
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import (
@@ -63,7 +64,7 @@ class SolitonAnalyser(ManagedNode):
     """Publishes what each frame of joint states shows, and where the chain is on its cycle.
 
     Subscribes to `joint_states` [rad, rad/s] and, unless told the chain by parameters, to `chain`.
-    Publishes `soliton_state` and `/diagnostics`.
+    Publishes `soliton_state`, what happens to walls on `soliton_events`, and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -92,6 +93,7 @@ class SolitonAnalyser(ManagedNode):
         if not settings.longest_lag:
             states = replace(states, qos=interfaces.whole_stream_qos())
         self._publisher = states.publisher(self)
+        self._events = interfaces.SOLITON_EVENTS.publisher(self)
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
@@ -144,6 +146,8 @@ class SolitonAnalyser(ManagedNode):
             return
         if analysis is not None:
             self._publisher.publish(serialized_state(analysis, joints))
+            for event in events_to_msgs(analysis, joints, self._analysis.spacing):
+                self._events.publish(event)
             self._frames += 1
         self._busy += time.perf_counter() - begin
 

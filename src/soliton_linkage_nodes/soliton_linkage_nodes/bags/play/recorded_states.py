@@ -15,9 +15,9 @@ _LOOK_INTERVAL = 0.25
 
 
 class RecordedStates:
-    """Whether the recorded soliton states are played: two sources on one topic would mix.
+    """Whether recorded soliton states, or events, are played: two sources on one topic would mix.
 
-    An analyser is another node that hears `joint_states` and publishes `soliton_state` beside it.
+    An analyser is another node that hears `joint_states` and publishes their topic beside it.
     """
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
@@ -49,7 +49,7 @@ class RecordedStates:
         return min(heard & said - {node.get_fully_qualified_name()}, default='')
 
     def _say(self) -> None:
-        log, name = self._node.get_logger(), interfaces.SOLITON_STATE.name
+        log, name = self._node.get_logger(), self.topic.rpartition('/')[2]
         if not self._analyser:
             log.info(f'no analyser is left: the recorded {self._states} is played again')
         elif self._chosen:
