@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.state_report import FrameErrors, FrameState
 from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
@@ -38,14 +39,14 @@ class WallFrame:
         state, chain = self._state, self._chain
         if state is None or self._rates is None or not np.isfinite(self._rates).all():
             return math.nan
-        at_rotors = np.arange(chain.number_of_rotors, dtype=np.float64)
-        at_springs = np.arange(chain.number_of_springs) + 0.5
+        at_rotors: Array = np.arange(chain.number_of_rotors, dtype=np.float64)
+        at_springs: Array = np.arange(chain.number_of_springs, dtype=np.float64) + 0.5
         extensions, first, second = state.springs
         noise, rate_noise = self._errors.noise**2, self._errors.rate_noise**2
         kinetic = 0.5 * chain.moments_of_inertia * (self._rates**2 - rate_noise)
         elastic = 0.5 * chain.stiffnesses * (extensions**2 - noise * (first**2 + second**2))
-        near = [self._near(where, places) for where in (at_rotors, at_springs)]
-        return float(kinetic[near[0]].sum() + elastic[near[1]].sum())
+        moving, stretched = self._near(at_rotors, places), self._near(at_springs, places)
+        return float(kinetic[moving].sum() + elastic[stretched].sum())
 
     def swing(self, place: float, lean: int) -> float:
         """Largest swing of a rotor near a place from a uniform state that leans so.
@@ -55,7 +56,7 @@ class WallFrame:
         if self._state is None:
             return 0.0
         field, _ = order_field(self._chain, self._state.angles)
-        rotors = np.arange(len(field))
+        rotors: Array = np.arange(len(field), dtype=np.float64)
         near = np.abs(self._ways(rotors, place)) <= self._line.near
         return float(np.abs(field[near] - lean).max() / 2)
 
@@ -80,11 +81,11 @@ class WallFrame:
         steps = np.diff((state.angles - chain.uniform_state(family))[rotors])
         return int(np.sign(np.sum(wrapped(steps))))
 
-    def _near(self, where: Array, places: Sequence[float]) -> Array:
+    def _near(self, where: Array, places: Sequence[float]) -> Flags:
         within = np.zeros(len(where), dtype=np.bool_)
         for place in places:
             within |= np.abs(self._ways(where, place)) <= self._line.reach
-        return np.asarray(within)
+        return within
 
     def _ways(self, where: Array, place: float) -> Array:
         ways = where - place

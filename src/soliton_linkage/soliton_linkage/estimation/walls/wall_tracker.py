@@ -21,8 +21,6 @@ from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_track import FollowedWall, SeenWall, WallTrack
 
-_LEAVING = (EventKind.BOUNCE, EventKind.PASSING)
-
 
 class WallTracker:
     """Names the walls of frames, as they come, and tells what happens to them."""
@@ -223,8 +221,9 @@ class WallTracker:
             self._found(track, time, frame)
             return
         other = min(others, key=lambda each: self._way(each, track.rotor))
-        self._name(track), self._name(other)
         left, right = self._in_order(track, other)
+        self._name(left)
+        self._name(right)
         place = self._line.between(left.rotor, right.rotor)
         energy = frame.energy([left.rotor, right.rotor])
         ids = left.id, right.id
@@ -274,7 +273,8 @@ class WallTracker:
                 each.see(time, frame.turn(left.rotor, right.rotor))
             elif left.missed and right.missed:
                 if not each.overlaps:
-                    left.stop(), right.stop()
+                    left.stop()
+                    right.stop()
                 each.overlap(time, frame.swing(each.place, left.charge))
             self._conclude(each, time, frame)
 
