@@ -8,7 +8,7 @@ frames so far. Of several each has a filter of its own, `walls.WallTracker`, whi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -361,7 +361,7 @@ class Analyser:
         if known and (empty or on_it or not frame.others):
             tracks, events = self._walls.on_orbit(estimate, seen)
             named = zip(followed, tracks, strict=True)
-            return tuple(each._replace(id=track.id) for each, track in named), tuple(events)
+            return tuple(replace(each, id=track.id) for each, track in named), tuple(events)
         time = self._clock.time
         tracks, events = self._walls.beside_orbit(time, frame.angles, frame.rates, seen)
         return tuple(map(self._tracked, tracks)), tuple(events)
