@@ -362,8 +362,9 @@ class Analyser:
             tracks, events = self._walls.on_orbit(estimate, seen)
             named = zip(followed, tracks, strict=True)
             return tuple(replace(each, id=track.id) for each, track in named), tuple(events)
-        time = self._clock.time
-        tracks, events = self._walls.beside_orbit(time, frame.angles, frame.rates, seen)
+        if state is None:
+            return (), ()
+        tracks, events = self._walls.beside_orbit(self._clock.time, state, frame.seen, seen)
         return tuple(map(self._tracked, tracks)), tuple(events)
 
     def _tracked(self, track: WallTrack) -> AnalysedSoliton:

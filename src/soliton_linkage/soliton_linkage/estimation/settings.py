@@ -291,6 +291,12 @@ class WallSettings(_Part):
     opposite: float = quantity(
         2.5, 'bonds side by side of the opposite lean that are a domain, a wall on either side'
     )
+    scan_share: float = quantity(
+        0.1, 'deviation of a rotor that places are scanned with, in swings'
+    )
+    scan_beside: float = quantity(1.5, 'way beside a border that is scanned', 'rotor spacings')
+    scatter_frames: float = quantity(20, 'frames over which what shapes leave is averaged')
+    least_noise: float = quantity(1e-5, 'least deviation of a rotor', 'rad')
     confirmed: float = quantity(3, 'frames running that make sure of a wall, or that it is gone')
     gate: float = quantity(4.0, 'deviations from where it is expected at which a wall is another')
     gate_widths: float = quantity(0.5, 'the same in widths, where it is expected too surely')

@@ -1,13 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loops over the bonds of a frame: which domains it has."""
+"""Loops over the bonds and rotors of a frame: which domains it has, and where their walls are."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from soliton_linkage.compiling import FLAGS, NUMBER, READ, compiled
+from soliton_linkage.compiling import (
+    COUNT,
+    FLAGS,
+    NUMBER,
+    READ,
+    READ_TABLE,
+    ROW,
+    YES,
+    compiled,
+)
 from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.linkage.chain import Array
+
+_WHOLE = 2 * math.pi
+"""A turn [rad]."""
+_SHARE_OF_A_TURN = 0.5 / math.pi
+"""One radian in turns [1/rad]."""
+_SCAN_STEP = 0.125
+"""From place to place [rotor spacings]: less than any wall is wide."""
+_STEPS = 12
+"""Of Gauss and Newton [1], which converges within half of them."""
+_LONGEST_STEP = 0.3
+"""Of them [rotor spacings]."""
+_CLOSE = 1e-6
+"""Step that is the last [rotor spacings]."""
+_NARROWEST, _WIDEST = 0.2, 2.0
+"""Of a wall, over its width at rest [1]."""
 
 
 @compiled(READ, NUMBER, FLAGS)
@@ -34,3 +60,136 @@ def domains(polarised: Array, cost: float, right: Flags) -> None:
     for n in range(count - 1, -1, -1):
         right[n] = leans
         leans = (not from_left[n]) if leans else from_right[n]
+
+
+@compiled(READ_TABLE, NUMBER, NUMBER, COUNT, NUMBER)
+def _shape(table: Array, points: float, reach: float, parity: int, x: float) -> float:
+    """Staggered angle of a rotor at a distance x from a wall [rad], by a cubic between points.
+
+    The table has angles of even and of odd rotors and their slopes [rad a spacing], shape
+    (4, J), at distances from -reach on, so many points a spacing.
+    """
+    at = (x + reach) * points
+    last = table.shape[1] - 1
+    k = min(max(math.floor(at), 0), last - 1)
+    s = min(max(at - k, 0.0), 1.0)
+    p, q = table[parity, k], table[parity, k + 1]
+    u, v = table[2 + parity, k] / points, table[2 + parity, k + 1] / points
+    angle: float = p + s * (u + s * (3 * (q - p) - 2 * u - v + s * (2 * (p - q) + u + v)))
+    return angle
+
+
+@compiled(READ_TABLE, NUMBER, NUMBER, COUNT, NUMBER)
+def _slope(table: Array, points: float, reach: float, parity: int, x: float) -> float:
+    """Change of that angle with the distance [rad a spacing]."""
+    at = (x + reach) * points
+    last = table.shape[1] - 1
+    if at <= 0 or at >= last:
+        return 0.0
+    k = math.floor(at)
+    s = at - k
+    p, q = table[parity, k], table[parity, k + 1]
+    u, v = table[2 + parity, k] / points, table[2 + parity, k + 1] / points
+    change: float = u + s * (2 * (3 * (q - p) - 2 * u - v) + 3 * s * (2 * (p - q) + u + v))
+    return change * points
+
+
+@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, ROW)
+def leave(
+    theta: Array,
+    first: int,
+    table: Array,
+    points: float,
+    reach: float,
+    place: float,
+    stretch: float,
+    left: Array,
+) -> None:
+    """Set what a wall leaves of staggered angles of rotors from a first one on [rad], (n,).
+
+    The wall is at a place [rotor spacings], and wider than the table's by a factor of stretch.
+    """
+    for k in range(theta.size):
+        n = first + k
+        x = (n - place) / stretch
+        apart = theta[k] - _shape(table, points, reach, n % 2, x)
+        left[k] = apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+
+
+@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+def scan(
+    theta: Array,
+    first: int,
+    table: Array,
+    points: float,
+    reach: float,
+    start: float,
+    beside: float,
+    bound: float,
+) -> float:
+    """Place of least sum of squares, each no more than a bound [rad^2], up to so far beside."""
+    best, least = start, np.inf
+    steps = math.ceil(beside / _SCAN_STEP)
+    for step in range(-steps, steps + 1):
+        place = start + step * _SCAN_STEP
+        whole = 0.0
+        for k in range(theta.size):
+            n = first + k
+            apart = theta[k] - _shape(table, points, reach, n % 2, n - place)
+            apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+            if math.isfinite(apart):
+                whole += min(apart * apart, bound)
+        if whole < least:
+            best, least = place, whole
+    return best
+
+
+@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+def fit(
+    theta: Array,
+    first: int,
+    table: Array,
+    points: float,
+    reach: float,
+    place: float,
+    stretch: float,
+    variance: float,
+    bound: float,
+    free: bool,
+) -> tuple[float, float, float, float]:
+    """Place of a wall and its stretch, where that is free, by reweighted Gauss and Newton steps.
+
+    A rotor of a variance [rad^2] counts in full up to a bound in deviations. Returns place,
+    stretch and the information on each, in units of that of a noise of 1 rad.
+    """
+    of_place, of_stretch = 0.0, 0.0
+    for _ in range(_STEPS):
+        of_place, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(theta.size):
+            n = first + k
+            x = (n - place) / stretch
+            apart = theta[k] - _shape(table, points, reach, n % 2, x)
+            apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+            if not math.isfinite(apart):
+                continue
+            square = apart * apart / variance
+            weight = 1.0 if square < bound * bound else bound * bound / square
+            by_place = -_slope(table, points, reach, n % 2, x) / stretch
+            by_stretch = by_place * x if free else 0.0
+            of_place += weight * by_place * by_place
+            of_stretch += weight * by_stretch * by_stretch
+            both += weight * by_place * by_stretch
+            ahead += weight * by_place * apart
+            wider += weight * by_stretch * apart
+        determinant = of_place * of_stretch - both * both
+        if of_place <= 0:
+            break
+        step, change = ahead / of_place, 0.0
+        if free and determinant > 1e-3 * of_place * of_stretch:
+            step = (of_stretch * ahead - both * wider) / determinant
+            change = (of_place * wider - both * ahead) / determinant
+        place += min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        stretch = min(max(stretch + change, _NARROWEST), _WIDEST)
+        if abs(step) < _CLOSE and abs(change) < _CLOSE:
+            break
+    return place, stretch, of_place, of_stretch

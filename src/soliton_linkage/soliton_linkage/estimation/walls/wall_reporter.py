@@ -5,14 +5,20 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
 from soliton_linkage.estimation.orbit_filter import OrbitEstimate
 from soliton_linkage.estimation.settings import EstimationSettings
+from soliton_linkage.estimation.state_report import FrameState
 from soliton_linkage.estimation.walls.soliton_event import SolitonEvent
-from soliton_linkage.estimation.walls.wall_detection import domain_borders
+from soliton_linkage.estimation.walls.wall_detection import borders_of_ring, domain_borders
 from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
+from soliton_linkage.estimation.walls.wall_placing import WallPlacer
+from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.estimation.walls.wall_track import FollowedWall, SeenWall, WallTrack
 from soliton_linkage.estimation.walls.wall_tracker import WallTracker
+from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import site_arc
@@ -30,16 +36,40 @@ class WallReporter:
         self._chain = chain
         self._inside = settings.report.inside
         self.line = WallLine(chain, settings.walls, settings.report)
-        self._borders = partial(domain_borders, opposite=settings.walls.opposite)
+        self._opposite = settings.walls.opposite
+        plus, minus = couplings(chain)
+        self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
+        self._settings, self._orbit = settings, orbit
+        self._placer: WallPlacer | None = None
+        self._has_shapes = True
         arc, swing = _site_arc(chain), 2 * self.line.width
         if orbit is not None:
             begin, end = orbit.leg_arcs(0)
             swing = max((end - begin) / orbit.site_arc - (chain.number_of_rotors - 1), 0.0)
         self._tracker = WallTracker(self.line, 1 / chain.time_unit, arc, swing, settings)
+        if chain.periodic:
+            # All walls of a ring are placed by it: it is made before the first frame comes.
+            self._shaped()
 
     def restart(self) -> None:
         """Forget all walls, as where a new record begins."""
         self._tracker.restart()
+        if self._placer is not None:
+            self._placer.restart()
+
+    def _shaped(self) -> WallPlacer | None:
+        """Made where there are several walls, as it may take a while; None where it cannot be."""
+        if self._placer is None and self._has_shapes:
+            settings = self._settings
+            try:
+                shapes = WallShapes(self._chain, self._orbit)
+            except (ValueError, ArithmeticError):
+                self._has_shapes = False
+                return None
+            self._placer = WallPlacer(
+                shapes, self._chain, self.line, settings.walls, settings.likelihood
+            )
+        return self._placer
 
     def on_orbit(self, estimate: OrbitEstimate, frame: WallFrame) -> Walls:
         """The wall on the orbit, none while it is at an edge."""
@@ -47,12 +77,30 @@ class WallReporter:
         wall = FollowedWall(estimate.place, estimate.place_rate) if inside else None
         return self._tracker.follow(estimate.time, wall, frame)
 
-    def beside_orbit(
-        self, time: float, angles: Array, rates: Array | None, frame: WallFrame
-    ) -> Walls:
-        """All walls that a frame shows at an instant [s], angles [rad] and rates [rad/s], (N,)."""
+    def beside_orbit(self, time: float, state: FrameState, seen: Array, frame: WallFrame) -> Walls:
+        """All walls that a frame shows at an instant [s].
+
+        Its angles as they were seen [rad] are of shape (N,), NaN where they were not.
+        """
+        placer = self._shaped()
+        if placer is None:
+            walls = self._by_tanh(state.angles)
+        else:
+            walls = placer.placed(state, seen, self._borders_of(state))
+        return self._tracker.take(time, walls, frame)
+
+    def _borders_of(self, state: FrameState) -> list[tuple[float, int]]:
+        """Borders of the domains of a state, with the charges there."""
+        first, second = state.first**2, state.second**2
+        strength = np.maximum(first + second, np.finfo(np.float64).tiny)
+        polarised = (first - second) / (strength * self._uniform)
+        found = borders_of_ring if self.line.periodic else domain_borders
+        return found(polarised, self._opposite)
+
+    def _by_tanh(self, angles: Array) -> list[SeenWall]:
+        """Walls of a chain whose shapes cannot be told."""
         spacing = self._chain.spacing
-        seen = [
+        return [
             SeenWall(
                 each.rotor,
                 each.position_deviation / spacing,
@@ -60,9 +108,10 @@ class WallReporter:
                 each.width,
                 each.width_deviation,
             )
-            for each in find_solitons(self._chain, angles, rates, self._borders)
+            for each in find_solitons(
+                self._chain, angles, None, partial(domain_borders, opposite=self._opposite)
+            )
         ]
-        return self._tracker.take(time, seen, frame)
 
 
 def _site_arc(chain: Chain) -> float:

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kinks of all classes that are two of several walls are placed as well as one that is alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.linkage.chain import Array, Chain, staggered
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
+
+NOISE = 0.01
+FRAMES = 40
+CHAINS = {
+    'flipper': Chain(61, rest_angle=0.97),
+    'wide flipper': Chain(121, rest_angle=0.3),
+    'wobbler': Chain(61, rotor_length=0.1, rest_angle=0.77),
+    'spinner': Chain(81, rotor_length=0.2, rest_angle=1.18),
+}
+
+
+def kink_and_image(chain: Chain, place: float) -> Array:
+    """A kink as it hangs, an anti-kink, its image in the middle of the chain twice as long.
+
+    The image n -> 2 N - 2 - n in staggered angles leaves the parity of rotors as it is.
+    """
+    theta = staggered(static_wall(chain, place))
+    inner = theta[1:-1]
+    return np.concatenate([inner, inner[-1:], inner[::-1]])
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
+    chain = CHAINS[name]
+    rng, errors = np.random.default_rng(1), []
+    for place in chain.number_of_rotors // 2 + np.array([-3.0, -2.7, -2.45, -2.2, -1.85]):
+        theta = kink_and_image(chain, float(place))
+        long = Chain(len(theta), chain.spacing, chain.rotor_length, chain.rest_angle)
+        analyser = Analyser(long, NOISE)
+        angles = staggered(theta)
+        for frame in range(FRAMES):
+            noise = NOISE * rng.standard_normal(len(theta))
+            found = analyser.analyse(frame * 4_000_000, angles + noise)
+            assert found is not None
+        walls = found.solitons
+        assert [each.charge for each in walls] == [1, -1]
+        assert found.topology is not None
+        assert found.topology.charge == 0
+        true = (place - 1, len(theta) - 1 - (place - 1))
+        errors += [
+            (w.rotor - x) * chain.spacing / w.position_deviation
+            for w, x in zip(walls, true, strict=True)
+        ]
+        bound = NOISE / site_arc(chain) / math.sqrt(FRAMES) * chain.spacing
+        assert all(each.position_deviation < 3 * bound for each in walls)
+    assert 0.4 < math.sqrt(np.mean(np.square(errors))) < 1.6
+    assert max(map(abs, errors)) < 4
