@@ -5,7 +5,8 @@ Both take the bytes of joint states, in which a wall goes through the middle of 
 with velocities and 0.01 rad of noise, and publish a SolitonState for each. In rounds, each in
 turn takes the same frames in one process; what was published is counted, and its places are
 compared with the truth. Then the analyser, a process of its own as in use, is sent frames at
-1000 Hz: how many it analyses, and the share of a core that it needs.
+1000 Hz: how many it analyses, and the share of a core that it needs. Last come rings with several
+walls.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import rclpy
+from analyse_walls import COUNTS, figures_of_walls, times_of_walls
 from comparison import Comparison, Figure, Part, parser, write
 from processes import node_command, own_domain, processor_time, running
 from rclpy.node import Node
@@ -174,18 +176,21 @@ def main() -> None:
         runs = {rotors: compared(node, rotors, arguments) for rotors in arguments.rotors}
         used = in_use(node, arguments.seconds)
         node.destroy_node()
-    write(part(runs, used), arguments.output)
+    walls = {count: times_of_walls(count, arguments.frames) for count in COUNTS}
+    write(part(runs, used, walls), arguments.output)
 
 
 def parse_arguments() -> argparse.Namespace:
     made = parser(__doc__)
     made.add_argument('--rotors', type=int, nargs='+', help='lengths of the chains')
     made.add_argument('--seconds', type=float, help='of frames that the node is sent')
+    made.add_argument('--frames', type=int, help='of rings with several walls')
     arguments = made.parse_args()
     arguments.rounds = arguments.rounds or (2 if arguments.quick else 7)
     arguments.rotors = arguments.rotors or (
         [20, 100] if arguments.quick else [20, 100, 1000, 10000]
     )
+    arguments.frames = arguments.frames or (200 if arguments.quick else 3000)
     arguments.seconds = arguments.seconds or (1.0 if arguments.quick else 10.0)
     return arguments
 
@@ -275,8 +280,10 @@ def send(
     return analysed
 
 
-def part(runs: dict[int, dict[str, list[Run]]], used: dict[str, float]) -> Part:
-    """Frames a second, processor time a frame and errors of the place, and the node in use."""
+def part(
+    runs: dict[int, dict[str, list[Run]]], used: dict[str, float], walls: dict[int, list[float]]
+) -> Part:
+    """Frames a second, processor time and errors of the place; the node in use; several walls."""
     comparisons = []
     for rotors, sides in runs.items():
         rates = {name: [r.frames / r.wall for r in side] for name, side in sides.items()}
@@ -293,6 +300,7 @@ def part(runs: dict[int, dict[str, list[Run]]], used: dict[str, float]) -> Part:
     figures = [
         Figure(f'frames {work} that the node analyses', '%', [share], '100 %'),
         Figure(f'its share of a core, {work}', '', [used['cpu'] / used['seconds']], '0.5'),
+        *figures_of_walls(walls),
     ]
     kept = {
         rotors: {n: list(map(asdict, side)) for n, side in s.items()} for rotors, s in runs.items()

@@ -51,7 +51,8 @@ def test_both_find_the_wall_and_ours_no_worse_than_its_noise(found: dict[str, An
 
 def test_the_node_is_sent_every_frame_and_its_share_is_of_the_time(found: dict[str, Any]) -> None:
     used = found['details']['in_use']
-    analysed, share = found['figures']
+    analysed, share, *walls = found['figures']
+    assert len(walls) == 6
     assert used['sent'] == 1000
     assert 0 < used['analysed'] <= used['sent']
     assert analysed['values'] == [100 * used['analysed'] / used['sent']]

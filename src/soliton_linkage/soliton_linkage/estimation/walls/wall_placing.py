@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_shapes import WallShape, WallShapes
 from soliton_linkage.estimation.walls.wall_track import SeenWall
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+
+_TAILS = 1.5
+"""Distance in reaches of a table beyond which a wall moves no other [1]: by less than 1e-4 rad."""
 
 
 class _Fitted(NamedTuple):
@@ -78,10 +82,18 @@ class WallPlacer:
             for place, charge in borders
         ]
         walls = self._fitted(theta, walls, scanned=True)
-        if len(walls) > 1:
+        if self._are_near(walls):
+            # Their tails were those of walls at the borders.
             walls = self._fitted(theta, walls, scanned=False)
         self._learn(theta, walls)
         return [self._seen(wall) for wall in walls]
+
+    def _are_near(self, walls: Sequence[_Fitted]) -> bool:
+        """Whether any two are so near that the tails of one move the other."""
+        return any(
+            one is not other and abs(self._line.apart(one.place, other.place)) < self._line.parted
+            for one, other in pairwise([walls[-1], *walls])
+        )
 
     def _shape(self, angles: Array, place: float, charge: int) -> WallShape:
         """Shape of a wall, of spinners by the sense in which its rotors turn."""
@@ -135,6 +147,8 @@ class WallPlacer:
             return 0, own
         first = int(rotors[0])
         for wall, place, before in self._neighbours(walls, index):
+            if abs(place - walls[index].place) > _TAILS * self._shapes.reach:
+                continue
             far = wall.shape.sides[:, 1 if before else 0][rotors % 2]
             tails = np.empty_like(own)
             self._leave(np.ascontiguousarray(far), first, wall, place, tails)
