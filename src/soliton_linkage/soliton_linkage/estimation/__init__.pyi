@@ -11,3 +11,5 @@ from soliton_linkage.estimation.nearest_point import fit_near as fit_near
 from soliton_linkage.estimation.orbit_filter import OrbitEstimate as OrbitEstimate
 from soliton_linkage.estimation.orbit_filter import OrbitFilter as OrbitFilter
 from soliton_linkage.estimation.settings import EstimationSettings as EstimationSettings
+from soliton_linkage.estimation.walls.soliton_event import EventKind as EventKind
+from soliton_linkage.estimation.walls.soliton_event import SolitonEvent as SolitonEvent

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.rosbag2 import Reader
 
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, measured_track
@@ -21,6 +23,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.experiment.observer import places
 from soliton_linkage_nodes.programs.linkage_bags import read_recording
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _BEFORE_NUDGE = 0.5
@@ -37,6 +40,8 @@ class RecordedRun:
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
     """Rotors at which the live analyser saw solitons, by the stamp of the frame [ns]."""
+    events: tuple[str, ...]
+    """What happened to walls, in words."""
     messages: int
     lost: int
     publish_rate: float
@@ -50,6 +55,7 @@ def read_run(bag: Path) -> RecordedRun:
         received, frames = zip(*read_topic(reader, 'joint_states'), strict=True)
         nudges = [stamp for stamp, _ in read_topic(reader, 'nudge')]
         states = [message for _, message in read_topic(reader, 'soliton_state')]
+        events = _events(reader)
         custom = reader.storage.metadata.custom or {}
         messages = reader.message_count
     first = time_from_msg(frames[0].header.stamp)
@@ -66,6 +72,7 @@ def read_run(bag: Path) -> RecordedRun:
             # The analyser may have been heard a moment before the simulator was.
             if (stamp := time_from_msg(state.header.stamp)) >= first
         },
+        events=events,
         messages=messages,
         lost=sum(json.loads(custom.get('lost_messages', '{}')).values()),
         publish_rate=_rate([stamp for stamp in received if stamp >= first + nudged * 1e9]),
@@ -102,10 +109,19 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
         'rotors': run.named.rotors,
         'crossings': len(run.crossings),
         'speed_rotors_per_s': float(np.mean(speeds)) if speeds else None,
+        'events': dict(Counter(run.events)),
         'recorded_messages': run.messages,
         'lost_messages': run.lost,
         'publish_rate_hz': run.publish_rate,
     }
+
+
+def _events(reader: Reader) -> tuple[str, ...]:
+    """Kinds of events, of which bags of an older suite have none."""
+    name = interfaces.SOLITON_EVENTS.name
+    if not any(each.topic.rpartition('/')[2] == name for each in reader.connections):
+        return ()
+    return tuple(event.kind_name for _, event in read_topic(reader, name))
 
 
 def _rate(received: list[int]) -> float:
