@@ -193,3 +193,35 @@ def fit(
         if abs(step) < _CLOSE and abs(change) < _CLOSE:
             break
     return place, stretch, of_place, of_stretch
+
+
+@compiled(READ, READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER)
+def lasting(
+    left: Array,
+    before: Array,
+    first: int,
+    table: Array,
+    points: float,
+    reach: float,
+    place: float,
+    stretch: float,
+) -> tuple[float, float]:
+    """Mean product of what a wall leaves of rotors in two frames running [rad^2], by t^2.
+
+    Both are of the rotors from a first one on [rad], shape (n,), NaN where unknown. Noise has
+    mean 0; the second number is its variance over the fourth power of its deviation.
+    """
+    whole, squares, product = 0.0, 0.0, 0.0
+    for k in range(left.size):
+        apart = left[k] * before[k]
+        if not math.isfinite(apart):
+            continue
+        n = first + k
+        moves = _slope(table, points, reach, n % 2, (n - place) / stretch)
+        share = moves * moves
+        whole += share
+        squares += share * share
+        product += share * apart
+    if whole <= 0:
+        return 0.0, 0.0
+    return product / whole, squares / (whole * whole)

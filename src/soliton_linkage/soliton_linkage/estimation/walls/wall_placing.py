@@ -55,13 +55,16 @@ class WallPlacer:
         self._chain, self._line, self._settings = chain, line, settings
         swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
         self._bound, self._coarse = likelihood.bound, (settings.scan_share * swing) ** 2
+        self._elastic = (likelihood.elastic_share * swing) ** 2
         self._uniform = chain.uniform_state(1)
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
-        self._variance, self._frames = self._coarse, 0
+        self._left = np.full(line.rotors, math.nan)
+        self.restart()
 
     def restart(self) -> None:
         """Forget how well shapes fitted."""
         self._variance, self._frames = self._coarse, 0
+        self._left[:] = math.nan
 
     def placed(
         self, state: FrameState, seen: Array, borders: Sequence[tuple[float, int]]
@@ -85,8 +88,15 @@ class WallPlacer:
         if self._are_near(walls):
             # Their tails were those of walls at the borders.
             walls = self._fitted(theta, walls, scanned=False)
-        self._learn(theta, walls)
-        return [self._seen(wall) for wall in walls]
+        parts = self._left_by(theta, walls)
+        self._learn(np.concatenate([left for _, left in parts]), len(walls))
+        before, self._left = self._left, np.full(len(theta), math.nan)
+        for first, left in parts:
+            self._left[np.arange(first, first + len(left)) % len(theta)] = left
+        return [
+            self._seen(wall, first, left, before)
+            for wall, (first, left) in zip(walls, parts, strict=True)
+        ]
 
     def _are_near(self, walls: Sequence[_Fitted]) -> bool:
         """Whether any two are so near that the tails of one move the other."""
@@ -192,27 +202,33 @@ class WallPlacer:
             found.append(_Fitted(wall.shape, wall.charge, place, stretch, of_place, of_stretch))
         return found
 
-    def _learn(self, theta: Array, walls: Sequence[_Fitted]) -> None:
-        """Learn the variance of a rotor from what the walls leave of those about them."""
+    def _left_by(self, theta: Array, walls: Sequence[_Fitted]) -> list[tuple[int, Array]]:
+        """First rotor about each wall, and what it leaves of their angles [rad]."""
         parts = []
         for index, wall in enumerate(walls):
             first, own = self._alone(theta, walls, index)
             left = np.empty_like(own)
             self._leave(own, first, wall, wall.place, left)
-            parts.append(left)
-        left = np.concatenate(parts)
+            parts.append((first, left))
+        return parts
+
+    def _learn(self, left: Array, walls: int) -> None:
+        """Learn the variance of a rotor from what so many walls leave of all of them [rad]."""
         left = np.abs(left[np.isfinite(left)])
-        if len(left) < 4 * len(walls):
+        if len(left) < 4 * walls:
             return
         self._frames += 1
         share = 1 / min(self._frames, self._settings.scatter_frames)
-        freedom = len(left) / (len(left) - 2 * len(walls))
+        freedom = len(left) / (len(left) - 2 * walls)
         seen = robust_deviation(left) ** 2 * freedom
         self._variance += share * (seen - self._variance)
         self._variance = max(self._variance, self._settings.least_noise**2)
 
-    def _seen(self, wall: _Fitted) -> SeenWall:
-        """A wall as it is told."""
+    def _seen(self, wall: _Fitted, first: int, left: Array, before: Array) -> SeenWall:
+        """A wall as it is told, with what it leaves of the rotors from a first one on [rad].
+
+        Before is what all walls left of all rotors in the frame before [rad], shape (N,).
+        """
         line, variance = self._line, self._variance
         deviation = math.sqrt(variance / wall.of_place) if wall.of_place > 0 else math.nan
         width = width_deviation = math.nan
@@ -220,5 +236,26 @@ class WallPlacer:
         if self._shapes.stretches and clear and wall.of_stretch > 0:
             width = self._shapes.width * wall.stretch
             width_deviation = self._shapes.width * math.sqrt(variance / wall.of_stretch)
-        place = line.on_it(wall.place)
-        return SeenWall(place, deviation, wall.charge, width, width_deviation)
+        earlier = before[np.arange(first, first + len(left)) % len(before)]
+        shapes = self._shapes
+        product, chance = wall_loops.lasting(
+            left,
+            earlier,
+            first,
+            wall.shape.table,
+            shapes.points,
+            shapes.reach,
+            wall.place,
+            wall.stretch,
+        )
+        scale = 1 / max(wall.of_place, 1e-12)
+        return SeenWall(
+            line.on_it(wall.place),
+            deviation,
+            wall.charge,
+            width,
+            width_deviation,
+            product * scale,
+            chance * (variance * scale) ** 2,
+            self._elastic * scale,
+        )

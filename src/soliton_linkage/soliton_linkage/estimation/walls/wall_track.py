@@ -10,6 +10,15 @@ from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.estimation.walls.wall_line import WallLine
 
+_WAY_BESIDE = 0.5
+"""Way on which what shapes leave changes [rotor spacings]."""
+_MEMORY = 100
+"""Frames over which what lasts is averaged [1]."""
+_SETTLED = 10.0
+"""Frames in which it is known what springs do to a wall [1]."""
+_SIGNIFICANCE = 3.0
+"""Deviations of chance from which on it is believed [1]."""
+
 
 class SeenWall(NamedTuple):
     """A wall as one frame shows it."""
@@ -24,6 +33,12 @@ class SeenWall(NamedTuple):
     """Width [m], NaN where it cannot be told."""
     width_deviation: float
     """Standard deviation of the width [m]."""
+    lasting: float = 0.0
+    """Variance of the centre by what lasts, or by chance [rotor spacings^2]."""
+    chance: float = 0.0
+    """Square of what chance makes of it [rotor spacings^4]."""
+    unknown: float = 0.0
+    """Variance of the centre by what springs may do to a wall [rotor spacings^2]."""
 
 
 class FollowedWall(NamedTuple):
@@ -59,7 +74,7 @@ class WallTrack:
         self.was_free = False
         """Whether it was so in the frame before."""
         self._motion: MultipleModelFilter | None = None
-        self._variance = 0.0
+        self._variance = self._lasting = self._chance = 0.0
 
     @property
     def is_seen(self) -> bool:
@@ -101,8 +116,20 @@ class WallTrack:
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor = self._line.on_it(arc / self._arc)
         self.place_rate = rate / self._arc
-        self.deviation = math.sqrt(of_arc) / self._arc
+        # What lasts shifts the wall until it has moved on, however many frames show it.
+        beside = self._seen_to_last(seen)
+        of_rate += beside * (rate / _WAY_BESIDE) ** 2
+        self.deviation = math.sqrt(of_arc / self._arc**2 + beside)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
+
+    def _seen_to_last(self, seen: SeenWall) -> float:
+        """Variance of the place by what shapes leave of frame after frame [rotor spacings^2]."""
+        share = 1 / min(self.frames, _MEMORY)
+        self._lasting += share * (seen.lasting - self._lasting)
+        self._chance += share * (seen.chance - self._chance)
+        sure = self._lasting > _SIGNIFICANCE * math.sqrt(share * self._chance)
+        unknown = seen.unknown * math.exp(-self.frames / _SETTLED)
+        return unknown + (self._lasting if sure else 0.0)
 
     def follow(self, wall: FollowedWall, time: float) -> None:
         """Be where another filter has it."""
@@ -117,6 +144,7 @@ class WallTrack:
     def stop(self) -> None:
         """Forget how it moved, as it has met another."""
         self._motion, self._variance, self.frames = None, 0.0, 0
+        self._lasting = self._chance = 0.0
         self.place_rate = math.nan
 
     def _note(self, time: float) -> None:
