@@ -8,7 +8,7 @@ frames so far. Of several each has a filter of its own, `walls.WallTracker`, whi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -250,11 +250,11 @@ class Analyser:
             self._walls.restart()
             self._unwrapper = Unwrapper(rotors)
         estimate, frame = self._read(angles, rates)
-        followed = self._followed(estimate, frame)
         errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         state = None if unknown else FrameState(self.chain, frame.angles)
-        solitons, events = self._solitons(frame, state, estimate, followed, errors)
+        alone = self._is_alone(estimate, frame)
+        solitons, events = self._solitons(frame, state, estimate, alone, errors)
         return Analysis(
             motion=self.chain.motion,
             measured_motion=self._measured_motion(state, frame, errors.noise),
@@ -265,7 +265,7 @@ class Analyser:
             topology=self._topology(state, solitons),
             edge_rotors=None if state is None else self._reporter.edge_rotors(state),
             energies=self._energies(state, frame, estimate, solitons, errors),
-            wobble=self._wobble(frame, estimate, errors) if followed else None,
+            wobble=self._wobble(frame, estimate, errors) if alone and solitons else None,
             unseen=frame.number_filled,
         )
 
@@ -310,27 +310,23 @@ class Analyser:
         return self._observer.observe(frame.seen, noise)
 
     def _followed(
-        self, estimate: OrbitEstimate, frame: CompletedFrame
-    ) -> tuple[AnalysedSoliton, ...]:
-        """The wall on the orbit, unless it is at an edge."""
-        chain, place, inside = self.chain, estimate.place, self._settings.report.inside
-        if not inside <= place <= chain.number_of_rotors - 1 - inside:
-            return ()
+        self, estimate: OrbitEstimate, frame: CompletedFrame, name: int
+    ) -> AnalysedSoliton:
+        """The wall on the orbit."""
+        chain, place = self.chain, estimate.place
         velocity = estimate.place_rate * chain.spacing
         width = self._width(estimate, frame, velocity)
-        return (
-            AnalysedSoliton(
-                id=0,
-                rotor=place,
-                position=place * chain.spacing,
-                velocity=velocity,
-                width=width.measured,
-                theory_width=width.theory,
-                charge=1,
-                position_deviation=estimate.place_deviation * chain.spacing,
-                velocity_deviation=estimate.place_rate_deviation * chain.spacing,
-                width_deviation=width.deviation,
-            ),
+        return AnalysedSoliton(
+            id=name,
+            rotor=place,
+            position=place * chain.spacing,
+            velocity=velocity,
+            width=width.measured,
+            theory_width=width.theory,
+            charge=1,
+            position_deviation=estimate.place_deviation * chain.spacing,
+            velocity_deviation=estimate.place_rate_deviation * chain.spacing,
+            width_deviation=width.deviation,
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame, velocity: float) -> Width:
@@ -343,26 +339,28 @@ class Analyser:
         noise = max(estimate.noise, self._settings.width.least_noise)
         return self._widths.update(angles, estimate.place, estimate.leg, velocity, noise)
 
+    def _is_alone(self, estimate: OrbitEstimate, frame: CompletedFrame) -> bool:
+        """Whether a frame shows one wall at most, where it is on the orbit."""
+        if estimate.status is TrackingStatus.LOST:
+            return False
+        on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
+        return on_it or not frame.others or frame.number_filled == len(frame.filled)
+
     def _solitons(
         self,
         frame: CompletedFrame,
         state: FrameState | None,
         estimate: OrbitEstimate,
-        followed: tuple[AnalysedSoliton, ...],
+        alone: bool,
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...]]:
-        """Walls of a frame, of which one that is on the orbit is placed there, and events."""
-        known = estimate.status is not TrackingStatus.LOST
-        empty = frame.number_filled == len(frame.filled)
-        if empty and not known:
-            return (), ()
-        on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)
+        """Walls of a frame, of which one that is alone is placed on the orbit, and events."""
         seen = WallFrame(self.chain, self._walls.line, state, frame.rates, errors)
-        if known and (empty or on_it or not frame.others):
+        if alone:
             tracks, events = self._walls.on_orbit(estimate, seen)
-            named = zip(followed, tracks, strict=True)
-            return tuple(replace(each, id=track.id) for each, track in named), tuple(events)
-        if state is None:
+            found = [self._followed(estimate, frame, track.id) for track in tracks]
+            return tuple(found), tuple(events)
+        if state is None or frame.number_filled == len(frame.filled):
             return (), ()
         tracks, events = self._walls.beside_orbit(self._clock.time, state, frame.seen, seen)
         return tuple(map(self._tracked, tracks)), tuple(events)

@@ -35,6 +35,10 @@ class EdgeWaits:
         self._way = swing + 2 * line.edge
         self._waiting: list[WaitAtEdge] = []
 
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._waiting)
+
     def add(self, track: WallTrack) -> None:
         """A wall is seen no more that was near an edge."""
         speed = abs(track.place_rate) if math.isfinite(track.place_rate) else 0.0

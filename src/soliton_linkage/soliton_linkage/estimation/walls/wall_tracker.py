@@ -59,6 +59,11 @@ class WallTracker:
 
         Returns the walls with a name that it shows, from rotor 0 on, and what happened.
         """
+        if wall is not None and self._goes_on(wall):
+            self._time = time
+            self._frames += 1
+            self._tracks[0].follow(wall, time)
+            return list(self._tracks), []
         self._begin(time)
         if wall is not None:
             kinks = [each for each in self._tracks if each.charge > 0 and not self._overlap(each)]
@@ -70,6 +75,14 @@ class WallTracker:
             if track.last_seen != time:
                 track.miss()
         return self._resolved(time, frame, 1)
+
+    def _goes_on(self, wall: FollowedWall) -> bool:
+        """Whether it is the only wall that there was, far from the edges: nothing can happen."""
+        if len(self._tracks) != 1 or self._encounters or self._untold or self._waits:
+            return False
+        track = self._tracks[0]
+        free = track.was_free and self._line.edge_distance(wall.rotor) > self._line.free
+        return free and track.id > 0 and self._way(track, wall.rotor) < self._line.near
 
     def take(
         self, time: float, seen: Sequence[SeenWall], frame: WallFrame
