@@ -42,6 +42,7 @@ compile_loops() {
     echo 'Compiling loops.'
     python3 -c '
 import soliton_linkage.estimation.analyser
+import soliton_linkage.identification.loops.motion_loops
 import soliton_linkage.vision.dot_fit
 from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
 [solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'
