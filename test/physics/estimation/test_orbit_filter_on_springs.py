@@ -21,10 +21,12 @@ from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
 from soliton_linkage.estimation.orbit_filter import OrbitEstimate, OrbitFilter, TrackingStatus
+from soliton_linkage.estimation.pushes import Push
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, drawn_deviations
+from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 SPEEDS = {FLIPPER: 10.0, WOBBLER: 4.0, SPINNER: 12.5, WIDE_FLIPPER: 4.0}
@@ -179,6 +181,37 @@ def test_a_kick_is_noticed_within_a_few_rotors(share: float) -> None:
     assert made.largest_step < 0.3
     after = made.scores[:, kicked - 3 * rotor + 3 * rotor :]
     assert np.abs(after).max() < 6
+
+
+@pytest.mark.parametrize('turned', [False, True])
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_after_a_told_kick_the_rate_is_right_in_the_next_frame(
+    example: tuple[float, float], turned: bool
+) -> None:
+    chain, noise = chain_of(example, 20), 0.01
+    simulation = moving(example, chain)
+    before = simulation.record(0.8).angles
+    mode = zero_mode(chain, simulation.angles)
+    impulses = -0.3 * chain.moment_of_inertia * (simulation.rates @ mode) * mode
+    simulation.kick(impulses)
+    record = recorded(chain, np.concatenate([before, simulation.record(1.2).angles[1:]]))
+    kicked, random = len(before) - 1, np.random.default_rng(5)
+    told, untold = OrbitFilter(record.orbit, noise), OrbitFilter(record.orbit, noise)
+    for frame, exact in enumerate(record.angles):
+        noisy = exact + noise * random.standard_normal(len(exact))
+        seen = math.pi - noisy if turned else noisy
+        found, other = (each.update(frame * PERIOD, seen) for each in (told, untold))
+        if frame == kicked:
+            told.push(Push(-impulses if turned else impulses))
+            deviation, found = found.rate_deviation, told.estimate
+            assert found.rate_deviation < deviation + 0.05 * abs(found.rate)
+            true = record.rates[min(frame + 3 * record.frames, len(record.rates) - 1)]
+            assert abs(true - found.rate) < 4 * found.rate_deviation
+            assert abs(true - other.rate) > 10 * other.rate_deviation
+        if kicked <= frame < kicked + record.frames:
+            image = math.pi - exact if found.upside_down != turned else exact
+            nearest = fit_near(record.orbit, image, found.arc)
+            assert abs(nearest.arc - found.arc) < 5 * found.arc_deviation
 
 
 @pytest.mark.parametrize(
@@ -353,3 +386,21 @@ def test_a_chain_at_rest_stays_where_it_is(example: tuple[float, float]) -> None
     assert abs(estimate.rate) < 4.5 * estimate.rate_deviation
     # An error of measurement that lasts would never pass.
     assert estimate.arc_deviation < 0.003
+
+
+@pytest.mark.parametrize('what', ['damping', 'tilt'])
+def test_what_acts_slowly_raises_no_alarm(what: str) -> None:
+    chain = chain_of(FLIPPER, 30)
+    if what == 'damping':
+        chain = dataclasses.replace(chain, damping=0.02 * chain.moment_of_inertia)
+    simulation = moving(FLIPPER, chain)
+    angles = [simulation.angles]
+    for frame in range(400):
+        if what == 'tilt':
+            simulation.turn_gravity(Gravity(9.81 * math.sin(1e-4 * frame), tilt=1.0))
+        simulation.advance()
+        angles.append(simulation.angles)
+    made = followed(recorded(chain, np.array(angles)), 0.01)
+    assert np.abs(made.scores).max() < 6
+    assert made.tracker.starts == 1
+    assert {each.status for each in made.estimates[1:]} == {TrackingStatus.TRACKING}

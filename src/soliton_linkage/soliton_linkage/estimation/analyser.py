@@ -28,6 +28,7 @@ from soliton_linkage.estimation.orbit_filter import (
     TrackingStatus,
     lost,
 )
+from soliton_linkage.estimation.pushes import Push, WaitingPushes
 from soliton_linkage.estimation.rate_noise import RateNoise
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.state_report import (
@@ -203,6 +204,25 @@ class Analyser:
         self._theory = wall_theory(chain)
         self._unwrapper = Unwrapper(chain.number_of_rotors)
         self._clock = FrameClock(settings.tracking.clock_limit)
+        self._pushes = WaitingPushes()
+
+    @property
+    def late_pushes(self) -> int:
+        """Number of pushes that were told after the frame that they acted from."""
+        return self._pushes.late
+
+    def push(
+        self, stamp: int | None, impulses: Array, share: float = 0.0, frames: float = 0.0
+    ) -> None:
+        """Tell of angular impulses [N m s], shape (N,), that were made at an instant [ns].
+
+        They act at the instant of the first frame that is later, or of the next one for None.
+        Those that come after that frame are counted, and change nothing. Standard deviations are
+        the share of their size [1], and of when they act, in times between frames [1]. Raises
+        ValueError for what are no impulses of this chain.
+        """
+        given = self.chain.check_angles(impulses, 'impulse')
+        self._pushes.add(stamp, Push(given, share, frames))
 
     @property
     def offsets(self) -> Array:
@@ -249,7 +269,7 @@ class Analyser:
             self._rate_noise.restart()
             self._walls.restart()
             self._unwrapper = Unwrapper(rotors)
-        estimate, frame = self._read(angles, rates)
+        estimate, frame = self._read(angles, rates, self._pushes.due(stamp))
         errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         state = None if unknown else FrameState(self.chain, frame.angles)
@@ -269,8 +289,10 @@ class Analyser:
             unseen=frame.number_filled,
         )
 
-    def _read(self, angles: Array, rates: Array | None) -> tuple[OrbitEstimate, CompletedFrame]:
-        """Estimate where the chain is, and complete its frame."""
+    def _read(
+        self, angles: Array, rates: Array | None, pushes: list[Push]
+    ) -> tuple[OrbitEstimate, CompletedFrame]:
+        """Estimate where the chain is after pushes, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
         if rates is not None:
             fastest = self._settings.report.fastest
@@ -280,7 +302,10 @@ class Analyser:
         if self._filter is None:
             estimate = lost(self._clock.time, self._noise)
             return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
-        estimate, view = self._filter.update(self._clock.time, seen), self._filter.view
+        self._filter.update(self._clock.time, seen)
+        for push in pushes:
+            self._filter.push(push)
+        estimate, view = self._filter.estimate, self._filter.view
         corrected = seen - self.offsets
         expected = None
         if estimate.status is not TrackingStatus.LOST:
@@ -426,7 +451,7 @@ class UnknownChainAnalyser:
     """
 
     limitation = 'the parameters of the chain are not known'
-    starts = 0
+    starts = late_pushes = 0
 
     def __init__(self, number_of_rotors: int) -> None:
         """Raises ValueError for fewer than 2 rotors."""

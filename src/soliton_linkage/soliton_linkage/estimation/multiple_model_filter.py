@@ -160,6 +160,17 @@ class MultipleModelFilter:
         self.expected_rate *= ratio
         self._look_ahead()
 
+    def push(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
+        """Let a push change the rate [rad/s], with what it adds to the variances.
+
+        They are those of the rate [rad^2/s^2] and of the arc [rad^2].
+        """
+        self.filters['rate'] += change
+        self.filters['rate_rate'] += of_rate
+        self.filters['arc_arc'] += of_arc
+        self.expected_rate += change
+        self._look_ahead()
+
     def update(self, arc: float, variance: float, degrees_of_freedom: float = math.inf) -> None:
         """Update by a measurement of the arc [rad] with its variance [rad^2].
 

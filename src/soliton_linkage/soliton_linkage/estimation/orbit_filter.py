@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import enum
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.places.place_hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.places.place_search import Place, PlaceSearch, ScanBudget
+from soliton_linkage.estimation.pushes import Push, pushed_rate, yielding
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Motion, check_shape
@@ -177,6 +179,29 @@ class OrbitFilter:
             self._forget(time)
         return self._estimate
 
+    def push(self, push: Push) -> None:
+        """Take in a push that acts at the instant of the latest frame."""
+        for each in self._places.all:
+            rigid, rate = self._pushed_by(push.impulses, each), each.motion.rate
+            change = pushed_rate(rate, rigid, self._yielding) - rate
+            doubt = self._tracking.yielding_doubt * (rigid - change)
+            of_rate = (push.share * change) ** 2 + doubt**2
+            each.motion.push(change, of_rate, (change * push.frames * self._elapsed) ** 2)
+        if self._places.all:
+            self._report(self._estimate.time, self._estimate.status)
+
+    @cached_property
+    def _yielding(self) -> float:
+        return yielding(self.orbit.chain)
+
+    def _pushed_by(self, impulses: Array, hypothesis: Hypothesis) -> float:
+        """Change of the rate by impulses, were bars rigid, t . J / sum(I t^2) [rad/s]."""
+        about = self.orbit.stretch(hypothesis.motion.arc)
+        within = slice(about.first, about.first + len(about.tangent))
+        inertia = self.orbit.chain.moments_of_inertia[within] @ about.tangent**2
+        change = float(about.tangent @ impulses[within] / inertia)
+        return -change if hypothesis.upside_down else change
+
     def _forget(self, time: float) -> None:
         self._places = Hypotheses(self.orbit, self._settings.hypotheses)
         self._seen_as: FrameView | None = None
@@ -188,7 +213,8 @@ class OrbitFilter:
         self._strained = self._never
         self._way = math.inf
         self._frames = 0
-        self._estimate = lost(time, self._noise.deviation)
+        self._elapsed = 0.0
+        self._estimate = lost(time, self._given_noise or math.nan)
 
     def _acquire(self, time: float, seen: Array) -> bool:
         """Search a frame for the chain; say whether it is there."""
@@ -240,7 +266,7 @@ class OrbitFilter:
         return seen if seen > self._tracking.field_beyond_chance * self._noise.variance else 0.0
 
     def _follow(self, time: float, elapsed: float, seen: Array) -> None:
-        self._edge = self._at_edge()
+        self._edge, self._elapsed = self._at_edge(), elapsed
         for each in self._places.all:
             self._predict(each.motion, elapsed)
         best = self._places.leader.motion

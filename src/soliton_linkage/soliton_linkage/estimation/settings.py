@@ -167,6 +167,9 @@ class TrackingSettings(_Part):
     beside_share: float = quantity(
         0.08, 'share of what a frame is beside the orbit by which the arc is unsure'
     )
+    yielding_doubt: float = quantity(
+        1.0, 'deviation of what springs take of a told push, over what they do for slow walls'
+    )
     most_alike: float = quantity(1000.0, 'frames in a row that may have the same error, at most')
     way_beside: float = quantity(
         0.5, 'way on which what is beside the orbit changes', 'rotor spacings'

@@ -69,7 +69,7 @@ class AccuracyCell:
     pushes: int = 0
     """Of the wall by hand in all records together."""
     told: bool = False
-    """Whether the analyser is to be told of the pushes; it can be told of none yet."""
+    """Whether the analyser is told of the pushes."""
     unseen: str = ''
     """Rotors that give no angle: '', 'edges', 'all but one' or 'all but three'."""
     kick: float = 0.0
