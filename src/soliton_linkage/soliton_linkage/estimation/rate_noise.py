@@ -21,7 +21,7 @@ class RateNoise:
     6 sigma^2, and a phonon of angular frequency w only (w dt)^4 / 2 of its squared amplitude.
     The median over the rotors, which is too large by 1 / (3 N) of itself, leaves out those in a
     wall. Frames further apart than half a radian of the fastest phonon cannot tell noise from
-    phonons: then it is taken to be 0.
+    phonons.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -38,7 +38,9 @@ class RateNoise:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the noise [rad/s], 0 where it cannot be told."""
+        """Standard deviation of the noise [rad/s], NaN where it cannot be told."""
+        if not self._frames:
+            return math.nan
         return DEVIATION_PER_MEDIAN / math.sqrt(6) * self._median
 
     def update(self, time: float, rates: Array) -> None:

@@ -35,7 +35,8 @@ class Energies:
     elastic: energy of the springs.
     kinetic_wake: part of the kinetic energy that is out of reach of every wall.
     elastic_wake: part of the elastic energy that is out of reach of every wall.
-    kinetic_deviation: standard deviation of the kinetic energy, from noise and what is hidden.
+    kinetic_deviation: standard deviation of the kinetic energy, from noise and what is hidden;
+        NaN where the noise of the rates is not known.
     elastic_deviation: standard deviation of the elastic energy, from noise and what is hidden.
     """
 
@@ -95,7 +96,7 @@ class FrameErrors(NamedTuple):
     """What is known of the errors of a frame.
 
     noise: standard deviation of the angles [rad].
-    rate_noise: standard deviation of the rates [rad/s].
+    rate_noise: standard deviation of the rates [rad/s], NaN where it is not known.
     lasting: root mean square of what the orbit leaves of the angles beside the noise [rad].
     unseen: rotors that were not seen, whose angles and rates are the orbit's, shape (N,).
     """
@@ -295,16 +296,19 @@ class StateReporter:
         measured = np.ascontiguousarray(rates, dtype=np.float64)
         check_shape(measured, self.chain.number_of_rotors, 'rate')
         noisy, hidden = self._half_inertias, 0.0
+        noise = errors.rate_noise if math.isfinite(errors.rate_noise) else 0.0
         unseen = _some(errors.unseen)
         if unseen is not None:
-            hidden = float(noisy[unseen].sum()) * errors.rate_noise**2
+            hidden = float(noisy[unseen].sum()) * noise**2
             noisy = np.where(unseen, 0.0, noisy)
-        variance = errors.rate_noise**2
+        variance = noise**2
         whole, wake, known, squares = state_loops.kinetic(
             self._half_inertias, noisy, measured, variance, walls, self._reach
         )
         if not math.isfinite(whole):
             self.chain.check_angles(measured, 'rate')
+        if noise != errors.rate_noise:
+            return whole, wake, math.nan
         spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
         return whole, wake, math.hypot(math.sqrt(spread), hidden)
 

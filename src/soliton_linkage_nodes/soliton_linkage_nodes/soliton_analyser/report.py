@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from soliton_linkage.estimation.analyser import Analyser, Analysis
+from soliton_linkage.estimation.orbit_filter import TrackingStatus
 from soliton_linkage.linear.bands import gap
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
@@ -30,6 +31,13 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
         return disagreement, True
     if latest.unseen:
         return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not seen', True
+    alone = len(latest.solitons) < 2 and not analyser.limitation
+    if alone and latest.estimate.status is TrackingStatus.LOST:
+        return (
+            'the angles are not those of one wall of the chain; unless several run or it broke '
+            'up, check that joint_states are in rad, and the parameters in chain',
+            True,
+        )
     misfit = latest.estimate.misfit
     explained = max(misfit_limit, _OF_NOISE * latest.estimate.noise, _swing(analysis))
     if misfit > explained:
@@ -79,6 +87,7 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
         return {}
     return {
         'late frames': analyser.late,
+        'late pushes': analyser.late_pushes,
         'solitons': len(latest.solitons),
         'status': latest.estimate.status.value,
         'unseen rotors': latest.unseen,
