@@ -106,6 +106,11 @@ class FrameErrors(NamedTuple):
     lasting: float = 0.0
     unseen: Flags | None = None
 
+    @property
+    def known_rate_noise(self) -> float:
+        """What may be taken off the squares of rates as their noise [rad/s], 0 if unknown."""
+        return self.rate_noise if math.isfinite(self.rate_noise) else 0.0
+
 
 @dataclass(frozen=True)
 class ArcRate:
@@ -296,7 +301,7 @@ class StateReporter:
         measured = np.ascontiguousarray(rates, dtype=np.float64)
         check_shape(measured, self.chain.number_of_rotors, 'rate')
         noisy, hidden = self._half_inertias, 0.0
-        noise = errors.rate_noise if math.isfinite(errors.rate_noise) else 0.0
+        noise = errors.known_rate_noise
         unseen = _some(errors.unseen)
         if unseen is not None:
             hidden = float(noisy[unseen].sum()) * noise**2

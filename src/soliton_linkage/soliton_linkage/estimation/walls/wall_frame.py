@@ -42,7 +42,7 @@ class WallFrame:
         at_rotors: Array = np.arange(chain.number_of_rotors, dtype=np.float64)
         at_springs: Array = np.arange(chain.number_of_springs, dtype=np.float64) + 0.5
         extensions, first, second = state.springs
-        noise, rate_noise = self._errors.noise**2, self._errors.rate_noise**2
+        noise, rate_noise = self._errors.noise**2, self._errors.known_rate_noise**2
         kinetic = 0.5 * chain.moments_of_inertia * (self._rates**2 - rate_noise)
         elastic = 0.5 * chain.stiffnesses * (extensions**2 - noise * (first**2 + second**2))
         moving, stretched = self._near(at_rotors, places), self._near(at_springs, places)
