@@ -11,10 +11,11 @@ from sphinx.application import Sphinx
 
 
 def fields_listed(described: Any, lines: list[str]) -> list[str]:
-    """Make a list of the lines `field: meaning` in the docstring of a dataclass."""
-    if not dataclasses.is_dataclass(described):
-        return lines
-    names = {field.name for field in dataclasses.fields(described)}
+    """Make a list of the lines `field: meaning` in the docstring of a dataclass or named tuple."""
+    if dataclasses.is_dataclass(described):
+        names = {field.name for field in dataclasses.fields(described)}
+    else:
+        names = set(getattr(described, '_fields', ()))
     listed = []
     for line in lines:
         name, colon, meaning = line.strip().partition(': ')

@@ -211,7 +211,7 @@ def test_a_client_calls_services_by_their_definitions(
         assert (response.success, response.message) == (True, message)
 
 
-@pytest.mark.parametrize('data', [b'', b'\0\1\0\0', serialize_message(Trigger.Request())])
+@pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0\7\0\0\0'])
 def test_a_service_without_fields_takes_what_clients_send_for_nothing(
     graph: Graph, served: FoxgloveServer, connect: Connect, data: bytes
 ) -> None:

@@ -14,7 +14,7 @@ SECOND = 10**9
 ONE, OTHER, LAST = (Push(np.full(3, float(number))) for number in range(3))
 
 
-@pytest.mark.parametrize('told', permutations([(15, ONE), (20, OTHER), (31, LAST)]))
+@pytest.mark.parametrize('told', list(permutations([(15, ONE), (20, OTHER), (31, LAST)])))
 def test_each_acts_from_the_first_frame_that_is_later(told: list[tuple[int, Push]]) -> None:
     waiting = WaitingPushes()
     assert waiting.due(10) == []
