@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 from graphs import Graph
 from matplotlib.image import imread
-from rclpy.duration import Duration
 from recordings import START, write_bag
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
+from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_msgs.msg import RotorImpulses, Soliton, SolitonEvent, SolitonState
+from soliton_linkage_msgs.msg import Soliton, SolitonEvent, SolitonState
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -28,14 +27,13 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
     frame_to_msg,
-    impulses_to_msg,
 )
 from soliton_linkage_nodes.messages.event_conversions import events_to_msgs
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.analyse_bag import main
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 BAGS = Path(__file__).resolve().parents[3] / 'bags'
@@ -121,66 +119,6 @@ def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
     graph.until(lambda: bool(events), 'an event')
     assert list(map(repr, events_of(bag))) == list(map(repr, events))
     assert [each.kind for each in events] == [SolitonEvent.BIRTH_AT_EDGE]
-
-
-KICKS = (0.3, 0.48, 0.61)
-
-
-def kicked() -> tuple[list[JointState], list[RotorImpulses]]:
-    """A noisy wall that is kicked three times, and the impulses, each stamped before its frame."""
-    chain = NAMED.chain
-    start = chain.uniform_state(-1)
-    rates = 10 * mode_towards_last(chain, start)
-    simulation = ElasticSimulation(chain, start, rates, PERIOD / SECOND, 1e-7)
-    generator = np.random.default_rng(3)
-    sent, impulses = [], []
-    for number in range(50):
-        if number:
-            simulation.advance()
-        if number in [round(each * SECOND / PERIOD) for each in KICKS]:
-            impulse = -0.2 * chain.moment_of_inertia * simulation.rates
-            simulation.kick(impulse)
-            made = time_to_msg(START + number * PERIOD - PERIOD // 3)
-            impulses.append(impulses_to_msg(NAMED, impulse, made))
-        seen = simulation.angles + 0.01 * generator.standard_normal(chain.number_of_rotors)
-        stamp = time_to_msg(START + number * PERIOD)
-        sent.append(frame_to_msg(NAMED, Frame(seen, None), 0 * seen, stamp))
-    return sent, impulses
-
-
-def test_a_node_a_replay_and_a_bag_with_kicks_agree(graph: Graph, tmp_path: Path) -> None:
-    """In the bag a kick may be after its frame, as topics come in no order of each other."""
-    sent, impulses = kicked()
-    entries: list[Any] = [(interfaces.CHAIN, START - 1, chain_to_msg(NAMED, time_to_msg(START)))]
-    entries += [(interfaces.JOINT_STATES, time_from_msg(m.header.stamp), m) for m in sent]
-    without = write_bag(tmp_path / 'without', entries)
-    late = PERIOD // 2
-    entries += [
-        (interfaces.ROTOR_IMPULSES, time_from_msg(m.header.stamp) + late, m) for m in impulses
-    ]
-    entries.sort(key=lambda entry: entry[1])
-    offline = states_of(write_bag(tmp_path / 'with', entries))
-    states = graph.hear(interfaces.SOLITON_STATE)
-    chain = graph.user.create_publisher(
-        interfaces.CHAIN.type, interfaces.CHAIN.name, interfaces.CHAIN.qos
-    )
-    chain.publish(entries[0][2])
-    graph.start(SolitonAnalyser, {'longest_lag': 0.0})
-    joints, kicks = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.ROTOR_IMPULSES)
-    waiting = list(impulses)
-    for frame in sent:
-        if waiting and time_from_msg(waiting[0].header.stamp) < time_from_msg(frame.header.stamp):
-            kicks.publish(waiting.pop(0))
-            assert kicks.wait_for_all_acked(Duration(seconds=10))
-        joints.publish(frame)
-    graph.until(lambda: len(states) == len(sent), 'all states')
-    assert list(map(repr, offline)) == list(map(repr, states))
-    first = round(KICKS[0] * SECOND / PERIOD)
-    untold = list(map(repr, states_of(without)))
-    assert untold[:first] == list(map(repr, states))[:first]
-    assert untold[first] != repr(states[first])
-    (wall,), (before,) = states[first].solitons, states[first - 1].solitons
-    assert wall.velocity == pytest.approx(0.8 * before.velocity, rel=0.1)
 
 
 def cells_of(message: Any, prefix: str = '') -> dict[str, Any]:

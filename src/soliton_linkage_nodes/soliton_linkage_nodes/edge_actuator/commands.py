@@ -149,8 +149,7 @@ class Commands:
                 f'{record.waiting} kicks wait for the simulator, the limit is '
                 f'{_MOST_KICKS_WAITING}; kick less often'
             )
-        made = self._frames.in_their_time(stamp, self._outlets.now)
-        self._outlets.kick(chain.named, impulses, made)
+        self._outlets.kick(chain.named, impulses)
         rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
         work = work_of_impulse(chain.named.chain, rates, impulses)
         record.measured = self._outlets.measured

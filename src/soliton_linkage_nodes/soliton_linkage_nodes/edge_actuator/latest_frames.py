@@ -63,15 +63,3 @@ class LatestFrames:
         """Time from the frame before to a stamp [ns], in seconds; None where it is not known."""
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
-
-    def in_their_time(self, stamp: int, now: int) -> int:
-        """An instant [ns] by the clock of the frames, of which the latest has a stamp [ns].
-
-        It is within a period of that frame: where the clock says otherwise, as it does beside a
-        simulation that was paused or is slow, at the end of the period.
-        """
-        before = self.stamp_before
-        if before is None or stamp <= before:
-            return now
-        following = 2 * stamp - before
-        return now if stamp < now < following else following

@@ -13,9 +13,6 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, torques_to_ms
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import let_others_go
 
-_ONLY_TOLD = 'soliton_analyser'
-"""Node that listens to impulses, and does not let them act."""
-
 
 class ActuatorOutlets:
     """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with the node's stamps."""
@@ -36,12 +33,8 @@ class ActuatorOutlets:
 
     @property
     def subscribers(self) -> int:
-        """How many listen to the impulses to let them act."""
-        count = int(self._impulses.get_subscription_count())
-        if not 0 < count <= self._node.count_publishers(interfaces.SOLITON_STATE.name):
-            return count
-        listening = self._node.get_subscriptions_info_by_topic(self._impulses.topic_name)
-        return sum(each.node_name != _ONLY_TOLD for each in listening)
+        """How many listen to the impulses."""
+        return int(self._impulses.get_subscription_count())
 
     @property
     def measured(self) -> bool:
@@ -51,16 +44,15 @@ class ActuatorOutlets:
     def check_heard(self, at_once: bool) -> None:
         """Raise ValueError where nobody listens to the impulses or else to the torques."""
         publisher = self._impulses if at_once else self._torques
-        listeners = self.subscribers if at_once else publisher.get_subscription_count()
-        if not listeners:
+        if not publisher.get_subscription_count():
             name = publisher.topic_name.rsplit('/', 1)[-1]
             raise ValueError(f'nothing subscribes to {name}; start the simulator first')
 
-    def kick(self, named: NamedChain, impulses: Array, stamp: int) -> None:
-        """Send impulses of all rotors [N m s], of an instant [ns]."""
+    def kick(self, named: NamedChain, impulses: Array) -> None:
+        """Send impulses of all rotors [N m s]."""
         if self._buffer is None or self._buffer[0] is not named:
             self._buffer = (named, ImpulseBuffer(named))
-        publish_buffer(self._impulses, self._buffer[1].fill(stamp, impulses))
+        publish_buffer(self._impulses, self._buffer[1].fill(self.now, impulses))
         let_others_go()
 
     def drive(self, named: NamedChain, torques: Array) -> None:

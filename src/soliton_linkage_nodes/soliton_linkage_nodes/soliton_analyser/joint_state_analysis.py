@@ -7,13 +7,8 @@ import math
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
-
-_FRAMES_OFF = 0.5
-"""Deviation of when impulses act, in times between frames [1]: a message takes a while, so that
-now and then it is a frame later than its stamp says."""
 
 
 class JointStateAnalysis:
@@ -24,7 +19,6 @@ class JointStateAnalysis:
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
-        self._impulses: ImpulseDecoder | None = None
         self.analyser: Analyser | UnknownChainAnalyser | None = None
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -46,24 +40,12 @@ class JointStateAnalysis:
             return
         if self._named is None or named.chain != self._named.chain:
             self.analyser = Analyser(named.chain, self._noise)
-        self._impulses = ImpulseDecoder(named.numbers, math.inf)
         self._named, self._reader = named, FrameReader(named.joint_names)
 
     def learn_joints(self, joint_names: Sequence[str]) -> None:
         """Analyse the frames of joints of which nothing is known but their order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
-        self._impulses = None
-
-    def push(self, serialized: bytes) -> None:
-        """Have `rotor_impulses`, as CDR bytes, act from the first frame later than their stamp.
-
-        Without a stamp they act from the next frame. Of a chain that is not known they tell
-        nothing. Raises ValueError for impulses that are refused.
-        """
-        if isinstance(self.analyser, Analyser) and self._impulses is not None:
-            impulses = self._impulses.decode(serialized)
-            self.analyser.push(stamp_of(serialized) or None, impulses, frames=_FRAMES_OFF)
 
     def analyse(self, joints: JointStates) -> Analysis | None:
         """What a frame shows, None for one that is not later than the one before.
