@@ -87,7 +87,6 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
         return {}
     return {
         'late frames': analyser.late,
-        'late pushes': analyser.late_pushes,
         'solitons': len(latest.solitons),
         'status': latest.estimate.status.value,
         'unseen rotors': latest.unseen,
