@@ -64,10 +64,10 @@ def picture_qos() -> QoSProfile:
     return QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def latched_qos() -> QoSProfile:
-    """Reliable and transient local: a late joiner gets the last message."""
+def latched_qos(depth: int = 1) -> QoSProfile:
+    """Reliable and transient local: a late joiner gets the last messages."""
     return QoSProfile(
-        depth=1,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
@@ -107,7 +107,7 @@ JOINT_COMMANDS = Topic('joint_commands', JointState, command_qos())
 EFFORT_COMMANDS = Topic('edge_actuator/commands', Float64MultiArray, command_qos())
 JOINT_TRAJECTORY = Topic('edge_actuator/joint_trajectory', JointTrajectory, command_qos())
 LAST_KICK = Topic('last_kick', LastKick, latched_qos())
-DELIVERY = Topic('delivery', Delivery, latched_qos())
+DELIVERY = Topic('delivery', Delivery, latched_qos(_DEEPEST_QUEUE))
 ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
 ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
 TILT = Topic('tilt', Float64, command_qos())

@@ -3,17 +3,22 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import PoseStamped
 from graphs import Graph
+from programs import Program
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from recordings import messages_of
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Float64
 
+from soliton_linkage_msgs.msg import Delivery
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -84,3 +89,39 @@ def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=said):
         graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '('})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_of_what_a_latched_topic_said_before_the_recording_the_last_is_kept_and_all_since(
+    graph: Graph, tmp_path: Path
+) -> None:
+    publisher = interfaces.DELIVERY.publisher(graph.user)
+    for count in range(5):
+        publisher.publish(Delivery(impulses=count))
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
+    graph.until(lambda: recorder.messages, 'the last of them')
+    for count in range(5, 500):
+        publisher.publish(Delivery(impulses=count))
+    graph.until(lambda: recorder.messages >= 496, 'those since')
+    graph.stop(recorder)
+    said = messages_of(tmp_path / 'run_0')['/delivery']
+    assert [deserialize_message(each, Delivery).impulses for each in said] == list(range(4, 500))
+
+
+def test_a_recorder_that_stood_still_has_every_delivery_of_that_time(
+    graph: Graph, tmp_path: Path
+) -> None:
+    publisher = interfaces.DELIVERY.publisher(graph.user)
+    arguments = ['--ros-args', '-p', f'output:={tmp_path / "run"}']
+    recorder = Program('bag_recorder', arguments, graph.domain, tmp_path / 'log')
+    try:
+        graph.until(publisher.get_subscription_count, 'the recorder')
+        recorder.process.send_signal(signal.SIGSTOP)
+        torques = [0.0] * 1000
+        for count in range(500):
+            publisher.publish(Delivery(impulses=count, impulse_of_torques=torques))
+        recorder.process.send_signal(signal.SIGCONT)
+        assert publisher.wait_for_all_acked(Duration(seconds=60))
+    finally:
+        recorder.stop()
+    said = messages_of(tmp_path / 'run_0')['/delivery']
+    assert [deserialize_message(each, Delivery).impulses for each in said] == list(range(500))

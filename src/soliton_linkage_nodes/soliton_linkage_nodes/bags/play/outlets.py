@@ -17,7 +17,7 @@ from rosbags.interfaces import Connection
 from soliton_linkage_nodes.bags.play.lockstep import Lockstep
 from soliton_linkage_nodes.bags.play.recorded_states import RecordedStates
 from soliton_linkage_nodes.bags.read.older_messages import is_older
-from soliton_linkage_nodes.bags.read.reading import decoder, latched, message_class
+from soliton_linkage_nodes.bags.read.reading import decoder, latched_depth, message_class
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.matching import wait_for_subscriber
 
@@ -129,7 +129,9 @@ class ReplayOutlets:
         message_type = message_class(connection.msgtype)
         if is_older(connection):
             self._decoders[connection.topic] = decoder(connection)
-        qos = interfaces.latched_qos() if latched(connection) else interfaces.stream_qos()
+        qos = interfaces.stream_qos()
+        if kept := latched_depth(connection):
+            qos = interfaces.latched_qos(min(kept, qos.depth))
         publisher = self._node.create_publisher(message_type, connection.topic, qos)
         self._publishers[connection.topic] = publisher
 

@@ -163,9 +163,15 @@ def type_name(message_type: Any) -> str:
 
 
 def latched(connection: Connection) -> bool:
-    """Whether a topic of a bag was recorded from a publisher that keeps its last message."""
+    """Whether a topic of a bag was recorded from a publisher that keeps its last messages."""
+    return latched_depth(connection) > 0
+
+
+def latched_depth(connection: Connection) -> int:
+    """How many last messages the publisher of a topic of a bag kept for late joiners."""
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
-    return any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in profiles)
+    kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
+    return max(1, *kept) if kept else 0
 
 
 def _reader(path: Path) -> Reader:

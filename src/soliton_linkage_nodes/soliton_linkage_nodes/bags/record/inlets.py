@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -39,8 +40,9 @@ class Inlet:
         """How many it heard when it last looked."""
 
     def drain(self) -> list[Taken]:
-        """Take all messages that are waiting."""
+        """Take all messages that are waiting, and of those from before its time the last alone."""
         taken: list[Taken] = []
+        history = False
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
@@ -50,7 +52,10 @@ class Inlet:
                 number = info['publication_sequence_number']
                 if number is not None:
                     self.gaps.take(number, self.connected)
+                if history:
+                    taken.pop()
                 taken.append(Taken(self.source, info['received_timestamp'], serialized))
+                history = self.source.latched and info['source_timestamp'] < self._began
         return taken
 
     def adapt(self) -> list[Taken]:
@@ -70,6 +75,7 @@ class Inlet:
         return taken
 
     def _subscribe(self) -> Subscription:
+        self._began = time.time_ns()
         return self._node.create_subscription(
             self._type, self.source.name, _ignore, self._qos, raw=True
         )
