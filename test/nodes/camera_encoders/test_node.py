@@ -20,6 +20,7 @@ from filmed_chains import CAMERA, PERIOD, renderer
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.camera_encoders.node import CameraEncoders
+from soliton_linkage_nodes.messages.picture_conversions import picture_from_compressed_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
@@ -51,7 +52,7 @@ def info() -> CameraInfo:
 
 
 def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
     parameters: dict[str, Any] = {
         'chain_from': 'parameters',
         'chain.number_of_rotors': CHAIN.number_of_rotors,
@@ -61,6 +62,7 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
     node = graph.start(CameraEncoders, parameters)
     angles = graph.hear(interfaces.JOINT_STATES)
     deviations = graph.hear(interfaces.JOINT_STATE_DEVIATIONS)
+    overlays = graph.hear(interfaces.CAMERA_OVERLAY)
     _, film, motion = renderer(CHAIN)
     infos, images = graph.speak(interfaces.CAMERA_INFO), graph.speak(interfaces.IMAGE)
     infos.publish(info())
@@ -75,6 +77,9 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
     assert np.abs(np.array(last.position) - truth).max() < 0.01
     assert deviations[-1].header.stamp == last.header.stamp
     assert (np.array(deviations[-1].position) < 0.01).all()
+    graph.until(lambda: bool(overlays), 'a picture with what was found')
+    drawn = picture_from_compressed_msg(cv2, overlays[-1])
+    assert drawn.shape == (CAMERA.height, CAMERA.width, 3)
 
 
 def test_without_opencv_it_says_in_one_line_what_to_install(

@@ -105,7 +105,9 @@ class AngleCamera:
         hidden = int(self._rotors - seen.sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         at_stamp = self._at(time + self._delay, times, angles)
-        return AngleFrame(self._delay, at_stamp, deviations, pixels, status)
+        known = np.where(self.pivots.known[:, None], self._pivot_pixels, np.nan)
+        of_frame = self.frame_markers.places
+        return AngleFrame(self._delay, at_stamp, deviations, pixels, known, of_frame, status)
 
     def _at(self, stamp: float, times: Array, angles: Array) -> Array:
         """Angles at the time of the frame [s] by those that were seen at others, (N,)."""
@@ -169,4 +171,5 @@ class AngleCamera:
 
     def _nothing(self, status: str) -> AngleFrame:
         delay = self._camera.exposure / 2 + self._camera.row_time * self._camera.height / 2
-        return no_rotors(self._rotors, delay, status)
+        dots = self.frame_markers.places
+        return replace(no_rotors(self._rotors, delay, status), frame_dots=dots)

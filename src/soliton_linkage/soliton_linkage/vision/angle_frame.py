@@ -24,6 +24,10 @@ class AngleFrame:
     """Standard deviation of each angle [rad], NaN of rotors that are not seen, shape (N,)."""
     masses: Array
     """Where the dots of the masses are [pixels], NaN where they are not seen, shape (N, 2)."""
+    pivots: Array
+    """Where the pivots are [pixels], NaN where that is not known, shape (N, 2)."""
+    frame_dots: Array
+    """Where the dots of the frame markers are [pixels], shape (K, 2)."""
     status: str
     """What keeps rotors from being seen; empty where all are."""
 
@@ -36,7 +40,8 @@ class AngleFrame:
 def no_rotors(rotors: int, delay: float, status: str) -> AngleFrame:
     """A picture in which none of so many rotors is seen, and why."""
     none = np.full(rotors, np.nan)
-    return AngleFrame(delay, none, none.copy(), np.full((rotors, 2), np.nan), status)
+    nowhere = np.full((rotors, 2), np.nan)
+    return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
 
 
 def check_picture(camera: Camera, picture: Picture) -> None:

@@ -94,7 +94,8 @@ class DarkRotors:
         self.tracks.take(times, turned)
         hidden = int(np.isnan(turned).sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
-        return AngleFrame(delay, turned, deviations, masses, status)
+        own, none = self._pivots.copy(), np.zeros((0, 2))
+        return AngleFrame(delay, turned, deviations, masses, own, none, status)
 
 
 def _bars(grey: Picture) -> _Bars:

@@ -66,6 +66,11 @@ class FrameMarkers:
         self._pictures = self._missing_for = 0
         self._detector = _detector(opencv())
 
+    @property
+    def places(self) -> Array:
+        """Of the dots that are known, the mean over the pictures [pixels], shape (K, 2)."""
+        return self._places[self._known]
+
     def look(self, grey: Grey) -> bool:
         """Follow the markers in a picture; whether the plane is known."""
         if self.plane is None:

@@ -14,6 +14,7 @@ from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage.vision.lens.camera import Camera
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage_nodes.camera_encoders.camera_file import camera_from_msg, read_camera
+from soliton_linkage_nodes.camera_encoders.overlay import Overlay
 from soliton_linkage_nodes.camera_encoders.parameters import (
     CameraEncodersParameters,
     SightParameters,
@@ -50,10 +51,11 @@ class CameraEncoders(ManagedNode):
     """Publishes the angles of the rotors that pictures of a chain show, in place of encoders.
 
     Subscribes to `image` or `image/compressed`, unless it has a camera of this machine, to
-    `camera_info`, unless it has a file of that, and, unless told the chain by parameters, to
-    `chain`. Publishes `joint_states` [rad], NaN for rotors that are not seen, with the stamp of
-    their exposure, `joint_state_deviations`, standard deviations of these angles in the place of
-    positions [rad], and `/diagnostics`.
+    `camera_info`, unless it has a file of that, to `soliton_state`, for the walls that it draws,
+    and, unless told the chain by parameters, to `chain`. Publishes `joint_states` [rad], NaN for
+    rotors that are not seen, with the stamp of their exposure, `joint_state_deviations`, standard
+    deviations of these angles in the place of positions [rad], `camera_overlay`, the pictures
+    with what was found in them, while somebody subscribes to it, and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -91,6 +93,7 @@ class CameraEncoders(ManagedNode):
         self.diagnostics = Diagnostics(self, 'seeing', self.reporting(self._report))
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._deviations = interfaces.JOINT_STATE_DEVIATIONS.publisher(self)
+        self._overlay = Overlay(self, self.diagnostics, self.settings.overlay_rate)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
         self._listen()
         self.get_logger().info(f'seeing {self._source.in_words} in {self._whence()}')
@@ -113,13 +116,14 @@ class CameraEncoders(ManagedNode):
 
         Raises ValueError for a picture that is refused.
         """
-        if self._sight is None:
+        if self._sight is None or self._named is None:
             return
         begin = time.perf_counter()
         seen = self._seen = self._sight.look(stamp, picture)
-        if self._named is not None and seen.frame.seen:
+        if seen.frame.seen:
             self._angles.publish(angles_to_msg(self._named, seen))
             self._deviations.publish(deviations_to_msg(self._named, seen))
+        self._overlay.draw(self._named, picture, seen)
         self._pictures += 1
         self._busy += time.perf_counter() - begin
 

@@ -47,3 +47,10 @@ class CameraEncodersParameters:
     camera_file: str = quantity(
         '', 'path of a file of calibrate_camera, empty for what the topic camera_info says'
     )
+    overlay_rate: float = quantity(
+        20.0,
+        'most pictures a second on camera_overlay, which are drawn while it is heard',
+        'Hz',
+        0.1,
+        1000.0,
+    )

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of cameras, as messages, to arrays of blue, green and red."""
+"""Pictures of cameras, as messages, to arrays of blue, green and red, and back."""
 
 from __future__ import annotations
 
+import array
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
+
+_QUALITY = 80
+"""Of JPEG [1]: letters are sharp, and a picture of 1280 x 720 pixels has some 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -52,3 +59,15 @@ def picture_from_compressed_msg(cv2: Any, message: CompressedImage) -> NDArray[n
             f'{len(data)} bytes of format {message.format!r} are no picture; send jpeg or png'
         )
     return np.asarray(picture)
+
+
+def picture_to_compressed_msg(
+    cv2: Any, stamp: int, frame_id: str, picture: NDArray[np.uint8]
+) -> CompressedImage:
+    """JPEG, by OpenCV, of blue, green and red, (height, width, 3), with a stamp [ns]."""
+    _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return CompressedImage(
+        header=Header(stamp=time_to_msg(stamp), frame_id=frame_id),
+        format='jpeg',
+        data=array.array('B', data.tobytes()),
+    )

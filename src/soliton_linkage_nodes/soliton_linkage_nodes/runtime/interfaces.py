@@ -125,6 +125,7 @@ JOINT_STATE_DEVIATIONS = Topic('joint_state_deviations', JointState, stream_qos(
 IMAGE = Topic('image', Image, picture_qos())
 COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, picture_qos())
 CAMERA_INFO = Topic('camera_info', CameraInfo, picture_qos())
+CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, picture_qos())
 MOVE_SOLITON = 'move_soliton'
 """Name of the action."""
 
@@ -148,5 +149,5 @@ SUITE = (
 """What the nodes say and hear, and bags hold."""
 DRAWN = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """What is drawn of that for viewers; bags need not hold it."""
-SEEN = (JOINT_STATE_DEVIATIONS, IMAGE, COMPRESSED_IMAGE, CAMERA_INFO)
+SEEN = (JOINT_STATE_DEVIATIONS, IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Of cameras in place of encoders."""

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was found in a picture, drawn over it: markers, the names of the rotors, and walls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from soliton_linkage.colours import GREEN, ORANGE, RED, SKY, WHITE, shares
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.dots import Picture
+from soliton_linkage.vision.opencv import opencv
+
+Colour = tuple[int, int, int]
+
+_SIZE = 1 / 1800
+"""Of letters over the width of the picture [1/pixel]: those of a plain screen at 1280 pixels."""
+_SHADOW = (20, 20, 20)
+"""Of letters, which so are seen on any ground: blue, green and red."""
+_REACH = 1.35
+"""Of the line across the chain that is a wall, over the length of the rotors [1]."""
+_OUT = 1.9
+"""Of the name of a rotor from its pivot, away from its mass, over its length [1]."""
+_DEVIATIONS = 2.0
+"""Within which a wall is drawn, its standard deviations to either side [1]."""
+_OPACITY = 0.35
+"""Of a wall, through which the rotors are seen [1]."""
+
+
+class PlacedWall(NamedTuple):
+    """A wall on the chain."""
+
+    rotor: float
+    """Where it is [rotor spacings from rotor 0]."""
+    deviation: float
+    """Standard deviation of that [rotor spacings], NaN where it is not known."""
+    charge: int
+    """1 of a kink, -1 of an anti-kink."""
+
+
+def overlaid(
+    picture: Picture,
+    frame: AngleFrame,
+    names: Sequence[str],
+    walls: Sequence[PlacedWall] = (),
+) -> Picture:
+    """A picture, (height, width, 3) or (height, width), with what was found in it drawn over.
+
+    Rings are about the dots that were found, lines lead from pivots to masses, and rotors that
+    are hidden are orange. Names that have no room are numbers.
+    """
+    cv2 = opencv()
+    drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
+    pen = _Pen(cv2, drawn)
+    for place in frame.frame_dots:
+        pen.ring(place, _bgr(SKY))
+    known = np.isfinite(frame.pivots[:, 0])
+    if known.sum() > 1:
+        _draw_walls(pen, frame, walls)
+    _draw_rotors(pen, frame, _fitting(names, frame.pivots[known], pen))
+    text = frame.status or f'all {len(frame.angles)} rotors are seen'
+    pen.write(text, np.array([8.0, len(drawn) - 8.0]), _bgr(ORANGE if frame.status else WHITE))
+    return np.asarray(drawn)
+
+
+class _Pen:
+    """Draws upon a picture, to a fraction of a pixel."""
+
+    _SHIFT = 4
+
+    def __init__(self, cv2: Any, picture: Picture) -> None:
+        self._cv2, self.picture = cv2, picture
+        self.size = max(picture.shape[1] * _SIZE, 0.3)
+        self.thickness = max(round(picture.shape[1] / 1000), 1)
+
+    def ring(self, place: Array, colour: Colour) -> None:
+        radius = round(7 * self.size * 2**self._SHIFT)
+        self._cv2.circle(
+            self.picture,
+            self._fine(place),
+            radius,
+            colour,
+            self.thickness,
+            self._cv2.LINE_AA,
+            self._SHIFT,
+        )
+
+    def line(self, begin: Array, end: Array, colour: Colour) -> None:
+        ends = self._fine(begin), self._fine(end)
+        aliased = self._cv2.LINE_AA
+        self._cv2.line(self.picture, *ends, colour, self.thickness, aliased, self._SHIFT)
+
+    def fill(self, corners: Array, colour: Colour) -> None:
+        outline = np.rint(corners).astype(np.int32)
+        height, width = self.picture.shape[:2]
+        left, top = np.clip(outline.min(axis=0), 0, (width, height))
+        right, bottom = np.clip(outline.max(axis=0) + 1, 0, (width, height))
+        part = self.picture[top:bottom, left:right]
+        if part.size:
+            filled = self._cv2.fillPoly(part.copy(), [outline - (left, top)], colour)
+            part[:] = self._cv2.addWeighted(filled, _OPACITY, part, 1 - _OPACITY, 0.0)
+
+    def write(self, text: str, place: Array, colour: Colour) -> None:
+        """Letters that begin at a place, with a shadow."""
+        x, y = (round(float(each)) for each in place)
+        for aside, paint in ((1, _SHADOW), (0, colour)):
+            self._cv2.putText(
+                self.picture,
+                text,
+                (x + aside, y + aside),
+                self._cv2.FONT_HERSHEY_SIMPLEX,
+                self.size,
+                paint,
+                self.thickness,
+                self._cv2.LINE_AA,
+            )
+
+    def extent(self, text: str) -> Array:
+        """Width and height of letters [pixels]."""
+        font = self._cv2.FONT_HERSHEY_SIMPLEX
+        size, _ = self._cv2.getTextSize(text, font, self.size, self.thickness)
+        return np.array(size, dtype=np.float64)
+
+    def centred(self, text: str, place: Array, colour: Colour) -> None:
+        """Letters whose middle is at a place."""
+        self.write(text, place + self.extent(text) * [-0.5, 0.5], colour)
+
+    def _fine(self, place: Array) -> tuple[int, int]:
+        x, y = (round(float(each) * 2**self._SHIFT) for each in place)
+        return x, y
+
+
+def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str]) -> None:
+    lengths = np.hypot(*(frame.masses - frame.pivots).T)
+    usual = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
+    for pivot, mass, name in zip(frame.pivots, frame.masses, names, strict=True):
+        if not np.isfinite(pivot).all():
+            continue
+        if not np.isfinite(mass).all():
+            pen.ring(pivot, _bgr(ORANGE))
+            pen.centred(name, pivot + np.array([0.0, _OUT * usual]), _bgr(ORANGE))
+            continue
+        pen.line(pivot, mass, _bgr(GREEN))
+        pen.ring(pivot, _bgr(SKY))
+        pen.ring(mass, _bgr(GREEN))
+        pen.centred(name, pivot + _OUT * (pivot - mass), _bgr(WHITE))
+
+
+def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[PlacedWall]) -> None:
+    known = np.flatnonzero(np.isfinite(frame.pivots[:, 0]))
+    along = frame.pivots[known[-1]] - frame.pivots[known[0]]
+    along = along / np.hypot(*along)
+    across = np.array([along[1], -along[0]])
+    lengths = np.hypot(*(frame.masses - frame.pivots).T)
+    if not np.isfinite(lengths).any():
+        return
+    reach = _REACH * float(np.nanmedian(lengths)) * across
+    for wall in walls:
+        if not math.isfinite(wall.rotor):
+            continue
+        aside = _DEVIATIONS * wall.deviation if math.isfinite(wall.deviation) else 0.0
+        low, middle, high = (
+            np.array([np.interp(wall.rotor + step, known, axis) for axis in frame.pivots[known].T])
+            for step in (-aside, 0.0, aside)
+        )
+        pen.fill(np.array([low - reach, high - reach, high + reach, low + reach]), _bgr(RED))
+        pen.line(middle - reach, middle + reach, _bgr(RED))
+        kind = 'kink' if wall.charge > 0 else 'anti-kink'
+        text = f'{kind} at {wall.rotor:.2f}'
+        pen.centred(text, middle + reach + 2 * pen.extent(text)[1] * across, _bgr(ORANGE))
+
+
+def _fitting(names: Sequence[str], pivots: Array, pen: _Pen) -> Sequence[str]:
+    """Names, or numbers where names would overlap."""
+    if len(pivots) < 2:
+        return names
+    room = np.hypot(*(pivots[-1] - pivots[0])) / (len(pivots) - 1)
+    widest = max((pen.extent(name)[0] for name in names), default=0.0)
+    return names if widest < room else [str(number) for number in range(len(names))]
+
+
+def _bgr(colour: str) -> Colour:
+    red, green, blue = (round(255 * share) for share in shares(colour))
+    return blue, green, red

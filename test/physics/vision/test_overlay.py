@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is drawn over a picture is where it was found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.overlay import PlacedWall, overlaid
+
+pytest.importorskip('cv2', reason='cameras need OpenCV')
+ROTORS = 5
+NAMES = [f'rotor_{rotor}' for rotor in range(ROTORS)]
+PICTURE = np.full((300, 600, 3), 128, dtype=np.uint8)
+PIVOTS = np.column_stack([100.0 * np.arange(1, ROTORS + 1), np.full(ROTORS, 150.0)])
+
+
+def frame(hidden: int | None = None) -> AngleFrame:
+    """A frame of upright rotors 40 pixels long, one of which may be hidden."""
+    masses = PIVOTS - [0.0, 40.0]
+    angles = np.zeros(ROTORS)
+    if hidden is not None:
+        masses[hidden], angles[hidden] = np.nan, np.nan
+    dots = np.array([[20.0, 20.0]])
+    status = '' if hidden is None else f'1 of {ROTORS} rotors are hidden'
+    return AngleFrame(0.0, angles, 0 * angles, masses, PIVOTS, dots, status)
+
+
+def painted(picture: np.ndarray) -> np.ndarray:
+    """Where a picture differs from the plain one."""
+    return np.any(picture != PICTURE, axis=2)
+
+
+def test_rings_and_lines_are_at_what_was_found_and_the_picture_given_stays() -> None:
+    drawn = overlaid(PICTURE, frame(), NAMES)
+    assert (PICTURE == 128).all()
+    marks = painted(drawn)
+    for x, y in PIVOTS:
+        assert marks[int(y) - 20, int(x)], 'line of a rotor'
+        assert not marks[int(y) - 20, int(x) + 30], 'beside a rotor'
+    assert marks[10:31, 10:31].any(), 'dot of the frame'
+    assert painted(overlaid(PICTURE, frame(2), NAMES))[115:140].sum() < marks[115:140].sum()
+
+
+@pytest.mark.parametrize('rotor', [0.0, 1.25, 3.5])
+def test_a_wall_is_drawn_where_its_rotors_are(rotor: float) -> None:
+    without = overlaid(PICTURE, frame(), NAMES)
+    drawn = overlaid(PICTURE, frame(), NAMES, [PlacedWall(rotor, 0.02, 1)])
+    changed = np.flatnonzero(np.any(drawn[125] != without[125], axis=1))
+    assert changed.mean() == pytest.approx(100 * (1 + rotor), abs=1.5)
+
+
+def test_a_wall_without_place_and_a_frame_without_rotors_leave_the_picture() -> None:
+    unplaced = PlacedWall(math.nan, math.nan, -1)
+    assert (
+        overlaid(PICTURE, frame(), NAMES, [unplaced]) == overlaid(PICTURE, frame(), NAMES)
+    ).all()
+    none = np.full((ROTORS, 2), np.nan)
+    nobody = AngleFrame(0.0, none[:, 0], none[:, 0], none, none, np.zeros((0, 2)), 'no markers')
+    grey = overlaid(PICTURE[..., 0], nobody, NAMES, [PlacedWall(1.0, 0.1, 1)])
+    assert not painted(grey)[:250].any()
