@@ -20,6 +20,7 @@ ACTIONS: dict[str, Callable[[ChainCommands], Any]] = {
     'reset': lambda commands: commands.reset('initial'),
     'release': lambda commands: commands.release(),
     'carry': lambda commands: commands.carry(3.0, 0.0, 1.0),
+    'identify': lambda commands: commands.of_identifier('identify'),
 }
 
 

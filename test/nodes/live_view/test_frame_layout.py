@@ -10,7 +10,9 @@ from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     FIELDS,
     Column,
+    kind_of,
     pack,
+    pack_camera,
     pack_history,
     unpack,
 )
@@ -35,24 +37,32 @@ def test_what_is_not_told_is_nan_and_what_is_not_drawn_is_empty() -> None:
 
 def test_fields_are_little_endian_doubles_in_their_order() -> None:
     frame = pack({'stamp': 1.5}, {'angles': np.array([0.25])})
-    place = FIELDS.index('stamp')
+    place = 1 + FIELDS.index('stamp')
     assert struct.unpack_from('<d', frame, 8 * place) == (1.5,)
-    counts = struct.unpack_from(f'<{len(ARRAYS)}d', frame, 8 * len(FIELDS))
+    counts = struct.unpack_from(f'<{len(ARRAYS)}d', frame, 8 * (1 + len(FIELDS)))
     assert counts == tuple(float(name == 'angles') for name in ARRAYS)
     assert struct.unpack('<f', frame[-4:]) == (0.25,)
 
 
-def test_a_history_tells_its_chain_by_a_number_that_no_frame_has() -> None:
+def test_a_history_tells_its_chain_and_what_it_holds() -> None:
     column = np.array([1.0, 2.0], dtype=np.float32)
     numbers = ((10.0, 0.5, 1.0, 2.0, 3.0, 4.0), (11.0, math.nan, 5.0, 6.0, 7.0, 8.0))
     packed = pack_history(3, [Column(numbers[0], column), Column(numbers[1], 2 * column)])
-    head = struct.unpack_from('<16d', packed)
-    assert head[:11] == (-4.0, 2.0, 2.0, 6.0, *numbers[0], 11.0)
+    assert kind_of(packed) == 'history'
+    head = struct.unpack_from('<16d', packed, 8)
+    assert head[:11] == (3.0, 2.0, 2.0, 6.0, *numbers[0], 11.0)
     assert math.isnan(head[11])
     assert head[12:] == numbers[1][2:]
-    assert struct.unpack('<4f', packed[128:]) == (1.0, 2.0, 2.0, 4.0)
+    assert struct.unpack('<4f', packed[136:]) == (1.0, 2.0, 2.0, 4.0)
 
 
 def test_columns_of_another_height_are_left_out_of_a_history() -> None:
     columns = [Column((0.0,) * 6, np.zeros(n, dtype=np.float32)) for n in (5, 3)]
-    assert struct.unpack_from('<3d', pack_history(0, columns)) == (-1.0, 1.0, 3.0)
+    assert struct.unpack_from('<3d', pack_history(0, columns), 8) == (0.0, 1.0, 3.0)
+
+
+def test_a_picture_of_the_camera_is_its_jpeg_behind_its_chain_stamp_and_age() -> None:
+    packed = pack_camera(2, 7.5, 0.25, b'jpeg')
+    assert kind_of(packed) == 'camera'
+    assert struct.unpack_from('<3d', packed, 8) == (2.0, 7.5, 0.25)
+    assert packed[32:] == b'jpeg'

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import struct
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
-from soliton_linkage_nodes.live_view.frame_layout import unpack
+from soliton_linkage_nodes.live_view.frame_layout import kind_of, pack_camera, unpack
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.messages.conversions import JointStates
 
@@ -36,6 +37,15 @@ class Socket:
         return await self.said.get()
 
 
+class Camera:
+    """Pictures that the test takes."""
+
+    pictures = 0
+
+    def picture(self, number: int) -> bytes:
+        return pack_camera(number, self.pictures, 0.0, b'')
+
+
 class Chains:
     """Two chains of which a frame comes whenever the test says so."""
 
@@ -43,7 +53,7 @@ class Chains:
         self.status = '{"status": {}}'
         self.models = {'/': ChainModel(), '/other/': ChainModel()}
         self.chains: Any = {
-            name: SimpleNamespace(namespace=name, model=model)
+            name: SimpleNamespace(namespace=name, model=model, camera=Camera())
             for name, model in self.models.items()
         }
         self._fresh = asyncio.Event()
@@ -58,6 +68,9 @@ class Chains:
 
     def descriptions(self) -> dict[str, Any]:
         return {'chains': [{'name': name} for name in self.models]}
+
+    def picture(self, number: int, chain: Any, first: int, last: int) -> bytes:
+        return bytes(chain.model.picture(number, first, last))
 
     async def tick(self) -> None:
         self.second += 1
@@ -85,7 +98,9 @@ class Meeting:
 
     @property
     def stamps(self) -> list[float]:
-        return [unpack(frame)[0]['stamp'] for frame in self.socket.frames if frame[7] < 128]
+        return [
+            unpack(frame)[0]['stamp'] for frame in self.socket.frames if kind_of(frame) == 'frame'
+        ]
 
     async def _act(self, name: str, arguments: Mapping[str, Any]) -> str:
         if name == 'impossible':
@@ -205,3 +220,40 @@ def test_words_are_sent_when_they_change_only() -> None:
     texts = meet(play).socket.texts
     assert [text['status'] for text in texts if 'status' in text] == [{}, {'new': 1}]
     assert 1 <= sum('chains' in text for text in texts) <= 3
+
+
+def test_a_picture_of_the_camera_is_sent_where_it_is_shown_and_the_one_before_is_seen() -> None:
+    async def play(meeting: Meeting) -> None:
+        cameras = [chain.camera for chain in meeting.chains.chains.values()]
+
+        async def take(picture: int) -> None:
+            for camera in cameras:
+                camera.pictures = picture
+            await meeting.chains.tick()
+
+        def sent() -> list[tuple[float, ...]]:
+            frames = [f for f in meeting.socket.frames if kind_of(f) == 'camera']
+            return [struct.unpack_from('<2d', frame, 8) for frame in frames]
+
+        await take(1)
+        assert sent() == []
+        await meeting.say({'camera': True})
+        await take(2)
+        await take(3)
+        assert sent() == [(0, 2)]
+        await meeting.say('seen')
+        await take(4)
+        assert sent()[1:] == [(0, 4)]
+        await meeting.say('seen')
+        await meeting.chains.tick()
+        assert len(sent()) == 2
+        await meeting.say({'watch': '/other/'})
+        await meeting.chains.tick()
+        assert sent()[2:] == [(1, 4)]
+        for unwanted in ({'watch': '*'}, {'watch': '/', 'camera': False}):
+            await meeting.say(unwanted)
+            await meeting.say('seen')
+            await take(5)
+        assert len(sent()) == 3
+
+    meet(play)

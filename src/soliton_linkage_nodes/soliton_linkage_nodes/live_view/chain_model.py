@@ -22,6 +22,8 @@ MOST_ANGLES = 1500
 """Rotors that are drawn one by one; of more a page shows how far they lean [1]."""
 _GROUPS = 1024
 """Pairs of least and largest lean that stand for a longer chain: a screen has few more pixels."""
+_STATES_LAST = 1.0
+"""After which an analyser is silent [s]."""
 _HISTORY_PERIOD = 1 / 30
 """Between two columns that are kept for a page that opens later [s]."""
 _HISTORY_COLUMNS = 600
@@ -75,6 +77,12 @@ class ChainModel:
     def state_age(self) -> float:
         """Of the latest soliton_state [s], infinite where none came."""
         return self._clock() - self._state_came
+
+    @property
+    def behind(self) -> float:
+        """By how much soliton_state is older than joint_states [s], NaN where none comes."""
+        now = self.state_age < _STATES_LAST
+        return self._stamp - self._numbers.get('state_stamp', math.nan) if now else math.nan
 
     @property
     def stamp(self) -> float:
@@ -211,7 +219,7 @@ class ChainModel:
             self._mode = np.zeros(0)
             if not chain.periodic and np.isfinite(angles).all():
                 self._mode = resolved_edge_mode(chain, angles, Edge.NEAREST)[1]
-            if self.state_age > 1.0:
+            if self.state_age > _STATES_LAST:
                 self._tell_energies()
         now = self._clock()
         if now - self._kept >= _HISTORY_PERIOD:

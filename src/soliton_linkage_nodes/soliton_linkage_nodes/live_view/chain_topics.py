@@ -7,6 +7,7 @@ import time
 
 from rclpy.node import Node
 
+from soliton_linkage_nodes.live_view.camera_topic import CameraTopic
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
@@ -36,6 +37,7 @@ class ChainTopics:
         """Listen to `chain`, `joint_states` and `soliton_state` there; it ends in a slash."""
         self.namespace = namespace
         self.model = ChainModel()
+        self.camera = CameraTopic(node, namespace)
         self.publishers = 0
         """How many publish `joint_states`; of several a page shows now one, now the other."""
         self._decoder = JointStateDecoder()
@@ -45,6 +47,7 @@ class ChainTopics:
 
     def take(self) -> None:
         """Put into the model what has come."""
+        self.camera.take()
         chain = self._chain.take()
         if chain is not None:
             try:
@@ -66,10 +69,11 @@ class ChainTopics:
         """Hear publishers that came since, whatever they offer."""
         self.publishers = self._joints.adapt()
         self._states.adapt()
+        self.camera.adapt()
 
     def close(self) -> None:
         """Listen no longer."""
-        for topic in (self._chain, self._joints, self._states):
+        for topic in (self._chain, self._joints, self._states, self.camera):
             topic.close()
 
 

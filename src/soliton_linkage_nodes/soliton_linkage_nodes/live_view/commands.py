@@ -39,6 +39,9 @@ _SERVICES = {
     'simulator/step': Step,
     'simulator/reset': Reset,
     'soliton_steering/release': Trigger,
+    'chain_identifier/identify': Trigger,
+    'chain_identifier/save': Trigger,
+    'chain_identifier/forget': Trigger,
 }
 
 
@@ -159,6 +162,10 @@ class ChainCommands:
     async def release(self) -> str:
         """Let the soliton go that is held."""
         return await self._ask('soliton_steering/release', Trigger, Trigger.Request())
+
+    async def of_identifier(self, what: str) -> str:
+        """Have the chain identifier do something: `identify`, `save` or `forget`."""
+        return await self._ask(f'chain_identifier/{what}', Trigger, Trigger.Request())
 
     async def carry(self, rotor: float, speed: float, now: float) -> str:
         """Carry the soliton to a place, from where it is now [rotor spacings]."""

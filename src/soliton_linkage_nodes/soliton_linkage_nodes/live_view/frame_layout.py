@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bytes of one picture of a chain: described once, for what packs them and the script.
+"""The bytes that a page is sent: described once, for what packs them and the script.
 
-A frame is `FIELDS` as doubles, the number of elements of each of `ARRAYS` as doubles, and the
-arrays as floats of 32 bits, one after the other; all little-endian.
+All are little-endian and begin with their kind, a double. After it a frame has `FIELDS` as
+doubles, the number of elements of each of `ARRAYS` as doubles, and the arrays as floats of 32
+bits, one after the other.
 """
 
 from __future__ import annotations
@@ -16,6 +17,13 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 Floats = NDArray[np.float32]
+
+KINDS = (
+    'frame',  # of a chain
+    'history',  # what a chain showed before
+    'camera',  # a picture of the camera at a chain
+)
+FRAME, HISTORY, CAMERA = map(float, range(len(KINDS)))
 
 FIELDS = (
     'chain',  # number of the chain in the list of the status
@@ -86,17 +94,18 @@ def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> 
     nothing = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, nothing), dtype='<f4') for name in ARRAYS]
-    head = [numbers.get(name, np.nan) for name in FIELDS]
+    head = [FRAME, *(numbers.get(name, np.nan) for name in FIELDS)]
     head += [float(part.size) for part in parts]
     return b''.join([np.array(head, dtype='<f8').tobytes(), *(part.tobytes() for part in parts)])
 
 
 def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
     """Fields and arrays of a frame."""
-    head = np.frombuffer(frame, '<f8', len(FIELDS) + len(ARRAYS))
+    head = np.frombuffer(frame, '<f8', 1 + len(FIELDS) + len(ARRAYS))
+    begin = head.nbytes
+    head = head[1:]
     numbers = dict(zip(FIELDS, head.tolist(), strict=False))
     arrays: dict[str, Floats] = {}
-    begin = head.nbytes
     for name, count in zip(ARRAYS, head[len(FIELDS) :], strict=True):
         arrays[name] = np.frombuffer(frame, '<f4', int(count), begin)
         begin += 4 * int(count)
@@ -106,13 +115,27 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Bytes of what a chain of a number in the list showed before, a column an instant.
 
-    Doubles: -1 less the number, how many columns there are, of how many values each, and of how
-    many numbers; of each column these numbers; then floats of 32 bits, one column after the other.
+    Doubles: kind, number of the chain, how many columns there are, of how many values each, and of
+    how many numbers; of each column these numbers; then floats of 32 bits, one column after the
+    other.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0
     kept = [column for column in kept if column.overview.size == height]
-    head = [-1.0 - chain, len(kept), height, 2 + len(ENERGIES)]
+    head = [HISTORY, chain, len(kept), height, 2 + len(ENERGIES)]
     head += [value for column in kept for value in column.numbers]
     data = [np.asarray(column.overview, dtype='<f4').tobytes() for column in kept]
     return b''.join([np.array(head, dtype='<f8').tobytes(), *data])
+
+
+def pack_camera(chain: int, stamp: float, age: float, jpeg: bytes) -> bytes:
+    """Bytes of a picture of the camera at a chain of a number in the list.
+
+    Doubles: kind, number of the chain, stamp [s] and age [s]; then the JPEG.
+    """
+    return np.array([CAMERA, chain, stamp, age], dtype='<f8').tobytes() + jpeg
+
+
+def kind_of(sent: bytes) -> str:
+    """What a browser is sent, one of `KINDS`."""
+    return KINDS[int(np.frombuffer(sent, '<f8', 1)[0])]

@@ -45,6 +45,9 @@ class LiveViewParameters:
     )
     port: int = quantity(8080, 'port to serve at, 0 for any that is free', '', 0, 65535)
     frame_rate: float = quantity(60.0, 'most pictures a second', 'Hz', 1.0, 240.0)
+    processor_share: float = quantity(
+        0.3, 'most of a core that pictures take: of more browsers each gets fewer', '', 0.01, 1.0
+    )
     read_only: bool = quantity(False, 'whether the page only shows, and changes nothing')
     bag_folders: tuple[str, ...] = quantity(
         (), 'folders whose bags are listed; recordings go to the first; empty for no bags'
@@ -60,10 +63,10 @@ class LiveView(GuardedNode):
     """Serves a page that shows chains and takes commands to them.
 
     Subscribes in every namespace that has `joint_states` to them, `soliton_state` and `chain`,
-    and to `/diagnostics`. Publishes there `nudge`, `edge_command` and `tilt` as they are asked
-    for, and calls the services of the suite's nodes and the action `move_soliton`; publishes
-    `/diagnostics`. Starts a `bag_recorder` and a `bag_player`, which plays into the namespace
-    `/replay`, as they are asked for.
+    to `camera_overlay` while a browser shows it, and to `/diagnostics`. Publishes there `nudge`,
+    `edge_command` and `tilt` as they are asked for, and calls the services of the suite's nodes
+    and the action `move_soliton`; publishes `/diagnostics`. Starts a `bag_recorder` and a
+    `bag_player`, which plays into the namespace `/replay`, as they are asked for.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
@@ -96,6 +99,7 @@ class LiveView(GuardedNode):
         self.complaints: list[str] = []
         """What the recorder and the player failed of, for a page to tell."""
         self._streams: set[BrowserStream] = set()
+        self._pictures: dict[tuple[int, int, int], bytes] = {}
         self._commands: dict[str, ChainCommands] = {}
         self._told_at = 0.0
         self._busy = 0.0
@@ -120,7 +124,8 @@ class LiveView(GuardedNode):
         self.port = int(bound.getsockname()[1])
         made = server.application(self._stream)
         page.add(made, self)
-        self.server = server.PageServer(made, bound, self.token, self._tick)
+        share = self.settings.processor_share
+        self.server = server.PageServer(made, bound, self.token, self._tick, share)
         if self.token:
             # The log of ROS is a topic that others read.
             print(f'open {self.address}', flush=True)
@@ -176,6 +181,13 @@ class LiveView(GuardedNode):
         ]
         return {'chains': chains, 'track': self.replay.track.points}
 
+    def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
+        """A frame of a chain, made once for all browsers that look at the same rotors of it."""
+        shown = number, first, last
+        if shown not in self._pictures:
+            self._pictures[shown] = chain.model.picture(*shown)
+        return self._pictures[shown]
+
     async def wait(self) -> None:
         """Wait until there may be something new."""
         await self.server.wait()
@@ -203,8 +215,11 @@ class LiveView(GuardedNode):
     def _tick(self) -> float:
         """Take what is newest and tell what has changed; returns the time to the next."""
         begin = time.perf_counter()
+        self._pictures.clear()
         self.finder.take()
+        shown = {stream.watched for stream in self._streams if stream.shows_camera}
         for namespace, chain in self.finder.chains.items():
+            chain.camera.want(namespace in shown)
             commands = self.commands(namespace)
             came, report = self.finder.reports.get(f'{namespace}soliton_steering', _NOTHING)
             if report is not None:

@@ -16,6 +16,7 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     View,
     reasons_for,
 )
+from soliton_linkage_nodes.live_view.controls.identify_controls import IdentifyControls
 from soliton_linkage_nodes.live_view.controls.parameter_controls import ParameterControls
 from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.stream import ALL
@@ -94,7 +95,7 @@ class Page:
 
     async def _controls(self) -> None:
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
-            names = ('Drive', 'Run', 'Settings', 'Bags')
+            names = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
             for name in names:
                 ui.tab(name)
         with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
@@ -112,6 +113,8 @@ class Page:
                 self._record = RecordControls(self._view, self)
                 await asyncio.sleep(0)
                 self._bags = BagControls(self._view, self)
+            with ui.tab_panel('Identify'):
+                self._identify = IdentifyControls(self._view, self)
         ui.timer(0.1, self._bags.list_bags, once=True)
 
     def _turn_dark(self) -> None:
@@ -149,6 +152,7 @@ class Page:
         self._parameters.refresh()
         self._record.refresh()
         self._bags.refresh()
+        self._identify.refresh(why)
 
 
 def _title(namespace: str) -> str:

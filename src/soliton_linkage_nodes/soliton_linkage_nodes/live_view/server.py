@@ -20,6 +20,8 @@ from soliton_linkage_nodes.live_view.gate import Gate
 SCRIPTS = Path(__file__).with_name('browser')
 _LONGEST_START = 30.0
 """For the server to listen [s]: the page's library takes seconds on a busy machine."""
+_LONGEST_PERIOD = 0.2
+"""Between two ticks, however many browsers there are [s]: what is slower does not look alive."""
 _MOST_SAID = 65536
 """Bytes that a browser may send at once: what it says is short."""
 
@@ -69,8 +71,12 @@ class PageServer:
         bound: socket.socket,
         token: str,
         tick: Callable[[], float],
+        share: float,
     ) -> None:
-        """Serve on a bound socket; `tick` returns how long to wait for the next [s]."""
+        """Serve on a bound socket; `tick` returns how long to wait for the next [s].
+
+        It is called less often where the thread would take more than a share of a core [1].
+        """
         config = uvicorn.Config(
             Gate(made, token),
             log_level='error',
@@ -83,6 +89,7 @@ class PageServer:
         self._server = uvicorn.Server(config)
         self._socket = bound
         self._tick = tick
+        self._share = share
         self._fresh: asyncio.Event | None = None
         self._thread = threading.Thread(target=self._run, name='page')
         self._thread.start()
@@ -117,14 +124,16 @@ class PageServer:
             ticking.cancel()
 
     async def _tick_for_ever(self) -> None:
-        due = time.monotonic()
+        due, spent = time.monotonic(), time.thread_time()
         self._fresh = asyncio.Event()
         while True:
             try:
-                due += self._tick()
+                period = self._tick()
             except Exception as error:
                 self.failure = error
                 return
+            before, spent = spent, time.thread_time()
+            due += max(period, min((spent - before) / self._share, _LONGEST_PERIOD))
             fresh, self._fresh = self._fresh, asyncio.Event()
             fresh.set()
             now = time.monotonic()

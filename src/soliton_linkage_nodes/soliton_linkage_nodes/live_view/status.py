@@ -15,6 +15,8 @@ from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
 _FORGOTTEN = 30.0
 """After which a silent node is not spoken of any more [s]."""
+_LONGEST_LAG = 0.2
+"""By which a place may be older than the angles [s]: after it a wall is seen to be elsewhere."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator does that, and none runs here'
 _REPLAY = 'this is a replay'
@@ -23,9 +25,9 @@ _REPLAY = 'this is a replay'
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
     """Why each control of a chain can do nothing; empty where it can."""
     if commands.read_only:
-        return dict.fromkeys(_CONTROLS, READ_ONLY)
+        return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
-        return dict.fromkeys(_CONTROLS, _REPLAY)
+        return dict.fromkeys(CONTROLS, _REPLAY)
 
     def served(name: str, otherwise: str) -> str:
         return '' if commands.serves(name) else otherwise
@@ -44,12 +46,16 @@ def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
         'release': served(
             'soliton_steering/release', 'nothing serves release: start soliton_steering'
         ),
+        'identify': served(
+            'chain_identifier/identify', 'nothing serves identify: start chain_identifier'
+        ),
     }
 
 
 REPLAY = '/replay/'
 """Namespace in which a bag is played, beside the chains that move."""
-_CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release')
+CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release', 'identify')
+"""Names of reasons."""
 
 
 def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeReport]]:
@@ -84,6 +90,9 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
             warnings.append(f'{name}: {report.message}')
     if chain.publishers > 1:
         warnings.append(f'{chain.publishers} nodes publish joint_states of this chain at once')
+    behind = chain.model.behind
+    if behind > _LONGEST_LAG:
+        warnings.append(f'soliton_state is {behind:.1f} s behind joint_states')
     rate = chain.model.rate
     return {
         'rate': None if math.isnan(rate) else round(rate),
@@ -121,6 +130,7 @@ def status(
                 'replay': namespace.startswith(REPLAY),
                 'health': health(finder, chain),
                 'reasons': reasons(chain, commands[namespace]),
+                'camera': chain.camera.reason,
                 'move': {
                     'state': move.state,
                     'elsewhere': move.elsewhere,

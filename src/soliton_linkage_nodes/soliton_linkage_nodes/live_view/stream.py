@@ -12,7 +12,13 @@ from typing import Any, Protocol
 from soliton_linkage_nodes.bags.guards.texts import load_json
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
-from soliton_linkage_nodes.live_view.frame_layout import ARRAYS, ENERGIES, FIELDS, pack_history
+from soliton_linkage_nodes.live_view.frame_layout import (
+    ARRAYS,
+    ENERGIES,
+    FIELDS,
+    KINDS,
+    pack_history,
+)
 
 ALL = '*'
 """In place of a namespace: all chains, small, side by side."""
@@ -59,6 +65,9 @@ class Pictures(Protocol):
     def descriptions(self) -> dict[str, Any]:
         """What a page has to know besides, of each chain and of the bag that is played."""
 
+    def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
+        """A frame of a chain, made once for all that look at the same rotors of it."""
+
 
 class BrowserStream:
     """Sends a browser what it watches, and takes what is done there.
@@ -74,18 +83,22 @@ class BrowserStream:
         """Pictures that were sent and are not drawn yet."""
         self.sent = 0
         """Pictures that were sent in all."""
+        self.shows_camera = False
+        """Whether the browser shows the pictures of the camera at the chain it watches."""
         self._socket = socket
         self._source = source
         self._act = act
         self._window = (0, MOST_ANGLES)
         self._latest: dict[str, tuple[int, float]] = {}
+        self._camera_on_the_way = False
+        self._camera_latest = 0
         self._told: tuple[str, list[int]] = ('', [])
         self._history_wanted = True
         self._answers: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
         """Go on until the browser is gone, which raises what the socket raises then."""
-        layout = {'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
+        layout = {'kinds': KINDS, 'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
         await self._socket.send_text(json.dumps({'layout': layout}))
         sending, receiving = (
             asyncio.ensure_future(task) for task in (self._send_for_ever(), self._take_for_ever())
@@ -107,6 +120,8 @@ class BrowserStream:
             if self.on_the_way < _MOST_ON_THE_WAY * max(len(shown), 1):
                 for number, chain in shown:
                     await self._show(number, chain)
+            if self.shows_camera and not self._camera_on_the_way and len(shown) == 1:
+                await self._show_camera(*shown[0])
             await self._source.wait()
 
     def _shown(self) -> list[tuple[int, ChainTopics]]:
@@ -127,7 +142,14 @@ class BrowserStream:
             first, last = (0, chain.model.rotors - 1 if few else MOST_ANGLES + 1)
         self.on_the_way += 1
         self.sent += 1
-        await self._socket.send_bytes(chain.model.picture(number, first, last))
+        await self._socket.send_bytes(self._source.picture(number, chain, first, last))
+
+    async def _show_camera(self, number: int, chain: ChainTopics) -> None:
+        if chain.camera.pictures in (0, self._camera_latest):
+            return
+        self._camera_latest = chain.camera.pictures
+        self._camera_on_the_way = True
+        await self._socket.send_bytes(chain.camera.picture(number))
 
     async def _send_history(self) -> None:
         for number, chain in self._shown():
@@ -154,6 +176,9 @@ class BrowserStream:
         if said == 'drawn':
             self.on_the_way = max(self.on_the_way - 1, 0)
             return
+        if said == 'seen':
+            self._camera_on_the_way = False
+            return
         message = load_json(said)
         if not isinstance(message, dict):
             raise ValueError('what a page says is an object')
@@ -163,6 +188,9 @@ class BrowserStream:
                 raise ValueError(f'chain {watched!r} is not there')
             if watched != self.watched:
                 self.watched, self._history_wanted = watched, True
+                self._camera_latest = 0
+        if 'camera' in message:
+            self.shows_camera = message['camera'] is True
         if 'window' in message:
             first, last = message['window']
             self._window = (int(first), int(last))

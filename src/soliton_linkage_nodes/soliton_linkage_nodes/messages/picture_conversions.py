@@ -26,6 +26,7 @@ _CHANNELS = {
     '8UC1': (1, [0]),
 }
 """Bytes of a pixel, and which of them are blue, green and red."""
+_BEGIN_OF_JPEG = b'\xff\xd8\xff'
 
 
 def picture_from_msg(message: Image) -> NDArray[np.uint8]:
@@ -48,6 +49,16 @@ def picture_from_msg(message: Image) -> NDArray[np.uint8]:
     rows = data[: height * step].reshape(height, step)[:, : width * channels]
     pixels = rows.reshape(height, width, channels)
     return np.ascontiguousarray(pixels[..., 0] if channels == 1 else pixels[..., order])
+
+
+def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
+    """Bytes of a JPEG; ValueError where it is none, or has more than so many."""
+    data = bytes(message.data)
+    if len(data) > most:
+        raise ValueError(f'a picture of {len(data)} bytes is above {most}; send smaller ones')
+    if not data.startswith(_BEGIN_OF_JPEG):
+        raise ValueError(f'{len(data)} bytes of format {message.format!r} are no JPEG; send jpeg')
+    return data
 
 
 def picture_from_compressed_msg(cv2: Any, message: CompressedImage) -> NDArray[np.uint8]:

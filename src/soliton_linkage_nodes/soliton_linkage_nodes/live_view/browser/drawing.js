@@ -72,7 +72,9 @@ export function scaled(value, unit) {
   if (!Number.isFinite(value)) return '–';
   const size = Math.abs(value);
   const steps = [[1, ''], [1e-3, 'm'], [1e-6, 'µ'], [1e-9, 'n'], [1e-12, 'p']];
-  const [factor, prefix] = steps.find(([f]) => size >= f) || (size ? steps[4] : steps[0]);
+  // Less than that is what rounding leaves of nothing.
+  if (size < 1e-12) return `0 ${unit}`;
+  const [factor, prefix] = steps.find(([f]) => size >= f);
   return `${(value / factor).toPrecision(3)} ${prefix}${unit}`;
 }
 
@@ -93,11 +95,12 @@ export class Canvas {
     Object.assign(this, { width, height, ratio });
     this.element.width = Math.round(width * ratio);
     this.element.height = Math.round(height * ratio);
-    this.resized = true;
+    this.cleared = true;
   }
 
   begin() {
     const { context: c, ratio } = this;
+    this.cleared = false;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.clearRect(0, 0, this.width, this.height);
     c.font = '14px system-ui, "DejaVu Sans", sans-serif';

@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// Frames as frame_layout.py packs them, and what is kept of those that were shown.
+// What comes as frame_layout.py packs it, and what is kept of the frames that were shown.
 
 export const SPAN = 20; // seconds that the kymograph and the energies show
 const COLUMNS = 600;
 const STEP = SPAN / COLUMNS;
 
 export class Layout {
-  constructor({ fields, arrays, energies }) {
-    Object.assign(this, { fields, arrays, energies });
+  constructor({ kinds, fields, arrays, energies }) {
+    Object.assign(this, { kinds, fields, arrays, energies });
   }
 
-  // A frame as an object of its fields and arrays, or the history of a chain.
+  kind(buffer) {
+    return this.kinds[new Float64Array(buffer, 0, 1)[0]];
+  }
+
+  // A frame as an object of its fields and arrays.
   read(buffer) {
-    const head = new Float64Array(buffer, 0, 1);
-    if (head[0] < 0) return readHistory(buffer);
     const names = this.fields.length;
-    const values = new Float64Array(buffer, 0, names + this.arrays.length);
+    const values = new Float64Array(buffer, 8, names + this.arrays.length);
     const frame = {};
     this.fields.forEach((name, i) => { frame[name] = values[i]; });
-    let begin = 8 * values.length;
+    let begin = 8 + 8 * values.length;
     this.arrays.forEach((name, i) => {
       frame[name] = new Float32Array(buffer, begin, values[names + i]);
       begin += 4 * values[names + i];
@@ -27,11 +29,16 @@ export class Layout {
   }
 }
 
-function readHistory(buffer) {
-  const [chain, columns, height, count] = new Float64Array(buffer, 0, 4);
-  const numbers = new Float64Array(buffer, 32, count * columns);
-  const data = new Float32Array(buffer, 32 + 8 * numbers.length, columns * height);
-  return { history: true, chain: -1 - chain, columns, height, count, numbers, data };
+export function readHistory(buffer) {
+  const [chain, columns, height, count] = new Float64Array(buffer, 8, 4);
+  const numbers = new Float64Array(buffer, 40, count * columns);
+  const data = new Float32Array(buffer, 40 + 8 * numbers.length, columns * height);
+  return { chain, columns, height, count, numbers, data };
+}
+
+export function readCamera(buffer) {
+  const [chain, stamp, age] = new Float64Array(buffer, 8, 3);
+  return { chain, stamp, age, jpeg: new Uint8Array(buffer, 32) };
 }
 
 // The last seconds of a chain by the stamps of its frames: one column a thirtieth of a second.

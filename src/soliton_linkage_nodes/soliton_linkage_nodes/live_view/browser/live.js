@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stream of the page: draws what comes, and tells how it is.
 
+import { CameraPanel } from './camera.js';
 import { ChainView } from './chain.js';
 import { leanScale } from './drawing.js';
-import { Layout, Track } from './frames.js';
+import { Layout, Track, readCamera, readHistory } from './frames.js';
 import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from './plots.js';
 
-const SILENCE = 1; // seconds without joint_states that are said
+const SILENCE = 1; // seconds without joint_states, or pictures of the camera, that are said
 const ALL = '*';
 const element = (id) => document.getElementById(`live-${id}`);
 
@@ -37,6 +38,9 @@ class Live {
       topology: new TopologyPlot(element('topology')),
     };
     this.time = new TimeLine(element('time'), (at) => this.act('seek', { at }));
+    this.camera = new CameraPanel(element('camera-figure'), {
+      ask: (camera) => this.send({ camera }), drawn: () => this.send('seen'), silence: SILENCE,
+    });
     this.tiles = new Map();
     this.turn = 0;
     this.connect();
@@ -53,6 +57,7 @@ class Live {
     socket.onopen = () => {
       if (this.watched) this.send({ watch: this.watched });
       if (this.view.known) this.view.tell();
+      this.send({ camera: this.camera.wanted });
     };
     socket.onmessage = ({ data }) => (typeof data === 'string' ? this.hear(JSON.parse(data)) : this.take(data));
     socket.onclose = () => setTimeout(() => this.connect(), 500);
@@ -85,13 +90,17 @@ class Live {
 
   take(buffer) {
     this.connected = performance.now();
-    const frame = this.layout.read(buffer);
-    if (frame.history) {
-      this.track(frame.chain).recall(frame);
-      return;
+    const kind = this.layout.kind(buffer);
+    if (kind === 'history') {
+      const history = readHistory(buffer);
+      this.track(history.chain).recall(history);
+    } else if (kind === 'camera') {
+      this.camera.take(readCamera(buffer));
+    } else {
+      const frame = this.layout.read(buffer);
+      this.owed += 1;
+      this.pending.set(frame.chain, frame);
     }
-    this.owed += 1;
-    this.pending.set(frame.chain, frame);
   }
 
   track(number) {
@@ -105,6 +114,7 @@ class Live {
     this.watched = name;
     this.frames.clear();
     this.pending.clear();
+    this.camera.forget();
     this.acknowledge();
     this.send({ watch: name });
     document.querySelector('.live-plots').classList.toggle('several', name === ALL);
@@ -156,10 +166,11 @@ class Live {
     this.turn = (this.turn + 1) % 3;
     const all = this.seen !== chain.name || frame.age > 0.15;
     this.seen = chain.name;
-    if (all || this.turn !== 2) this.plots.kymograph.draw(frame, chain, track);
-    if (all || this.turn === 0) this.plots.dial.draw(frame, chain);
-    if (all || this.turn === 1) this.plots.topology.draw(frame, chain);
-    if (all || this.turn === 2) this.plots.energy.draw(frame, chain, track);
+    const due = { kymograph: this.turn !== 2, dial: this.turn === 0, topology: this.turn === 1, energy: this.turn === 2 };
+    Object.entries(due).forEach(([name, turn]) => {
+      const plot = this.plots[name];
+      if (all || turn || plot.canvas.cleared) plot.draw(frame, chain, track);
+    });
   }
 
   tile(number, frame) {
@@ -190,6 +201,8 @@ class Live {
   tell() {
     this.tellHealth();
     this.tellStale();
+    const watched = this.status.chains.find((s) => s.name === this.watched);
+    this.camera.tell(watched ? watched.camera : '');
     const number = this.chains.findIndex((chain) => chain.name === this.watched);
     const newest = this.frames.get(number);
     if (!newest) return;

@@ -12,7 +12,7 @@ from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
-from soliton_linkage_nodes.live_view.status import gravity_of, reasons
+from soliton_linkage_nodes.live_view.status import CONTROLS, gravity_of, reasons
 from soliton_linkage_nodes.messages.view_conversions import STATES
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
@@ -345,7 +345,5 @@ def reasons_for(view: View, namespace: str) -> dict[str, str]:
     chain = view.finder.chains.get(namespace)
     if chain is None:
         missing = {'': 'choose a chain'}.get(namespace, 'the chain is gone')
-        return dict.fromkeys(
-            ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release'), missing
-        )
+        return dict.fromkeys(CONTROLS, missing)
     return reasons(chain, view.commands(namespace))

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The camera at a chain and the identifier of chains, which the test plays."""
+
+from __future__ import annotations
+
+import array
+import io
+from collections.abc import Iterator
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from live_stage import Stage, Visit, until
+from PIL import Image
+from sensor_msgs.msg import CompressedImage
+from std_srvs.srv import Trigger
+
+from soliton_linkage_nodes.runtime import interfaces
+
+RED, BLUE = (230, 20, 20), (20, 20, 230)
+PIXEL = """([x, y]) => {
+  const { element } = live.camera.canvas;
+  const c = new OffscreenCanvas(element.width, element.height).getContext('2d');
+  c.drawImage(element, 0, 0);
+  return [...c.getImageData(x, y, 1, 1).data].slice(0, 3);
+}"""
+
+
+class Camera:
+    """A camera that takes pictures of a red and a blue half, while somebody looks."""
+
+    def __init__(self, stage: Stage) -> None:
+        topic = interfaces.CAMERA_OVERLAY
+        self._user = stage.user
+        self.data = picture()
+        self.publisher = self._user.create_publisher(topic.type, topic.name, topic.qos)
+        self._timer = self._user.create_timer(0.1, self._publish)
+
+    def close(self) -> None:
+        self._user.destroy_timer(self._timer)
+        self._user.destroy_publisher(self.publisher)
+
+    def _publish(self) -> None:
+        if self.data and self.publisher.get_subscription_count():
+            data = array.array('B', self.data)
+            self.publisher.publish(CompressedImage(format='jpeg', data=data))
+
+
+def picture() -> bytes:
+    halves = Image.new('RGB', (320, 180), RED)
+    halves.paste(BLUE, (160, 0, 320, 180))
+    written = io.BytesIO()
+    halves.save(written, 'jpeg')
+    return written.getvalue()
+
+
+@pytest.fixture
+def camera(visit: Visit, stage: Stage) -> Iterator[Camera]:
+    made = Camera(stage)
+    yield made
+    made.close()
+
+
+def test_a_chain_without_a_camera_says_so(visit: Visit) -> None:
+    visit.says('camera-figure', 'nothing publishes camera_overlay: start camera_encoders')
+    assert 'absent' in visit.page.locator('#live-camera-figure').get_attribute('class')
+    assert not visit.page.locator('#live-camera').is_visible()
+
+
+def test_the_pictures_of_the_camera_are_shown_while_its_panel_is(
+    visit: Visit, camera: Camera
+) -> None:
+    visit.says('camera-figure', '320 × 180, ')
+    for place, colour in (((40, 90), RED), ((280, 90), BLUE)):
+        assert visit.page.evaluate(PIXEL, place) == pytest.approx(colour, abs=12)
+    visit.shot('camera')
+    box = visit.page.locator('#live-camera-figure summary')
+    box.click()
+    until(lambda: camera.publisher.get_subscription_count() == 0, 'nobody to look')
+    box.click()
+    until(camera.publisher.get_subscription_count, 'somebody to look')
+    visit.wait('live.camera.count > 1')
+    camera.data = b''
+    visit.says('camera-figure', 'no picture since 1.')
+    assert 'stopped' in visit.page.locator('#live-camera-figure').get_attribute('class')
+    visit.shot('camera_stopped')
+    camera.data = b'no picture'
+    visit.says('camera-figure', "10 bytes of format 'jpeg' are no JPEG")
+    camera.data = b'\xff\xd8\xff and so on'
+    visit.says('camera-figure', 'the picture cannot be read')
+    camera.data = picture()
+    visit.wait('!live.camera.complaint && live.camera.count > 1')
+    assert 'stopped' not in visit.page.locator('#live-camera-figure').get_attribute('class')
+
+
+class Identifier:
+    """What a chain identifier serves and reports."""
+
+    def __init__(self, stage: Stage) -> None:
+        topic = interfaces.DIAGNOSTICS
+        self._user = stage.user
+        self.asked: list[str] = []
+        self._reports = self._user.create_publisher(topic.type, topic.name, topic.qos)
+        self._services = [
+            self._user.create_service(
+                Trigger,
+                f'chain_identifier/{name}',
+                lambda _, answer, n=name: self._heed(n, answer),
+            )
+            for name in ('identify', 'save', 'forget')
+        ]
+        self._figures: dict[str, str] = {}
+        self._message = 'waiting for a soliton to pass'
+        self._timer = self._user.create_timer(0.2, self._report)
+
+    def tell(self, message: str, **figures: str) -> None:
+        self._message = message
+        self._figures = {name.replace('_', ' '): value for name, value in figures.items()}
+
+    def close(self) -> None:
+        self._user.destroy_timer(self._timer)
+        self._user.destroy_publisher(self._reports)
+        for service in self._services:
+            self._user.destroy_service(service)
+
+    def _heed(self, name: str, answer: Trigger.Response) -> Trigger.Response:
+        self.asked.append(name)
+        answer.success, answer.message = name != 'forget', f'{name} heard'
+        return answer
+
+    def _report(self) -> None:
+        values = [KeyValue(key=key, value=value) for key, value in self._figures.items()]
+        status = DiagnosticStatus(
+            name='/chain_identifier: identification',
+            hardware_id='/chain_identifier',
+            message=self._message,
+            values=values,
+        )
+        self._reports.publish(DiagnosticArray(status=[status]))
+
+
+def test_the_chain_is_identified_and_saved_by_buttons(visit: Visit, stage: Stage) -> None:
+    visit.tab('Identify')
+    visit.panel_says('nothing serves identify: start chain_identifier')
+    assert visit.page.locator('#live-identifier-identify').is_disabled()
+    identifier = Identifier(stage)
+    visit.page.locator('#live-identifier-identify:enabled').click()
+    visit.told('identify heard')
+    identifier.tell('waiting', frames='900', identifying='True')
+    visit.says('identified', '900 frames, identifying for ')
+    assert visit.page.locator('#live-identifying').is_visible()
+    found = {'noise [rad]': '0.0101', 'tolerance': '0.05', 'worst_bonds': '3, 7, 1'}
+    identifier.tell('a flipper of 12 rotors; bond 7 will stop a wall', frames='950', **found)
+    visit.says('identified', 'a flipper of 12 rotors\nbond 7 will stop a wall')
+    visit.says('identified', 'worst bonds: 3, 7, 1')
+    visit.says('identified', 'noise of the angles: 0.01 rad')
+    visit.says('identified', 'lengths of one kind differ by 5 %')
+    visit.page.locator('#live-identifying').wait_for(state='hidden')
+    visit.shot('identified')
+    visit.click('identifier-save')
+    visit.told('save heard')
+    visit.click('identifier-forget')
+    visit.told('forget heard')
+    assert identifier.asked == ['identify', 'save', 'forget']
+    identifier.close()
+    visit.panel_says('nothing serves identify: start chain_identifier')
+    visit.tab('Drive')

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import array
+import struct
+from collections.abc import Iterator
+
+import pytest
+import rclpy
+from graphs import Graph
+from sensor_msgs.msg import CompressedImage
+
+from soliton_linkage_nodes.live_view.camera_topic import CameraTopic
+from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
+
+JPEG = b'\xff\xd8\xff\xe0 and so on'
+
+
+@pytest.fixture
+def camera(graph: Graph) -> Iterator[CameraTopic]:
+    # Nobody spins the node that pictures are taken by.
+    node = rclpy.create_node('inbox', context=graph.context)
+    made = CameraTopic(node, '/')
+    yield made
+    made.close()
+    node.destroy_node()
+
+
+def test_it_subscribes_while_somebody_looks_and_keeps_the_newest(
+    graph: Graph, camera: CameraTopic
+) -> None:
+    camera.want(True)
+    camera.take()
+    assert camera.reason == 'nothing publishes camera_overlay: start camera_encoders'
+    topic = interfaces.CAMERA_OVERLAY
+    publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+
+    def looks(wanted: bool) -> bool:
+        camera.adapt()
+        camera.want(wanted)
+        return publisher.get_subscription_count() == wanted and not camera.reason
+
+    def sees(data: bytes, pictures: int) -> None:
+        message = CompressedImage(format='jpeg', data=array.array('B', data))
+        message.header.stamp = time_to_msg(3 * 10**9)
+        publisher.publish(message)
+        graph.until(lambda: camera.take() or camera.pictures == pictures, 'the picture')
+
+    graph.until(lambda: looks(True), 'the subscription')
+    sees(JPEG, 1)
+    chain, stamp, age = struct.unpack_from('<3d', camera.picture(4), 8)
+    assert (chain, stamp) == (4.0, 3.0)
+    assert 0 <= age < 60
+    assert camera.picture(4)[32:] == JPEG
+    sees(JPEG[:-1], 2)
+    assert camera.picture(4)[32:] == JPEG[:-1]
+    graph.until(lambda: looks(False), 'the end of the subscription')
+    assert camera.pictures == 0
+
+
+@pytest.mark.parametrize(
+    ('data', 'said'),
+    [
+        (b'', '0 bytes of format .* are no JPEG; send jpeg'),
+        (b'\x89PNG and so on', '14 bytes of format .* are no JPEG; send jpeg'),
+        (JPEG.ljust(4_000_001), 'a picture of 4000001 bytes is above 4000000; send smaller ones'),
+    ],
+    ids=['empty', 'png', 'large'],
+)
+def test_what_no_page_can_show_is_refused(data: bytes, said: str) -> None:
+    message = CompressedImage(format='png', data=array.array('B', data))
+    with pytest.raises(ValueError, match=said):
+        jpeg_from_msg(message, 4_000_000)
