@@ -22,6 +22,13 @@ _LONGEST_END = 10.0
 """For the recorder to write what waits for the disk [s]."""
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
+_DONE = {
+    'pause': 'paused',
+    'resume': 'going on',
+    'split_bagfile': 'a new file is begun',
+    'snapshot': 'the snapshot is written',
+}
+"""What has become of a request, in words."""
 
 
 class BagRecording:
@@ -294,4 +301,4 @@ async def _asked(
     if not getattr(answer, 'success', True) or getattr(answer, 'return_code', 0) != 0:
         said = getattr(answer, 'message', '') or getattr(answer, 'error_string', '')
         raise ValueError(said or f'{what} was refused')
-    return what.replace('_', ' ')
+    return _DONE.get(what, '')

@@ -17,7 +17,11 @@ def test_a_recording_is_made_split_and_finished(visit: Visit, view: Any) -> None
     until(lambda: view.recording.report, 'the recorder')
     visit.says('health', '● recorder: recording')
     until(lambda: int(view.recording.report.figures['messages']) > 20, 'messages')
-    for name, done in (('pause', 'pause'), ('resume', 'resume'), ('split', 'split bagfile')):
+    for name, done in (
+        ('pause', 'paused'),
+        ('resume', 'going on'),
+        ('split', 'a new file is begun'),
+    ):
         visit.page.locator(f'#live-record-{name}:enabled').click()
         visit.told(done)
     visit.click('record-snapshot')

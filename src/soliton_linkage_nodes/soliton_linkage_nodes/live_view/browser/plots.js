@@ -224,8 +224,8 @@ export class EnergyPlot {
     c.setLineDash([]);
   }
 
-  title() {
-    return this.unit ? `Energy [${this.unit}]` : 'Energy';
+  title(chain) {
+    return this.unit && chain.spacing ? `Energy [${this.unit}]` : 'Energy';
   }
 
   note(frame) {
