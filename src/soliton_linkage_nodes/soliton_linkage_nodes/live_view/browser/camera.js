@@ -22,6 +22,7 @@ export class CameraPanel {
   // What was seen of another chain.
   forget() {
     this.came = -Infinity; // when the newest picture was taken, by the clock of the page
+    this.gap = 0; // seconds between the last two pictures
     this.count = 0;
     this.rate = NaN;
     this.since = performance.now();
@@ -44,7 +45,9 @@ export class CameraPanel {
       this.canvas.element.width = bitmap.width;
       this.canvas.element.height = bitmap.height;
       this.context.transferFromImageBitmap(bitmap);
-      this.came = performance.now() - 1000 * age;
+      const came = performance.now() - 1000 * age;
+      this.gap = (came - this.came) / 1000;
+      this.came = came;
       this.count += 1;
       this.complaint = '';
     } catch (error) {
@@ -63,7 +66,7 @@ export class CameraPanel {
     }
     const seen = this.came > -Infinity;
     const age = (now - this.came) / 1000;
-    const stopped = seen && this.wanted && age > this.silence;
+    const stopped = seen && this.wanted && age > Math.max(this.silence, this.gap < Infinity ? 2 * this.gap : 0);
     this.figure.classList.toggle('absent', Boolean(reason) && !seen);
     this.figure.classList.toggle('stopped', stopped);
     let text = '';
