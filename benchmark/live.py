@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,9 @@ def main() -> None:
                 for figure in pictures(browser, rotors, rate, seconds, rounds)
             ],
             'delay': lambda: delay(browser, 5 if arguments.quick else NUDGES),
-            'crowd': lambda: crowd(browsers, seconds, browser if arguments.pages else None),
+            'crowd': lambda: crowd(
+                browsers, seconds, rounds, browser if arguments.pages else None
+            ),
             'silent': lambda: silent_reader(seconds),
             'open': lambda: open_long(browser, 60 * minutes),
         }
@@ -227,37 +230,46 @@ def delay(browser: Any, nudges: int) -> list[Figure]:
     ]
 
 
-def crowd(browsers: int, seconds: float, drawing: Any) -> list[Figure]:
+def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figure]:
     """What many browsers change for a simulator at 1000 Hz and a recorder of it.
 
-    They are pages of a browser that is `drawing`, or with None streams alone.
+    They are pages of a browser that is `drawing`, or with None streams alone. With none and with
+    all of them by turns, because what else a machine does comes and goes.
     """
-    missed, lost = [], []
+    crowds = (0, browsers)
+    missed: dict[int, list[float]] = {visitors: [] for visitors in crowds}
+    lost: dict[int, list[float]] = {visitors: [] for visitors in crowds}
+    shares: dict[int, list[float]] = {visitors: [] for visitors in crowds}
     with scene(hertz=1000.0) as stage, ExitStack() as stack:
         folder = stack.enter_context(temporary())
         command = node_command('bag_recorder', {'output': folder / 'bag'})
         stack.enter_context(running(command))
         stage.spin(lambda: 'bag_recorder' in stage.reports)
-        for visitors in (0, browsers):
+        for _, visitors in product(range(rounds), crowds):
             with watching(visitors, drawing):
                 time.sleep(SETTLING)
                 before = [stage.fresh(*figure) for figure in COUNTED]
+                spent, begun = processor_time(stage.server), time.monotonic()
                 time.sleep(seconds)
                 after = [stage.fresh(*figure) for figure in COUNTED]
-            missed.append((after[0] - before[0]) / seconds)
-            lost.append(after[1] - before[1])
-    names = ('none', f'{browsers} pages' if drawing else f'{browsers}')
+                span = time.monotonic() - begun
+                share = (processor_time(stage.server) - spent) / span
+            missed[visitors].append((after[0] - before[0]) / span)
+            lost[visitors].append(after[1] - before[1])
+            shares[visitors].append(100 * share)
+    names = {0: 'none', browsers: f'{browsers} pages' if drawing else f'{browsers}'}
     return [
         figure
-        for name, misses, losses in zip(names, missed, lost, strict=True)
+        for visitors, name in names.items()
         for figure in (
             Figure(
                 f'missed deadlines at 1000 Hz, {name} watching',
                 '1/s',
-                [misses],
-                '' if name == 'none' else 'as with none',
+                missed[visitors],
+                'as with none' if visitors else '',
             ),
-            Figure(f'messages lost at 1000 Hz, {name} watching', '', [losses], '0'),
+            Figure(f'messages lost at 1000 Hz, {name} watching', '', lost[visitors], '0'),
+            Figure(f'server at 1000 Hz, {name} watching', '% of a core', shares[visitors]),
         )
     ]
 

@@ -19,9 +19,11 @@ sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
 from live import memory
 from live_watchers import crowd
 
+from soliton_linkage_nodes.live_view.frame_layout import pack, pack_history
+
 
 def test_a_watcher_says_of_each_picture_that_it_drew_it_and_of_nothing_else() -> None:
-    picture, history = bytes(8), bytes(7) + b'\xbf'
+    picture, history = pack({}, {}), pack_history(0, [])
     said: list[list[str]] = []
 
     async def serve(stream: Any) -> None:
