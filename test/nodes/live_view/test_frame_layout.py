@@ -46,18 +46,21 @@ def test_fields_are_little_endian_doubles_in_their_order() -> None:
 
 def test_a_history_tells_its_chain_and_what_it_holds() -> None:
     column = np.array([1.0, 2.0], dtype=np.float32)
-    numbers = ((10.0, 0.5, 1.0, 2.0, 3.0, 4.0), (11.0, math.nan, 5.0, 6.0, 7.0, 8.0))
+    numbers = (
+        (10.0, 9.5, 0.5, 1.0, 2.0, 3.0, 4.0),
+        (11.0, 10.5, math.nan, 5.0, 6.0, 7.0, 8.0),
+    )
     packed = pack_history(3, [Column(numbers[0], column), Column(numbers[1], 2 * column)])
     assert kind_of(packed) == 'history'
-    head = struct.unpack_from('<16d', packed, 8)
-    assert head[:11] == (3.0, 2.0, 2.0, 6.0, *numbers[0], 11.0)
-    assert math.isnan(head[11])
-    assert head[12:] == numbers[1][2:]
-    assert struct.unpack('<4f', packed[136:]) == (1.0, 2.0, 2.0, 4.0)
+    head = struct.unpack_from('<18d', packed, 8)
+    assert head[:13] == (3.0, 2.0, 2.0, 7.0, *numbers[0], 11.0, 10.5)
+    assert math.isnan(head[13])
+    assert head[14:] == numbers[1][3:]
+    assert struct.unpack('<4f', packed[152:]) == (1.0, 2.0, 2.0, 4.0)
 
 
 def test_columns_of_another_height_are_left_out_of_a_history() -> None:
-    columns = [Column((0.0,) * 6, np.zeros(n, dtype=np.float32)) for n in (5, 3)]
+    columns = [Column((0.0,) * 7, np.zeros(n, dtype=np.float32)) for n in (5, 3)]
     assert struct.unpack_from('<3d', pack_history(0, columns), 8) == (0.0, 1.0, 3.0)
 
 

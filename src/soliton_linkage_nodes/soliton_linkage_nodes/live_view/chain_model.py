@@ -82,7 +82,11 @@ class ChainModel:
     def behind(self) -> float:
         """By how much soliton_state is older than joint_states [s], NaN where none comes."""
         now = self.state_age < _STATES_LAST
-        return self._stamp - self._numbers.get('state_stamp', math.nan) if now else math.nan
+        return self._stamp - self._state_stamp if now else math.nan
+
+    @property
+    def _state_stamp(self) -> float:
+        return self._numbers.get('state_stamp', self._stamp)
 
     @property
     def stamp(self) -> float:
@@ -151,6 +155,7 @@ class ChainModel:
             'stamp': self._stamp,
             'age': self.age,
             'state_age': self.state_age,
+            'state_stamp': self._state_stamp,
             'rotors': self.rotors,
             'first': first,
             'goal': self.goal,
@@ -226,7 +231,8 @@ class ChainModel:
             self._kept = now
             place = self._walls[0] if self._walls else math.nan
             energies = [self._numbers.get(name, math.nan) for name in ENERGIES]
-            self.history.append(Column((self._stamp, place, *energies), self._overview))
+            numbers = (self._stamp, self._state_stamp, place, *energies)
+            self.history.append(Column(numbers, self._overview))
             while len(self.history) * len(self._overview) > _HISTORY_NUMBERS:
                 self.history.popleft()
 

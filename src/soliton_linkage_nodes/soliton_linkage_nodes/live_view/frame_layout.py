@@ -31,6 +31,7 @@ FIELDS = (
     'stamp',  # of joint_states [s]
     'age',  # of joint_states when the frame was packed [s], infinite where none came
     'state_age',  # of soliton_state [s]
+    'state_stamp',  # of soliton_state, or of joint_states where there is none [s]
     'rotors',
     'first',  # rotor of the first of the angles
     'rotor',
@@ -82,7 +83,7 @@ class Column(NamedTuple):
     """A chain at an instant of the past."""
 
     numbers: tuple[float, ...]
-    """Stamp [s], place of the wall [rotor spacings], and `ENERGIES`."""
+    """Stamp and that of what follows [s], place of the wall [rotor spacings], and `ENERGIES`."""
     overview: Floats
 
 
@@ -122,7 +123,7 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0
     kept = [column for column in kept if column.overview.size == height]
-    head = [HISTORY, chain, len(kept), height, 2 + len(ENERGIES)]
+    head = [HISTORY, chain, len(kept), height, 3 + len(ENERGIES)]
     head += [value for column in kept for value in column.numbers]
     data = [np.asarray(column.overview, dtype='<f4').tobytes() for column in kept]
     return b''.join([np.array(head, dtype='<f8').tobytes(), *data])

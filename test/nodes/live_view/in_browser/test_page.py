@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -132,3 +133,19 @@ def test_no_other_file_is_served(visit: Visit, view: Any) -> None:
     ):
         answer = visit.page.request.get(f'http://127.0.0.1:{view.port}/{path}')
         assert answer.status == 404 or 'LiveView' not in answer.text(), path
+
+
+def test_a_place_stands_where_it_belongs_however_late_it_is_told(visit: Visit) -> None:
+    place, late, energy = visit.page.evaluate(
+        """async () => { const { Track } = await import('/live/frames.js');
+        const track = new Track(['kinetic']);
+        for (let t = 5; t <= 6; t += 0.02) {
+          track.put(t, [0, 1]);
+          track.tell(t - 0.4, 10 * t, [t]);
+        }
+        const at = (t) => track.at(Math.floor(30 * t));
+        return [track.places[at(5.51)], track.places[at(5.95)], track.energies[0][at(5.51)]]; }"""
+    )
+    assert place == pytest.approx(10 * 5.91, abs=0.5)
+    assert math.isnan(late)
+    assert energy == pytest.approx(5.91, abs=0.05)

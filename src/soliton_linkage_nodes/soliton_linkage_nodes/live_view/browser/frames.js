@@ -4,6 +4,7 @@
 export const SPAN = 20; // seconds that the kymograph and the energies show
 const COLUMNS = 600;
 const STEP = SPAN / COLUMNS;
+const LEFT_OUT = 24; // columns that are filled by what comes after them: 0.8 s
 
 export class Layout {
   constructor({ kinds, fields, arrays, energies }) {
@@ -41,6 +42,12 @@ export function readCamera(buffer) {
   return { chain, stamp, age, jpeg: new Uint8Array(buffer, 32) };
 }
 
+// The first column that a new one fills: those that were left out on the way to it look like it.
+function after(before, number) {
+  const gap = number - before;
+  return gap > 0 && gap <= LEFT_OUT ? before + 1 : number;
+}
+
 // The last seconds of a chain by the stamps of its frames: one column a thirtieth of a second.
 export class Track {
   constructor(series) {
@@ -51,6 +58,7 @@ export class Track {
   reset(height) {
     this.height = height;
     this.newest = -Infinity; // number of the newest column since the epoch
+    this.told = -Infinity; // number of the newest column of which a place is known
     this.image = new Float32Array(COLUMNS * height).fill(NaN);
     this.places = new Float32Array(COLUMNS).fill(NaN);
     this.energies = this.series.map(() => new Float32Array(COLUMNS).fill(NaN));
@@ -67,10 +75,11 @@ export class Track {
 
   add(frame) {
     if (!(frame.age < Infinity) || !frame.overview.length) return;
-    this.put(frame.stamp, frame.rotor, frame.overview, this.series.map((name) => frame[name]));
+    this.put(frame.stamp, frame.overview);
+    this.tell(frame.state_stamp, frame.rotor, this.series.map((name) => frame[name]));
   }
 
-  put(stamp, place, column, energies) {
+  put(stamp, column) {
     const number = Math.floor(stamp / STEP);
     let gap = number - this.newest;
     if (column.length !== this.height || gap < -1 || gap > COLUMNS) {
@@ -78,16 +87,23 @@ export class Track {
       gap = Infinity;
     }
     if (gap < 0) return;
-    const first = gap > 0 && gap <= 24 ? this.newest + 1 : number;
-    for (let n = Math.max(this.newest + 1, number - COLUMNS + 1); n < first; n += 1) this.clear(n);
-    for (let n = Math.min(first, number); n <= number; n += 1) {
-      const at = this.at(n);
-      this.image.set(column, at * this.height);
-      this.places[at] = place;
-      this.energies.forEach((series, i) => { series[at] = energies[i]; });
+    for (let n = Math.max(this.newest + 1, number - COLUMNS + 1); n <= number; n += 1) this.clear(n);
+    for (let n = after(this.newest, number); n <= number; n += 1) {
+      this.image.set(column, this.at(n) * this.height);
       this.written.push(n);
     }
     this.newest = number;
+  }
+
+  // What the analyser tells stands where it belongs, which is a little before the newest column.
+  tell(stamp, place, energies) {
+    const number = Math.min(Math.floor(stamp / STEP), this.newest);
+    if (!(number > this.newest - COLUMNS)) return;
+    for (let n = after(this.told, number); n <= number; n += 1) {
+      this.places[this.at(n)] = place;
+      this.energies.forEach((series, i) => { series[this.at(n)] = energies[i]; });
+    }
+    this.told = number;
   }
 
   clear(number) {
@@ -101,8 +117,9 @@ export class Track {
   recall({ columns, height, count, numbers, data }) {
     this.reset(height);
     for (let n = 0; n < columns; n += 1) {
-      const [stamp, place, ...energies] = numbers.subarray(n * count, (n + 1) * count);
-      this.put(stamp, place, data.subarray(n * height, (n + 1) * height), energies);
+      const [stamp, told, place, ...energies] = numbers.subarray(n * count, (n + 1) * count);
+      this.put(stamp, data.subarray(n * height, (n + 1) * height));
+      this.tell(told, place, energies);
     }
   }
 }

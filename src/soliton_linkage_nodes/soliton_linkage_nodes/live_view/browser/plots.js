@@ -191,8 +191,10 @@ export class EnergyPlot {
     const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
     const unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
     this.unit = unit;
+    const widest = Math.max(...NAMES.map((name) => c.measureText(name).width)) + 26;
+    const rows = widest * NAMES.length > canvas.width ? 2 : 1;
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
-      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', bottom: 48,
+      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', bottom: 28 + 20 * rows,
     });
     const colours = [look.blue, look.red, look.ink, look.purple];
     // What noise makes of an energy near zero lies below it.
@@ -210,16 +212,21 @@ export class EnergyPlot {
     });
     c.restore();
     c.setLineDash([]);
-    c.textAlign = 'left';
+    this.legend(c, look, colours, rows);
+  }
+
+  legend(c, look, colours, rows) {
+    const { canvas } = this;
     c.font = '13px system-ui, "DejaVu Sans", sans-serif';
-    const wide = NAMES.map((name) => c.measureText(name).width + 28);
-    let x = Math.max(4, (canvas.width - wide.reduce((a, b) => a + b, 0)) / 2);
+    c.textAlign = 'left';
+    const each = NAMES.length / rows;
     NAMES.forEach((name, i) => {
+      const x = 6 + ((i % each) * (canvas.width - 6)) / each;
+      const y = canvas.height - 10 - 20 * (rows - 1 - Math.floor(i / each));
       c.setLineDash(i > 1 ? [6, 3] : []);
-      line(c, [[x, canvas.height - 10], [x + 16, canvas.height - 10]], colours[i], 3);
+      line(c, [[x, y], [x + 16, y]], colours[i], 3);
       c.fillStyle = look.ink;
-      c.fillText(name, x + 20, canvas.height - 9);
-      x += wide[i];
+      c.fillText(name, x + 20, y + 1);
     });
     c.setLineDash([]);
   }

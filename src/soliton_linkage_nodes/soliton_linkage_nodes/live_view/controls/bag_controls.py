@@ -167,9 +167,10 @@ class BagControls:
                 topics = sorted((name.lstrip('/'), n) for name, n in bag.topics.items() if n)
                 held = ', '.join(f'{count} {name}' for name, count in topics)
                 lost = f', {bag.lost} lost' if bag.lost else ''
-                ui.label(f'{bag.duration:.1f} s{lost}: {held}').classes('live-hint')
+                told = f'{bag.duration:.1f} s{lost}: {held}' if held else f'holds nothing{lost}'
+                ui.label(told).classes('live-hint')
             play = button('Play', partial(self._view.replay.play, bag.name), 'play_arrow')
-            play.set_enabled(bool(bag.played) and not self._view.read_only)
+            play.set_enabled(bool(bag.played and held) and not self._view.read_only)
         return row
 
     async def _pause(self, paused: bool) -> str:
