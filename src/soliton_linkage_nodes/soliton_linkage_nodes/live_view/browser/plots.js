@@ -175,6 +175,7 @@ export class Dial {
   }
 }
 
+const SMALL = '13px system-ui, "DejaVu Sans", sans-serif';
 const NAMES = ['kinetic', 'elastic', 'at wall', 'in wake'];
 
 export class EnergyPlot {
@@ -191,10 +192,9 @@ export class EnergyPlot {
     const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
     const unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
     this.unit = unit;
-    const widest = Math.max(...NAMES.map((name) => c.measureText(name).width)) + 26;
-    const rows = widest * NAMES.length > canvas.width ? 2 : 1;
+    const rows = this.rows(c);
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
-      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', bottom: 28 + 20 * rows,
+      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', bottom: 28 + 20 * rows.length,
     });
     const colours = [look.blue, look.red, look.ink, look.purple];
     // What noise makes of an energy near zero lies below it.
@@ -215,18 +215,30 @@ export class EnergyPlot {
     this.legend(c, look, colours, rows);
   }
 
+  // Names of the legend with their widths, in one row or in as many as there have to be.
+  rows(c) {
+    c.save();
+    c.font = SMALL;
+    const wide = NAMES.map((name, i) => [name, i, c.measureText(name).width + 28]);
+    c.restore();
+    const fits = wide.reduce((sum, each) => sum + each[2], 0) <= this.canvas.width;
+    return fits ? [wide] : [wide.slice(0, 2), wide.slice(2)];
+  }
+
   legend(c, look, colours, rows) {
     const { canvas } = this;
-    c.font = '13px system-ui, "DejaVu Sans", sans-serif';
+    c.font = SMALL;
     c.textAlign = 'left';
-    const each = NAMES.length / rows;
-    NAMES.forEach((name, i) => {
-      const x = 6 + ((i % each) * (canvas.width - 6)) / each;
-      const y = canvas.height - 10 - 20 * (rows - 1 - Math.floor(i / each));
-      c.setLineDash(i > 1 ? [6, 3] : []);
-      line(c, [[x, y], [x + 16, y]], colours[i], 3);
-      c.fillStyle = look.ink;
-      c.fillText(name, x + 20, y + 1);
+    rows.forEach((row, number) => {
+      const y = canvas.height - 10 - 20 * (rows.length - 1 - number);
+      let x = Math.max(4, (canvas.width - row.reduce((sum, each) => sum + each[2], 0)) / 2);
+      row.forEach(([name, i, width]) => {
+        c.setLineDash(i > 1 ? [6, 3] : []);
+        line(c, [[x, y], [x + 16, y]], colours[i], 3);
+        c.fillStyle = look.ink;
+        c.fillText(name, x + 20, y + 1);
+        x += width;
+      });
     });
     c.setLineDash([]);
   }
