@@ -16,7 +16,7 @@ MOST_MODULES = 15
 
 _FLOORS = (
     'exports compiling completion colours command_line progress linkage linear solitons orbit '
-    'dynamics actuation estimation identification steering vision studies command'
+    'dynamics actuation estimation identification steering vision microcontroller studies command'
 )
 PHYSICS = {room: floor for floor, room in enumerate(_FLOORS.split())}
 ROS_NODES = {
@@ -30,7 +30,9 @@ NODES = {
     'start': 0,
     'runtime': 1,
     'messages': 2,
-    **dict.fromkeys({*ROS_NODES, 'bags', 'visualisation', 'camera_encoders'}, 3),
+    **dict.fromkeys(
+        {*ROS_NODES, 'bags', 'visualisation', 'camera_encoders', 'serial_encoders'}, 3
+    ),
     'foxglove_server': 5,
     'programs': 4,
     'commands': 4,

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A microcontroller for people without one: it says and hears what a real one does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.microcontroller.delay_envelope import LARGEST_DRIFT
+from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
+from soliton_linkage.microcontroller.frames import (
+    CLOCK_RANGE,
+    COMMANDS,
+    SEQUENCES,
+    FrameKind,
+    SerialFrame,
+)
+from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """What a controller is like; raises ValueError for values out of their range."""
+
+    protocol: str = quantity(
+        'binary', 'how it writes', choices=tuple(each.value for each in Protocol)
+    )
+    drift: float = quantity(
+        0.0, 'by how much its clock is fast', '', -LARGEST_DRIFT, LARGEST_DRIFT
+    )
+    torque_per_pressure: float = quantity(
+        5e-8, 'torque on a rotor that a pressure of its valve gives', 'N m/Pa', 0.0, 1.0
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their range."""
+        check_quantities(self)
+
+
+class SimulatedController:
+    """Writes readings of encoders, and does what its valves are told for as long as that holds."""
+
+    def __init__(
+        self,
+        rotors: int,
+        encoders: RotaryEncoders | None = None,
+        settings: ControllerSettings | None = None,
+    ) -> None:
+        """Have so many rotors; ValueError where the encoders do not fit them."""
+        self._encoders = encoders or RotaryEncoders()
+        self._encoders.check_fit(rotors)
+        self._settings = settings or ControllerSettings()
+        self._protocol = Protocol(self._settings.protocol)
+        self._decoder = FrameDecoder()
+        self._rotors = rotors
+        self.commands = 0
+        """Commands to the valves that were carried out."""
+        self.start(0.0)
+
+    def start(self, now: float) -> bytes:
+        """Begin, or begin anew, at an instant [s]; return what it says then."""
+        self._begun, self._sequence = now, 0
+        self._torques, self._hold_until = np.zeros(self._rotors), now
+        return encode(SerialFrame(FrameKind.HELLO), self._protocol)
+
+    def measure(self, now: float, angles: Array) -> bytes:
+        """What it says of the angles [rad], shape (N,), at an instant [s]; NaN for none."""
+        readings = (angles + (self._encoders.offsets or 0.0)) * self._encoders.per_radian()
+        if self._encoders.wrapped:
+            readings %= self._encoders.counts_per_turn
+        frame = SerialFrame(FrameKind.COUNTS, self._sequence, self._clock(now), np.round(readings))
+        self._sequence = (self._sequence + 1) % SEQUENCES
+        return encode(frame, self._protocol)
+
+    def hear(self, now: float, chunk: bytes) -> None:
+        """Take what it is told at an instant [s]; what does not fit its rotors it leaves."""
+        for frame in self._decoder.feed(chunk):
+            if frame.kind in COMMANDS and len(frame.values) == self._rotors:
+                pressures = frame.kind is FrameKind.PRESSURES
+                scale = self._settings.torque_per_pressure if pressures else 1.0
+                self._torques = scale * np.nan_to_num(frame.values)
+                self._hold_until = now + (frame.time or 0) / 1e6
+                self.commands += 1
+
+    def torques(self, now: float) -> Array:
+        """Torque on each rotor at an instant [N m], shape (N,); none where nobody renewed it."""
+        return self._torques if now < self._hold_until else np.zeros(self._rotors)
+
+    def _clock(self, now: float) -> int:
+        return round((now - self._begun) * (1 + self._settings.drift) * 1e6) % CLOCK_RANGE

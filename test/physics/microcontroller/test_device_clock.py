@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Instants of measurements by the host's clock, from arrivals that are late by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.microcontroller.device_clock import DeviceClock
+from soliton_linkage.microcontroller.frames import CLOCK_RANGE
+
+SECOND = 10**9
+BOOT = 5 * SECOND
+RATE = 100.0
+LEAST = 0.002
+"""Least delay of the messages [s]."""
+Delays = Callable[[np.random.Generator, int], Array]
+
+DELAYS: dict[str, Delays] = {
+    'exponential': lambda rng, count: rng.exponential(1e-3, count),
+    'uniform': lambda rng, count: rng.uniform(0.0, 2e-3, count),
+    'stalls': lambda rng, count: rng.exponential(2e-4, count) + 0.05 * (rng.random(count) < 0.02),
+}
+
+
+class Line:
+    """Messages of a controller whose clock drifts, in their order."""
+
+    def __init__(self, duration: float, drift: float, delays: Delays, begin: int = 0) -> None:
+        rng = np.random.default_rng(3)
+        measured = np.arange(0.0, duration, 1 / RATE)
+        arrived = np.maximum.accumulate(measured + LEAST + delays(rng, len(measured)))
+        device = measured / (1 + drift)
+        self.measured = BOOT + np.round(measured * SECOND).astype(np.int64)
+        self.arrivals = BOOT + np.round(arrived * SECOND).astype(np.int64)
+        self.times = (begin + np.round(device * 1e6).astype(np.int64)) % CLOCK_RANGE
+
+    def stamps(self, clock: DeviceClock) -> Array:
+        """Stamps less the instants of measurements and the least delay [s]."""
+        stamps = [
+            clock.stamp(int(time), int(arrival))
+            for time, arrival in zip(self.times, self.arrivals, strict=True)
+        ]
+        assert (np.diff(stamps) > 0).all()
+        assert (np.array(stamps) <= self.arrivals).all()
+        return (np.array(stamps) - self.measured) / SECOND - LEAST
+
+
+@pytest.mark.parametrize('kind', DELAYS)
+@pytest.mark.parametrize('drift', [100e-6, -5e-3])
+def test_offset_and_drift_are_found_to_what_is_stated(kind: str, drift: float) -> None:
+    clock = DeviceClock()
+    errors = Line(20.0, drift, DELAYS[kind]).stamps(clock)
+    assert clock.drift == pytest.approx(drift, abs=5e-6)
+    assert clock.restarts == 0
+    assert np.abs(errors[-500:]).max() < clock.scatter < 2e-4
+    # Of what a stamp of the arrival would be late by.
+    assert np.abs(errors[100:]).mean() < 0.05 * DELAYS[kind](np.random.default_rng(0), 999).mean()
+
+
+def test_a_clock_of_32_bits_goes_on_past_its_end() -> None:
+    clock = DeviceClock()
+    errors = Line(2.0, 0.0, DELAYS['exponential'], CLOCK_RANGE - 10**6).stamps(clock)
+    assert np.abs(errors[100:]).max() < 1e-3
+    last = Line(2.0, 0.0, DELAYS['exponential'], CLOCK_RANGE - 10**6)
+    # Silent for two hours and a half, while the clock has wrapped twice.
+    silence = 9 * 10**9
+    time = (int(last.times[-1]) + silence) % CLOCK_RANGE
+    arrival = int(last.arrivals[-1]) + 1000 * silence
+    assert clock.stamp(time, arrival) == pytest.approx(arrival, abs=0.25 * SECOND)
+    assert clock.restarts == 0
+
+
+def test_a_controller_that_begins_anew_is_noticed_and_stamps_go_on() -> None:
+    clock = DeviceClock()
+    line = Line(5.0, 100e-6, DELAYS['exponential'], 10**7)
+    line.stamps(clock)
+    arrival = int(line.arrivals[-1])
+    stamps = [clock.stamp(500 + 10**4 * k, arrival + SECOND + 10**7 * k) for k in range(10)]
+    assert clock.restarts == 1
+    np.testing.assert_allclose(np.diff(stamps), 1e7)
+    assert 0 <= arrival + SECOND - stamps[0] < 1000
+
+
+def test_frames_that_waited_keep_the_instants_of_their_measurement() -> None:
+    clock = DeviceClock()
+    line = Line(10.0, 0.0, DELAYS['exponential'])
+    stalled = slice(500, 800)
+    line.arrivals[stalled] = line.arrivals[800]
+    errors = line.stamps(clock)
+    assert clock.restarts == 0
+    assert np.abs(errors[stalled]).max() < 5e-4
+
+
+def test_a_time_that_comes_twice_is_refused() -> None:
+    clock = DeviceClock()
+    clock.stamp(10, BOOT)
+    with pytest.raises(ValueError, match='time = 10 us is that of the frame before'):
+        clock.stamp(10, BOOT + SECOND)
+
+
+def test_without_times_stamps_are_arrivals_that_grow() -> None:
+    clock = DeviceClock()
+    assert [clock.stamp_of_arrival(BOOT), clock.stamp_of_arrival(BOOT)] == [BOOT, BOOT + 1]

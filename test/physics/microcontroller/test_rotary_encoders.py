@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Readings are angles that go on, whatever encoders count and however they sit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
+from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
+
+
+def counts(*values: float) -> SerialFrame:
+    return SerialFrame(FrameKind.COUNTS, values=np.array(values))
+
+
+def test_rotors_that_turn_and_turn_are_followed_past_missing_frames() -> None:
+    reader = AngleReader(RotaryEncoders(), 3)
+    rates = np.array([2.5, -2.0, 0.1])
+    for frame in range(50):
+        angles = rates * frame
+        seen = np.where((frame % 5 == 3) & (np.arange(3) == 2), np.nan, angles)
+        readings = np.round(seen * 4096 / math.tau) % 4096
+        found = reader.read(counts(*readings))
+        assert np.array_equal(np.isnan(found), np.isnan(seen))
+        np.testing.assert_allclose(found, seen, atol=math.tau / 4096)
+
+
+def test_signs_offsets_and_counts_are_those_of_each_encoder() -> None:
+    encoders = RotaryEncoders((4000.0, 1000.0), (1.0, -1.0), (0.25, -0.5))
+    (first, second) = AngleReader(encoders, 2).read(counts(1000, 250))
+    assert first == pytest.approx(math.pi / 2 - 0.25)
+    assert second == pytest.approx(-math.pi / 2 + 0.5)
+
+
+def test_angles_in_radians_have_signs_and_offsets_too() -> None:
+    reader = AngleReader(RotaryEncoders(signs=(-1.0,), offsets=(0.1,)), 1)
+    frame = SerialFrame(FrameKind.RADIANS, values=np.array([1.0]))
+    assert reader.read(frame) == pytest.approx([-1.1])
+
+
+def test_what_counts_its_turns_is_taken_at_its_word() -> None:
+    reader = AngleReader(RotaryEncoders(wrapped=False), 1)
+    assert reader.read(counts(10 * 4096)) == pytest.approx([10 * math.tau])
+    assert reader.read(counts(0)) == pytest.approx([0.0])
+
+
+@pytest.mark.parametrize(
+    ('given', 'complaint'),
+    [
+        ({'counts_per_turn': (0.0,)}, 'counts_per_turn = 0 must be 1 or more'),
+        ({'signs': (2.0,)}, 'sign of an encoder = 2 must be 1 or -1'),
+        ({'offsets': (math.inf,)}, 'offset of an encoder = inf rad'),
+    ],
+)
+def test_values_that_cannot_be_are_refused(given: dict[str, tuple[float]], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        RotaryEncoders(**given)
+
+
+def test_what_does_not_fit_the_chain_is_refused() -> None:
+    with pytest.raises(ValueError, match='signs has 2 values for a chain of 3 rotors; give none'):
+        AngleReader(RotaryEncoders(signs=(1.0, 1.0)), 3)
+    with pytest.raises(ValueError, match='it has 2 readings for a chain of 3 rotors'):
+        AngleReader(RotaryEncoders(), 3).read(counts(1, 2))
