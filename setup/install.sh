@@ -184,6 +184,7 @@ install_beside_ros() {
     add numba llvmlite numba
     add mpmath mpmath
     add xdist execnet pytest-xdist
+    add serial pyserial
     add urdf_parser_py lxml urdf-parser-py
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
     packages+=(bandit stevedore rich markdown-it-py mdurl pygments)

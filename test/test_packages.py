@@ -37,8 +37,11 @@ PROJECTS = {'backports': 'backports.zstd', 'mpl_toolkits': 'matplotlib', 'yaml':
 """Name on PyPI where it is another than what is imported."""
 OF_THE_PAGE = {'fastapi', 'nicegui', 'uvicorn'}
 """Imported by the live page alone, which is an extra: rosdep has no key for nicegui."""
-OF_CAMERAS = {'soliton_linkage': {'python3-opencv'}}
-"""Keys of what is imported when a camera is looked through, an extra on PyPI."""
+WHEN_NEEDED = {
+    'soliton_linkage': {'python3-opencv'},
+    'soliton_linkage_nodes': {'python3-serial'},
+}
+"""Keys of what is imported when a camera or a serial port is used, extras on PyPI."""
 EXTRAS = {*OF_THE_PAGE, 'foxglove'}
 """Imported by what is an extra; a ROS install has a bridge of its own to Foxglove."""
 
@@ -90,7 +93,7 @@ def project(requirement: str) -> str:
 @pytest.mark.parametrize('package', PACKAGES)
 def test_rosdep_installs_what_is_imported(package: str) -> None:
     needed = {KEYS.get(name, name) for name in imported(package) - EXTRAS}
-    assert declared(package) == needed | OF_CAMERAS.get(package, set())
+    assert declared(package) == needed | WHEN_NEEDED[package]
 
 
 def test_what_has_no_key_comes_with_what_has_one() -> None:
@@ -129,6 +132,11 @@ def test_the_camera_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     data = setup_data('soliton_linkage', monkeypatch, 'bdist_wheel')
     extra = {project(name) for name in data['extras_require']['camera']}
     assert extra == {'av', 'matplotlib', 'opencv-python-headless'}
+
+
+def test_the_serial_port_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
+    assert [project(name) for name in data['extras_require']['serial']] == ['pyserial']
 
 
 def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:

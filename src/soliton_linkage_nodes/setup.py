@@ -22,6 +22,7 @@ NODES = [
     'visualisation',
     'foxglove_server',
     'camera_encoders',
+    'serial_encoders',
 ]
 PROGRAMS = [
     'analyse_bag',
@@ -37,6 +38,7 @@ PROGRAMS = [
     'print_markers',
     'recover_bag',
     'robot_description',
+    'simulated_controller',
     'suite',
     'watch_soliton',
 ]
@@ -93,6 +95,7 @@ setup(
         'camera': ['soliton_linkage[camera]'],
         'foxglove': ['foxglove-sdk'],
         'live': ['nicegui>=3'],
+        'serial': ['pyserial>=3.4'],
     },
     entry_points={
         'console_scripts': [f'{name} = {PACKAGE}.start:{name}' for name in EXECUTABLES],

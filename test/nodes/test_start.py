@@ -25,6 +25,7 @@ NODES = (
     'visualisation',
     'foxglove_server',
     'camera_encoders',
+    'serial_encoders',
     'suite',
 )
 TOOLS = (
@@ -41,6 +42,7 @@ TOOLS = (
     'print_markers',
     'recover_bag',
     'robot_description',
+    'simulated_controller',
     'watch_soliton',
 )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated chain with actuator, analyser, steering and pictures; a recorder if asked for."""
+"""The simulated chain, or a real one, with actuator, analyser, steering and pictures."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -23,19 +23,26 @@ from soliton_linkage_nodes.runtime.parameter_files import path_of
 PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
-IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator', 'simulator')
-"""The nodes that hear come before those that speak."""
+IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
+"""The nodes that hear, which come before the one that speaks."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
 """What dies is begun anew after a second [s], but not for ever what cannot start."""
 
 
 def nodes(context):
     """Return the first of the nodes; each begins the next, once."""
-    config, namespace, record = (
+    config, namespace, record, port = (
         context.perform_substitution(LaunchConfiguration(name))
-        for name in ('config', 'namespace', 'record')
+        for name in ('config', 'namespace', 'record', 'port')
     )
     path = str(path_of('config', config, NAMED))
+    given = {
+        # A recorder that has died goes on with its bag.
+        'bag_recorder': [{'output': record, 'append': True}],
+        'serial_encoders': [{'port': port, 'chain_from': 'parameters'}],
+    }
+    hearing = IN_ORDER if record else IN_ORDER[1:]
+    speaking = 'serial_encoders' if port else 'simulator'
     actions = [
         Node(
             package=PACKAGE,
@@ -43,12 +50,10 @@ def nodes(context):
             namespace=namespace,
             output='screen',
             ros_arguments=['--params-file', path],
-            # A recorder that has died goes on with its bag.
-            parameters=[{'output': record, 'append': True}] if name == 'bag_recorder' else [],
+            parameters=given.get(name, []),
             **RESPAWN,
         )
-        for name in IN_ORDER
-        if record or name != 'bag_recorder'
+        for name in (*hearing, speaking)
     ]
     handlers = [
         RegisterEventHandler(OnProcessStart(target_action=one, on_start=[other], handle_once=True))
@@ -71,6 +76,11 @@ def generate_launch_description():
                 'record',
                 default_value='',
                 description='bag to record, _0 is added; empty for none',
+            ),
+            DeclareLaunchArgument(
+                'port',
+                default_value='',
+                description='serial port of a controller in place of the simulator; empty for it',
             ),
             DeclareLaunchArgument(
                 'draw',

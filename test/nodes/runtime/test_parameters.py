@@ -27,6 +27,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits
+from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
 from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
@@ -47,6 +48,10 @@ from soliton_linkage_nodes.messages.chain_source import (
 from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.serial_encoders.parameters import (
+    SerialEncodersParameters,
+    ValveParameters,
+)
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
@@ -97,6 +102,13 @@ OF_NODE = {
         '': CameraEncodersParameters,
         'sight': SightParameters,
         'markers.': MarkerSettings,
+        'managed': ManagedParameters,
+        'source': ChainSourceParameters,
+    },
+    'serial_encoders': {
+        '': SerialEncodersParameters,
+        'encoders.': RotaryEncoders,
+        'valves.': ValveParameters,
         'managed': ManagedParameters,
         'source': ChainSourceParameters,
     },
@@ -347,7 +359,8 @@ def test_the_configuration_shows_every_parameter_with_its_default(node: str) -> 
     shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[section(node)]
     defaults = {name: field.default for name, field in of_node(node).items()}
     assert shown['ros__parameters'] == {
-        name: [] if value == () else value for name, value in defaults.items()
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in defaults.items()
     }
 
 
@@ -358,5 +371,7 @@ def test_configurations_name_known_parameters_only(path: Path) -> None:
     for node, given in sections.items():
         known = of_node(node.removeprefix('/**/'))
         for name, value in given['ros__parameters'].items():
-            assert isinstance(value, type(known[name].default)) or value == [], name
+            default = known[name].default
+            kind = list if isinstance(default, tuple) else type(default)
+            assert isinstance(value, kind), name
             assert known[name].metadata['quantity'].complaint(value) is None, name

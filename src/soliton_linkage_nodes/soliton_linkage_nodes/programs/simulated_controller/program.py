@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Play a microcontroller with a simulated chain at its encoders and valves, for serial_encoders.
+
+It opens a pseudo-terminal, prints its path, and says and hears there what a controller does, until
+Ctrl-C. The chain starts left-leaning and at rest, and moves as its valves are told.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from soliton_linkage.linkage.gravity import NO_GRAVITY
+from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
+from soliton_linkage.microcontroller.simulated_controller import (
+    ControllerSettings,
+    SimulatedController,
+)
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
+from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.simulator.world import World, WorldParameters
+
+_RATE = Quantity('frames a second', 'Hz', 1.0, 1000.0)
+"""Those of 40 rotors take 1.8 Mbaud at the most."""
+_COUNTS = Quantity('counts of a turn of an encoder', '', 2, 65536)
+"""Of 16 bits at the most."""
+
+
+class PlayedChain:
+    """A simulated chain on a line, frame by frame."""
+
+    def __init__(
+        self,
+        named: NamedChain,
+        controller: SimulatedController,
+        terminal: PseudoTerminal,
+        rate: float,
+    ) -> None:
+        """Begin with a chain at rest, whose frames come at a rate [Hz]."""
+        world = World(named, WorldParameters(), 1 / rate)
+        self._simulation = world.begin(world.initial_state(), NO_GRAVITY)
+        self._controller, self._terminal = controller, terminal
+        self._terminal.write(controller.start(0.0))
+
+    @property
+    def time(self) -> float:
+        """Of the frame that is next [s]."""
+        return self._simulation.time
+
+    def play(self) -> None:
+        """Do what was told since the frame before, say where the rotors are, and go on."""
+        simulation = self._simulation
+        self._controller.hear(simulation.time, self._terminal.read())
+        simulation.hold(self._controller.torques(simulation.time))
+        self._terminal.write(self._controller.measure(simulation.time, simulation.angles))
+        simulation.advance()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Play until Ctrl-C; exit with 1 where that fails, 130 on Ctrl-C."""
+    options = _parser().parse(arguments)
+    with plain_failures('simulated_controller'):
+        interrupt_on_signals()
+        named = chain_of_file(options.chain)
+        encoders = RotaryEncoders(counts_per_turn=(options.counts_per_turn,))
+        settings = ControllerSettings(options.protocol, options.drift)
+        controller = SimulatedController(named.rotors, encoders, settings)
+        terminal = PseudoTerminal(options.link)
+        try:
+            played = PlayedChain(named, controller, terminal, options.rate)
+            print(f'{terminal.path}\n{_hint(terminal, options.chain)}', flush=True)
+            begun = time.monotonic()
+            while True:
+                time.sleep(max(begun + played.time - time.monotonic(), 0.0))
+                played.play()
+        finally:
+            terminal.close()
+
+
+def _hint(terminal: PseudoTerminal, chain: Path) -> str:
+    return (
+        f'serial_encoders --ros-args --params-file {chain} -p chain_from:=parameters '
+        f'-p port:={terminal.path}'
+    )
+
+
+def _parser() -> ProgramParser:
+    quantities = described_fields(ControllerSettings)
+    parser = ProgramParser(prog='simulated_controller', description=__doc__)
+    parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
+    parser.add_argument(
+        '--protocol', choices=('binary', 'text'), default='binary', help='how it writes (binary)'
+    )
+    parser.add_argument(
+        '--rate', type=number(_RATE), default=250.0, help=f'{_RATE.description} [Hz] (250)'
+    )
+    parser.add_argument(
+        '--drift',
+        type=number(quantities['drift']),
+        default=0.0,
+        help=f'{quantities["drift"].description} [1] (0)',
+    )
+    parser.add_argument(
+        '--counts-per-turn',
+        type=number(_COUNTS),
+        default=4096.0,
+        metavar='COUNTS',
+        help=f'{_COUNTS.description} (4096)',
+    )
+    parser.add_argument('--link', type=Path, metavar='PATH', help='also make a link to the port')
+    return parser
