@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The firmware that the docs show is understood, and does what it is told for as long."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pages import ROOT
+
+from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
+from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
+
+FIRMWARE = ROOT / 'examples/serial_firmware/serial_firmware.ino'
+
+
+def test_the_firmware_says_and_hears_binary_frames(tmp_path: Path) -> None:
+    compiler = shutil.which('c++')
+    if compiler is None:
+        pytest.skip('there is no compiler')
+    program = tmp_path / 'firmware'
+    stage = Path(__file__).with_name('arduino.h')
+    included = f'-DFIRMWARE="{FIRMWARE}"'
+    subprocess.run(
+        [compiler, '-Wall', '-Werror', included, '-x', 'c++', stage, '-o', program], check=True
+    )
+    torques = np.array([0.1, 0.0, 0.05, np.nan])
+    command = SerialFrame(FrameKind.TORQUES, 0, 100_000, np.nan_to_num(torques))
+    told = encode(command, Protocol.BINARY)
+    broken = bytearray(told)
+    broken[9] ^= 16
+    ran = subprocess.run(
+        [program], input=b'noise\0' + told + broken, capture_output=True, check=True
+    )
+    decoder = FrameDecoder()
+    frames = decoder.feed(ran.stdout)
+    assert decoder.corrupted == 0
+    assert [frame.sequence for frame in frames] == list(range(75))
+    assert [frame.time for frame in frames] == list(range(0, 300_000, 4000))
+    assert all(frame.values.tolist() == [100, 200, 300, 400] for frame in frames)
+    valves = np.array([line.split() for line in ran.stderr.decode().splitlines()], dtype=float)
+    opened = valves.any(axis=1)
+    assert opened.tolist() == [25 <= number < 50 for number in range(75)]
+    np.testing.assert_allclose(valves[30], [255, 0, 127.5, 0])

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller that is played: a simulated chain at the other end of a line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
+from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
+from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
+from soliton_linkage.microcontroller.simulated_controller import SimulatedController
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.programs.simulated_controller.program import PlayedChain, main
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
+
+ROTORS = 6
+CHAIN = Chain(number_of_rotors=ROTORS)
+RATE = 100.0
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[PseudoTerminal]:
+    opened = PseudoTerminal(tmp_path / 'tty')
+    yield opened
+    opened.close()
+    assert not (tmp_path / 'tty').is_symlink()
+
+
+class Computer:
+    """Whoever opens the port at the other end."""
+
+    def __init__(self, terminal: PseudoTerminal) -> None:
+        self._port = os.open(terminal.path, os.O_RDWR | os.O_NOCTTY)
+        self._decoder = FrameDecoder()
+        self._reader = AngleReader(RotaryEncoders(), ROTORS)
+        self.times: list[int] = []
+
+    def tell(self, torque: float) -> None:
+        torques = np.zeros(ROTORS)
+        torques[0] = torque
+        command = SerialFrame(FrameKind.TORQUES, 0, 50_000, torques)
+        os.write(self._port, encode(command, Protocol.BINARY))
+
+    def hear(self) -> list[Array]:
+        frames = self._decoder.feed(os.read(self._port, 65536))
+        readings = [frame for frame in frames if frame.kind is FrameKind.COUNTS]
+        self.times += [frame.time or 0 for frame in readings]
+        return [self._reader.read(frame) for frame in readings]
+
+
+def test_the_chain_moves_as_its_valves_are_told(terminal: PseudoTerminal) -> None:
+    named = NamedChain(CHAIN, default_joint_names(ROTORS))
+    played = PlayedChain(named, SimulatedController(ROTORS), terminal, RATE)
+    computer = Computer(terminal)
+    for _ in range(5):
+        played.play()
+    angles = computer.hear()
+    np.testing.assert_allclose(np.diff(angles, axis=0), 0.0)
+    computer.tell(0.02)
+    for _ in range(10):
+        played.play()
+    angles = computer.hear()
+    assert angles[-1][0] > angles[0][0] + 0.1
+    assert computer.times == [10_000 * frame for frame in range(15)]
+
+
+def test_a_file_that_is_none_is_said_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([str(tmp_path / 'no.yaml')])
+    assert str(ended.value).startswith('simulated_controller: ')
+    assert '\n' not in str(ended.value)
