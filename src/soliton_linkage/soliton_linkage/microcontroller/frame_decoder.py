@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import Enum
 
 from soliton_linkage.microcontroller.binary_frames import END, decode_binary, encode_binary
@@ -60,26 +59,24 @@ class FrameDecoder:
         ended = [(end, Protocol.TEXT, line) for end, line in self._lines.feed(chunk)]
         ended += [(end, Protocol.BINARY, piece) for end, piece in self._pieces.feed(chunk)]
         ended.sort(key=lambda each: each[0])
-        decoders: dict[Protocol, Callable[[bytes], SerialFrame | None]] = {
-            Protocol.TEXT: self._text,
-            Protocol.BINARY: _binary,
-        }
-        frames = []
-        for _, protocol, written in ended:
-            try:
-                if written is None:
-                    raise ValueError(f'{LONGEST_FRAME} bytes come without an end of a frame')
-                frame = decoders[protocol](written)
-            except ValueError as error:
-                if protocol is self.protocol:
-                    self.corrupted += 1
-                    self.complaint = str(error)
-                continue
-            if frame is not None:
-                self.protocol = protocol
-                frames.append(frame)
+        read = (self._understood(protocol, written) for _, protocol, written in ended)
+        frames = [frame for frame in read if frame is not None]
         self.frames += len(frames)
         return frames
+
+    def _understood(self, protocol: Protocol, written: bytes | None) -> SerialFrame | None:
+        try:
+            if written is None:
+                raise ValueError(f'{LONGEST_FRAME} bytes come without an end of a frame')
+            frame = self._text(written) if protocol is Protocol.TEXT else _binary(written)
+        except ValueError as error:
+            if protocol is self.protocol:
+                self.corrupted += 1
+                self.complaint = str(error)
+            return None
+        if frame is not None:
+            self.protocol = protocol
+        return frame
 
     def _text(self, line: bytes) -> SerialFrame | None:
         if is_remark(line):

@@ -26,6 +26,7 @@ _WHOLE = re.compile(r'[-+]?\d{1,15}')
 """Number that a double holds exactly."""
 _TIME = re.compile(r'\d{1,20}')
 """Number of 64 bits at most."""
+_UNKNOWN = f'a line begins with none of {", ".join(_KINDS)}; see docs/serial.md'
 _MISSING = '-'
 _NOT_A_NUMBER = ('-', 'nan')
 """For a missing value: what a person types, and what the libraries of controllers print."""
@@ -61,8 +62,7 @@ def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
         words = content.decode('ascii').split()
         kind = _KINDS[words[0]]
     except (ValueError, LookupError):
-        known = ', '.join(_KINDS)
-        raise ValueError(f'a line begins with none of {known}; see docs/serial.md') from None
+        raise ValueError(_UNKNOWN) from None
     sequence, time = ([*words[1:3], _MISSING, _MISSING])[:2]
     read = _whole_number if kind is FrameKind.COUNTS else _real_number
     values = np.array([read(word) for word in words[3:]], dtype=np.float64)
