@@ -22,6 +22,7 @@ LIGHT = (
     'nudge',
     'recover_bag',
     'robot_description',
+    'serial_encoders',
     'watch_soliton',
 )
 HEAVY = {'matplotlib', 'numba', 'scipy'}

@@ -21,6 +21,8 @@ _OPENED_AGAIN = 0.2
 """Between two tries to open a port that is gone [s]."""
 _MOST_BYTES = 2**16
 """Read at once [1]: what the system keeps of a port is less."""
+_NOT_KNOWN = 'n/a'
+"""What pyserial says of a port that says nothing of itself."""
 
 
 def pyserial() -> ModuleType:
@@ -40,7 +42,10 @@ def ports_in_words() -> str:
     found = import_module('serial.tools.list_ports').comports()
     if not found:
         return 'this machine has no serial port'
-    told = (f'{each.device} ({each.description})' for each in sorted(found))
+    told = [
+        each.device if each.description == _NOT_KNOWN else f'{each.device} ({each.description})'
+        for each in sorted(found)
+    ]
     return f'this machine has {", ".join(told)}'
 
 
