@@ -161,7 +161,7 @@ def test_a_reset_and_a_plug_that_is_pulled_are_told_and_it_goes_on(
     controller.say_until(heard, 5)
     controller.start()
     controller.say_until(heard, 5)
-    assert 'the controller has begun anew' in said()
+    assert 'the clock of the controller has begun anew' in said()
     controller.unplug()
     graph.until(lambda: f'{node.settings.port} is gone' in said(), 'the plug to be missed')
     controller.plug()

@@ -85,6 +85,19 @@ def test_a_controller_that_begins_anew_is_noticed_and_stamps_go_on() -> None:
     assert 0 <= arrival + SECOND - stamps[0] < 1000
 
 
+def test_a_clock_that_stood_still_or_counts_something_else_begins_anew() -> None:
+    clock = DeviceClock()
+    line = Line(5.0, 0.0, DELAYS['exponential'])
+    line.stamps(clock)
+    arrival = int(line.arrivals[-1]) + 20 * SECOND
+    assert clock.stamp(int(line.times[-1]) + 10**4, arrival) == arrival
+    assert clock.restarts == 1
+    milliseconds = DeviceClock()
+    for frame in range(1, 100):
+        milliseconds.stamp(10 * frame, BOOT + 10**7 * frame)
+    assert milliseconds.delay == pytest.approx(0.98, abs=0.01)
+
+
 def test_frames_that_waited_keep_the_instants_of_their_measurement() -> None:
     clock = DeviceClock()
     line = Line(10.0, 0.0, DELAYS['exponential'])

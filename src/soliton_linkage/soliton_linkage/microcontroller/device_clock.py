@@ -13,6 +13,9 @@ _SECOND = 10**9
 _FROM_THE_FUTURE = 0.25
 """By which a measurement may be later than now [s]: a drift of 1 % in 25 s without a frame. What
 is later still is of a clock that has begun anew."""
+_FROM_THE_PAST = 10.0
+"""By which it may be late [s]: what the system keeps of a line of 9600 baud takes four. What is
+earlier still is of a clock that has stood still, or counts something else."""
 
 
 class DeviceClock:
@@ -26,6 +29,8 @@ class DeviceClock:
     def __init__(self) -> None:
         self.restarts = 0
         """How often the controller's clock has begun anew."""
+        self.delay = 0.0
+        """What the last measurement took to arrive, but for the least delay [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.begin_anew()
@@ -68,6 +73,7 @@ class DeviceClock:
         self._envelope.add(x, (arrival - self._begun) / _SECOND - x)
         ran = self._elapsed * _MICROSECOND + round(self._envelope.at(x) * _SECOND)
         self._stamp = max(self._begun + ran, self._stamp + 1)
+        self.delay = (arrival - self._stamp) / _SECOND
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
@@ -76,7 +82,7 @@ class DeviceClock:
         return self._stamp
 
     def _elapsed_to(self, time: int, arrival: int) -> None:
-        """Go on to a time, or begin anew where that would be in the future."""
+        """Go on to a time, or begin anew where that would be in the future or long past."""
         assert self._last is not None
         gone = (time - self._last) % CLOCK_RANGE
         if not gone:
@@ -88,7 +94,8 @@ class DeviceClock:
         latest = round(latest / (1 + self._envelope.drift))
         elapsed = self._elapsed + gone
         elapsed += max((latest - elapsed) // CLOCK_RANGE, 0) * CLOCK_RANGE
-        if elapsed > latest:
+        earliest = latest - round(1e6 * (_FROM_THE_FUTURE + _FROM_THE_PAST))
+        if not earliest <= elapsed <= latest:
             self.begin_anew()
         else:
             self._elapsed = elapsed

@@ -12,6 +12,9 @@ from soliton_linkage.microcontroller.angle_stream import AngleStream
 from soliton_linkage.microcontroller.frame_decoder import FrameDecoder
 from soliton_linkage_nodes.runtime.diagnostics import Report
 
+_LONGEST_DELAY = 0.5
+"""Of a frame that is no warning yet [s]: by then the analyser skips frames, too."""
+
 
 @dataclass
 class LineAccount:
@@ -58,6 +61,7 @@ def line_in_words(
         'restarts of the controller': now.restarts,
         'commands to the valves': commands,
         'drift of the controller [ppm]': drift,
+        'delay [s]': stream.clock.delay,
     }
     if not math.isnan(scatter):
         values['stamps sure to [s]'] = scatter
@@ -73,5 +77,10 @@ def line_in_words(
             f'{now.corrupted - before.corrupted} frames were corrupted: {decoder.complaint}'
         )
     if now.restarts > before.restarts:
-        told.append('the controller has begun anew')
+        told.append(f'the clock of the controller has begun anew, {now.restarts} times in all')
+    if stream.clock.delay > _LONGEST_DELAY:
+        told.append(
+            f'frames are {stream.clock.delay:.2g} s late, or the times of the controller are no '
+            'microseconds'
+        )
     return Report('; '.join(told) or f'hearing {protocol} frames on {port}', values, bool(told))

@@ -27,6 +27,7 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.complaints import Complaints
 from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
@@ -42,6 +43,8 @@ from soliton_linkage_nodes.serial_encoders.valves import Valves
 
 _MOST_LOOKS = 3
 """At two clocks, where other programs come in between [1]."""
+_SAID_AGAIN = 1.0
+"""After which another restart of the controller is said [s]: a person reads no faster."""
 _QUICK_LOOK = 20_000
 """At two clocks [ns], which is as sure as they need to be; it takes a tenth of that."""
 
@@ -81,6 +84,7 @@ class SerialEncoders(ManagedNode):
         self._bytes, self._stamp = 0, 0
         self._reported = LineAccount(seconds=time.monotonic())
         self.diagnostics = Diagnostics(self, 'serial line', self.reporting(self._report))
+        self._restarts = Complaints(self.get_logger().warning, _SAID_AGAIN)
         self._take = self.diagnostics.refusing('frame', self._on_frame)
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
@@ -144,7 +148,7 @@ class SerialEncoders(ManagedNode):
         restarts = self.stream.clock.restarts
         read = self.stream.take(frame, arrival)
         if self.stream.clock.restarts != restarts:
-            self.get_logger().warning('the controller has begun anew, and so does its clock')
+            self._restarts.tell('the clock of the controller has begun anew')
         if read is None:
             return
         stamp = read.stamp + self._clock_ahead() - round(self.settings.least_delay * SECOND)
