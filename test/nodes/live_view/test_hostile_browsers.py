@@ -24,7 +24,7 @@ from soliton_linkage_nodes.live_view.canvas_actions import CanvasActions
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.frame_layout import kind_of, unpack
-from soliton_linkage_nodes.live_view.status import status
+from soliton_linkage_nodes.live_view.status import reasons, status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, parameter_value
 from soliton_linkage_nodes.runtime import interfaces
@@ -120,7 +120,8 @@ class Pictures:
 
     @property
     def status(self) -> str:
-        return status(self._finder, self._commands, {})
+        why = {name: reasons(self.chains[name], made) for name, made in self._commands.items()}
+        return status(self._finder, self._commands, why, {})
 
     @property
     def versions(self) -> list[int]:

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.live_view.canvas_actions import CanvasActions
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.gate import is_loopback
-from soliton_linkage_nodes.live_view.status import status
+from soliton_linkage_nodes.live_view.status import reasons, status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
@@ -46,7 +46,7 @@ class LiveViewParameters:
     port: int = quantity(8080, 'port to serve at, 0 for any that is free', '', 0, 65535)
     frame_rate: float = quantity(60.0, 'most pictures a second', 'Hz', 1.0, 240.0)
     processor_share: float = quantity(
-        0.3, 'most of a core that pictures take: of more browsers each gets fewer', '', 0.01, 1.0
+        0.15, 'most of a core that pictures take: of more browsers each gets fewer', '', 0.01, 1.0
     )
     read_only: bool = quantity(False, 'whether the page only shows, and changes nothing')
     bag_folders: tuple[str, ...] = quantity(
@@ -96,6 +96,8 @@ class LiveView(GuardedNode):
         self.replay = BagReplay(self.shelf, Path(self._logs.name), self.finder, settings.read_only)
         self._actions = CanvasActions(self.finder, self.commands, self.replay, settings.read_only)
         self.status = ''
+        self.reasons: dict[str, dict[str, str]] = {}
+        """Why controls of each chain can do nothing: asked of the graph once for all pages."""
         self.complaints: list[str] = []
         """What the recorder and the player failed of, for a page to tell."""
         self._streams: set[BrowserStream] = set()
@@ -244,7 +246,11 @@ class LiveView(GuardedNode):
             'recorder': self.recording.told(),
             'complaints': self.complaints,
         }
-        return status(self.finder, {n: self.commands(n) for n in self.finder.chains}, more)
+        commands = {name: self.commands(name) for name in self.finder.chains}
+        self.reasons = {
+            name: reasons(chain, commands[name]) for name, chain in self.finder.chains.items()
+        }
+        return status(self.finder, commands, self.reasons, more)
 
     def _report(self) -> Report:
         now = time.monotonic()

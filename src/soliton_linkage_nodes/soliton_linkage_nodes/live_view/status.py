@@ -118,9 +118,10 @@ def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
 def status(
     finder: ChainFinder,
     commands: Mapping[str, ChainCommands],
+    why: Mapping[str, Mapping[str, str]],
     more: Mapping[str, Any],
 ) -> str:
-    """What a page says of all chains, as JSON."""
+    """What a page says of all chains, as JSON; `why` has the `reasons` of each."""
     chains = []
     for namespace, chain in finder.chains.items():
         move = commands[namespace].move
@@ -129,7 +130,7 @@ def status(
                 'name': namespace,
                 'replay': namespace.startswith(REPLAY),
                 'health': health(finder, chain),
-                'reasons': reasons(chain, commands[namespace]),
+                'reasons': why[namespace],
                 'camera': chain.camera.reason,
                 'move': {
                     'state': move.state,

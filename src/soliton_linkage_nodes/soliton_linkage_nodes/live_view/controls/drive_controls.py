@@ -12,7 +12,7 @@ from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
-from soliton_linkage_nodes.live_view.status import CONTROLS, gravity_of, reasons
+from soliton_linkage_nodes.live_view.status import CONTROLS, gravity_of
 from soliton_linkage_nodes.messages.view_conversions import STATES
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
@@ -37,6 +37,7 @@ class View(Protocol):
     shelf: BagShelf
     recording: BagRecording
     replay: BagReplay
+    reasons: dict[str, dict[str, str]]
 
     def commands(self, namespace: str) -> ChainCommands:
         """Commands to the nodes of a namespace."""
@@ -342,8 +343,5 @@ def joint_angles(text: str) -> dict[str, float]:
 
 def reasons_for(view: View, namespace: str) -> dict[str, str]:
     """Why each control of a chain can do nothing."""
-    chain = view.finder.chains.get(namespace)
-    if chain is None:
-        missing = {'': 'choose a chain'}.get(namespace, 'the chain is gone')
-        return dict.fromkeys(CONTROLS, missing)
-    return reasons(chain, view.commands(namespace))
+    missing = {'': 'choose a chain'}.get(namespace, 'the chain is gone')
+    return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)
