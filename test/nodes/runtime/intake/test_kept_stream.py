@@ -47,6 +47,19 @@ def test_what_never_came_of_one_publisher_is_lost(came: list[bool]) -> None:
     assert kept.lost == len(came) + 2 - len(numbers)
 
 
+@given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 400)), min_size=1, max_size=50))
+def test_one_that_is_alone_is_kept_to_however_unevenly_its_messages_come(
+    steps: list[tuple[int, int]],
+) -> None:
+    kept = KeptStream()
+    number = sent = 0
+    for ahead, elapsed in [*[(1, 2)] * 20, *steps]:
+        number, sent = number + ahead, sent + elapsed
+        assert kept.take(number, sent * MILLISECOND, lambda: 1)
+    assert (kept.successions, kept.foreign) == (0, 0)
+    assert kept.lost == sum(ahead - 1 for ahead, _ in steps)
+
+
 def test_one_that_falls_silent_is_succeeded_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [10.0]
     monkeypatch.setattr(kept_stream.time, 'monotonic', lambda: now[0])

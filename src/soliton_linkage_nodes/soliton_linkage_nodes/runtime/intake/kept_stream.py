@@ -29,6 +29,13 @@ class _Publisher:
     sent: int
     period: float = math.nan
 
+    @property
+    def silence(self) -> float:
+        """After which it counts as silent [s]."""
+        if math.isnan(self.period):
+            return _SILENCE
+        return max(_SILENCE, _SILENT_PERIODS * self.period * _NANOSECOND)
+
     def advance(self, number: int, sent: int) -> int:
         """Go on to a message, and return how many before it are missing."""
         apart = (sent - self.sent) / (number - self.number)
@@ -55,7 +62,8 @@ class KeptStream:
 
     Each publisher numbers its messages 1, 2, 3, ...; a message does not say whose it is. It is
     that of the publisher whose number it continues, or, after a gap, of the one that has taken
-    as long for so many. What is missing of the one that is kept to is counted.
+    as long for so many; one that is alone may take any time short of silence. What is missing of
+    the one that is kept to is counted.
     """
 
     def __init__(self) -> None:
@@ -100,10 +108,7 @@ class KeptStream:
         now = time.monotonic()
         if self._others_since is None:
             self._others_since = now
-        silence = _SILENCE
-        if math.isfinite(kept.period):
-            silence = max(silence, _SILENT_PERIODS * kept.period * _NANOSECOND)
-        if publishers >= 2 and now - self._others_since < silence:
+        if publishers >= 2 and now - self._others_since < kept.silence:
             self.foreign += 1
             return False
         self.successions += 1
@@ -115,6 +120,9 @@ class KeptStream:
         self, kept: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
         """Publisher that a message fits best, None where it is that of another."""
+        alone = publishers < 2 and not self._others
+        if alone and number > kept.number and (sent - kept.sent) * _NANOSECOND < kept.silence:
+            return kept
         known = [kept, *self._others]
         following = [each for each in known if number == each.number + 1] or known
         best = min(following, key=lambda each: each.unlikeness(number, sent))
