@@ -13,6 +13,7 @@ from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.identification.free_motion import FreeMotion, frames, frames_with_changes
 from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import lengths_of
+from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -56,7 +57,7 @@ def test_changes_are_those_of_the_motion() -> None:
 def test_strained_springs_show_lengths_stiffnesses_and_masses() -> None:
     chain, times, angles, _ = kicked(8, 10.0, 1.0)
     readings, _ = read(angles, 2)
-    found = identify(times, readings, Chain(), tolerance=0.05)
+    found = identify(Readings(times, readings), Chain(), tolerance=0.05)
     assert not found.rigid
     names = {
         'rotor_length': chain.rotor_lengths / chain.spacings.mean(),

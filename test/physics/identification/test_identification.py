@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 from passages import FLIPPER, NAMES, SPINNER, passage, read, unequal
 
-from soliton_linkage.identification.identification import free_frames, identify
+from soliton_linkage.identification.adjustment import adjusted
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.lengths import split
+from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.start import equal_rotors
 from soliton_linkage.linkage.chain import Array, Chain
 
 TIMES = np.arange(500) / 250
@@ -62,7 +66,7 @@ BAD = {
 @pytest.mark.parametrize(('readings', 'words'), BAD.values(), ids=BAD)
 def test_bad_recordings_are_recognised(readings: Array, words: str) -> None:
     with pytest.raises(ValueError, match=words) as error:
-        identify(TIMES, readings, Chain(), NAMES)
+        identify(Readings(TIMES, readings, names=NAMES), Chain())
     assert '\n' not in str(error.value)
 
 
@@ -71,7 +75,7 @@ def test_a_spinner_is_found_with_wrapped_angles_and_gaps_and_scaled() -> None:
     readings, offsets = read(passage(made), 4)
     readings[np.random.default_rng(5).random(readings.shape) < 0.05] = np.nan
     wrapped = np.angle(np.exp(1j * readings))
-    found = identify(TIMES, wrapped, Chain(spacing=0.2))
+    found = identify(Readings(TIMES, wrapped), Chain(spacing=0.2))
     scale = 0.2 / made.spacings.mean()
     assert found.chain.spacings.mean() == pytest.approx(0.2)
     for name in ('rotor_length', 'spacing', 'rest_length'):
@@ -82,6 +86,18 @@ def test_a_spinner_is_found_with_wrapped_angles_and_gaps_and_scaled() -> None:
     assert found.rigid
 
 
-def test_springs_move_freely_between_two_pushes() -> None:
-    assert free_frames(np.arange(10.0), [2.0, 8.0]) == slice(3, 8)
-    assert free_frames(np.arange(10.0), []) == slice(0, 10)
+def test_readings_count_by_their_deviations() -> None:
+    """A tenth of them are ten times as unsure, and say so."""
+    made = unequal(SPINNER, 4)
+    random = np.random.default_rng(6)
+    angles = passage(made)
+    deviations = np.where(random.random(angles.shape) < 0.1, 0.1, 0.01)
+    readings = angles + deviations * random.standard_normal(angles.shape)
+    found = identify(Readings(TIMES, readings, deviations), Chain())
+    unweighed = split(adjusted(readings, equal_rotors(readings)).deviations)
+    assert found.noise == pytest.approx(0.01, rel=0.05)
+    for name in ('rotor_length', 'spacing', 'rest_length'):
+        shown, true = (getattr(each, f'{name}s') for each in (found.chain, made))
+        errors = shown / true * made.spacings.mean() / found.chain.spacings.mean() - 1
+        assert np.sqrt(np.mean((errors / found.deviations[name]) ** 2)) < 1.6, name
+    assert (found.offset_deviations < unweighed[1]).all()

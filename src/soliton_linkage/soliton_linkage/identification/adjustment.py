@@ -10,15 +10,25 @@ import numpy as np
 
 from soliton_linkage.identification.bundle import Bundle, NormalEquations
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, lengths_of, split
+from soliton_linkage.identification.passable import passable
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
 """Gauss-Newton steps [1]: 6 to 15 are usual."""
-_SETTLED = 0.01
-"""Length of a step over the uncertainty that ends them [1]."""
-_LEARNT = 0.01
-"""Relative change of the tolerances that ends them [1]."""
+_HALVINGS = 8
+"""Parts of a step that are tried [1], the last a hundredth."""
+_UPHILL = 1.0
+"""By how much twice a logarithm of the likelihood may be less after a step [1], as it is by
+chance: slopes are those to first order."""
+_CLOSINGS = 8
+"""Times that angles are moved after a step [1]: 2 or 3 but where bonds are in line with rotors."""
+_CLOSED = 1e-4
+"""Largest change of an angle with which they are closed [rad], far below the noise."""
+_SETTLED = 0.05
+"""Length of a step over the uncertainty of all unknowns together that ends them [1]."""
+_LEARNT = 0.05
+"""Relative change of the tolerances that ends them [1]: those of no offsets creep towards 0."""
 
 
 @dataclass(frozen=True)
@@ -46,25 +56,29 @@ class Adjustment:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def adjusted(readings: Array, start: Lengths, tolerance: float | None = None) -> Adjustment:
+def adjusted(
+    readings: Array,
+    start: Lengths,
+    tolerance: float | None = None,
+    spreads: Array | None = None,
+) -> Adjustment:
     """Lengths by the readings of frames [rad], NaN where missing, shape (T, N).
 
-    A tolerance of lengths [1] is learnt from the readings unless it is given.
+    A tolerance of lengths [1] is learnt from the readings unless it is given. Spreads are
+    standard deviations of single readings over that of most [1], (T, N).
     """
-    bundle = Bundle(readings, start)
+    bundle = Bundle(readings, start, spreads)
     tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
     basis = measurable(start)
-    bundle.close()
+    _close(bundle)
     settled = False
+    normal = bundle.normal_equations()
     for _ in range(_MOST_STEPS):
-        normal = bundle.normal_equations()
         noise, covariance = _covariance(bundle, normal, basis, tolerances)
         prior = tolerances.information(start.rotors)
         gradient = normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
         change = covariance @ gradient
-        bundle.lengths = bundle.lengths.changed(change)
-        bundle.close()
-        bundle.close()
+        normal = _stepped(bundle, normal, change, prior, noise)
         before = tolerances
         tolerances = tolerances.relearnt(bundle.lengths, covariance)
         if tolerance is not None:
@@ -72,13 +86,12 @@ def adjusted(readings: Array, start: Lengths, tolerance: float | None = None) ->
         if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
             settled = True
             break
-    normal = bundle.normal_equations()
     noise, covariance = _covariance(bundle, normal, basis, tolerances)
     information = normal.matrix / noise**2
     freedom = bundle.conditions - float(np.sum(covariance * information))
     bond_noise = np.sqrt(normal.squares * len(normal.squares) / freedom)
     return Adjustment(
-        bundle.lengths,
+        passable(bundle.lengths, covariance),
         covariance,
         information,
         tolerances,
@@ -87,6 +100,34 @@ def adjusted(readings: Array, start: Lengths, tolerance: float | None = None) ->
         bundle.left(),
         settled,
     )
+
+
+def _stepped(
+    bundle: Bundle, normal: NormalEquations, change: Array, prior: Array, noise: float
+) -> NormalEquations:
+    """Go a step, or a part of it where all of it would lead uphill."""
+    lengths, angles = bundle.lengths, bundle.angles.copy()
+    before = _cost(bundle, normal, prior, noise)
+    for halvings in range(_HALVINGS):
+        bundle.lengths = lengths.changed(change / 2**halvings)
+        bundle.angles = angles.copy()
+        _close(bundle)
+        normal = bundle.normal_equations()
+        if _cost(bundle, normal, prior, noise) < before + _UPHILL:
+            break
+    return normal
+
+
+def _close(bundle: Bundle) -> None:
+    for _ in range(_CLOSINGS):
+        if bundle.close() < _CLOSED:
+            break
+
+
+def _cost(bundle: Bundle, normal: NormalEquations, prior: Array, noise: float) -> float:
+    """Twice the negative logarithm of the likelihood."""
+    unknowns = unknowns_of(bundle.lengths)
+    return float(normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
 
 
 def measurable(lengths: Lengths) -> Array:

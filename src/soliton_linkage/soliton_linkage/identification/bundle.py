@@ -25,7 +25,7 @@ from soliton_linkage.linkage.chain import Array
 _TOGETHER = 256
 """Frames that are worked on at once: their arrays stay in the cache."""
 _UNSEEN = 1e4
-"""Variance of a reading that is missing, over that of others [1]: 100 times as unsure."""
+"""Variance of a reading that is missing, over that of most [1]: 100 times as unsure."""
 _FARTHEST = 0.3
 """That angles may be from readings [rad]: Newton's steps between lengths that are far off, where
 bonds are nearly in line with rotors, lead anywhere."""
@@ -46,10 +46,15 @@ class NormalEquations:
 class Bundle:
     """Readings of T frames and the true angles that they are believed to be of."""
 
-    def __init__(self, readings: Array, lengths: Lengths) -> None:
-        """Begin with readings [rad], NaN where missing, shape (T, N), and first lengths."""
+    def __init__(self, readings: Array, lengths: Lengths, spreads: Array | None = None) -> None:
+        """Begin with readings [rad], NaN where missing, shape (T, N), and first lengths.
+
+        Spreads are standard deviations of single readings over that of most [1], (T, N).
+        """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
+        squared = 1.0 if spreads is None else spreads.T**2
+        self._variances = np.where(self._seen, squared, _UNSEEN)
         self.lengths = lengths
         self.angles = self._filled() - lengths.offsets[:, None]
         """True angles [rad], shape (N, T)."""
@@ -89,7 +94,7 @@ class Bundle:
             pulls = np.zeros_like(self.angles[:, frames])
             pulls[:-1] = about.first * forces
             pulls[1:] += about.second * forces
-            errors = np.clip(self._variances(frames) * pulls, -_FARTHEST, _FARTHEST)
+            errors = np.clip(self._variances[:, frames] * pulls, -_FARTHEST, _FARTHEST)
             closed = self._corrected(frames) - errors
             largest = max(largest, float(np.abs(closed - self.angles[:, frames]).max()))
             self.angles[:, frames] = closed
@@ -105,16 +110,13 @@ class Bundle:
         about = misclosures(self.lengths, angles)
         apart = self._corrected(frames) - angles
         values = about.values + about.first * apart[:-1] + about.second * apart[1:]
-        factors = factor(about.first, about.second, self._variances(frames))
+        factors = factor(about.first, about.second, self._variances[:, frames])
         return about, factors, factors.whitened(values)
 
     def _corrected(self, frames: slice) -> Array:
         """Readings less the offsets; angles as they are where none was read, (N, T)."""
         read = self._readings[:, frames] - self.lengths.offsets[:, None]
         return np.where(self._seen[:, frames], read, self.angles[:, frames])
-
-    def _variances(self, frames: slice) -> Array:
-        return np.where(self._seen[:, frames], 1.0, _UNSEEN)
 
     def _chunks(self) -> Iterator[slice]:
         for begin in range(0, self._readings.shape[1], _TOGETHER):

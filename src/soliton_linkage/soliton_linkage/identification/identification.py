@@ -4,19 +4,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from soliton_linkage.identification.adjustment import Adjustment, adjusted, measurable
 from soliton_linkage.identification.free_motion import FreeMotion
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split
+from soliton_linkage.identification.lengths import OF_A_ROTOR, split
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitting
+from soliton_linkage.identification.passable import passable
+from soliton_linkage.identification.readings import Readings
 from soliton_linkage.identification.residuals import check_jumps, check_slips, noise_of
-from soliton_linkage.identification.screening import check_motion, filled
+from soliton_linkage.identification.screening import check_motion
 from soliton_linkage.identification.start import equal_rotors
+from soliton_linkage.identification.windows import first_windows
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
@@ -29,18 +30,12 @@ _OPEN = 0.1
 open [1]: more than workshops miss."""
 _STRAINED = 1.1
 """Noise that is left over that from frame to frame, beyond which it is more than noise [1]."""
-_CHANCE = 2.0
-"""The same over the root of the number of readings, less 1, beyond which springs may give way and
-a motion is looked for [1]: what a median makes of a thousand readings is good to 3 %."""
 _WORSE = 1.25
 """Noise of a bond over that of most, beyond which it is called bad [1]: of 1000 frames chance
 makes 1.1."""
-_MOST_FITTED = 1500
-"""Frames of which a free motion is fitted [1]: 40 rotors take a minute."""
-_FEWEST_FITTED = 100
-"""The fewest [1]: a wall passes some rotors in them."""
-_FIRST_FRAMES = 8
-"""By which rates at the begin are told [1]."""
+_MOST_FITTED = 3000
+"""Frames of which a free motion is fitted [1], one in two or more of those that are beyond: 40
+rotors take a minute or two."""
 _LEAST_NOISE = 1e-4
 """Noise with which a motion is fitted at least [rad]: better encoders are rounded."""
 
@@ -78,79 +73,54 @@ class Identification:
         return tuple(np.argsort(-self.bond_noise).tolist())
 
 
-def identify(
-    times: Array,
-    readings: Array,
-    given: Chain,
-    names: Sequence[str] = (),
-    tolerance: float | None = None,
-    pushes: Sequence[float] = (),
-) -> Identification:
-    """Chain that the readings [rad], NaN where missing, shape (T, N), of times [s], (T,), show.
+def identify(readings: Readings, given: Chain, tolerance: float | None = None) -> Identification:
+    """Chain that readings show.
 
     The given chain tells what angles do not: the mean spacing, masses, stiffness and damping;
     its number of rotors and other lengths do not count. A tolerance of lengths [1] is learnt
-    unless it is given. Pushes are instants [s] at which others than springs acted. Raises
-    ValueError, in one line, for a recording that shows no chain.
+    unless it is given. Raises ValueError, in one line, for a recording that shows no chain.
     """
-    names = names or [f'rotor {n}' for n in range(readings.shape[1])]
-    whole = filled(times, readings, names)
+    times, whole, names = readings.times, readings.whole, readings.joints
     check_motion(times, whole, names)
-    noise = noise_of(readings)
-    check_jumps(times, whole, noise, names)
-    seen = np.where(np.isfinite(readings), whole, np.nan)
+    noise = noise_of(readings.seen, readings.spreads)
+    check_jumps(readings, noise)
     try:
-        found = adjusted(seen, equal_rotors(whole), tolerance)
+        found = adjusted(readings.seen, equal_rotors(whole), tolerance, readings.spreads)
     except np.linalg.LinAlgError as error:
         raise ValueError(_NOT_CLOSED) from error
-    if found.noise > noise * (1 + _CHANCE / math.sqrt(readings.size)):
-        free = free_frames(times, pushes)
-        start = _begun(times[free], whole[free], equal_rotors(whole), given)
-        fitted = _fitted(times[free], seen[free], start, noise, tolerance)
-        if fitted is not None and fitted.noise < found.noise:
-            check_slips(times[-len(fitted.left) :], fitted.left, fitted.noise, names)
-            return _of_springs(fitted, found, given, noise)
-    check_slips(times, found.left, max(noise, found.noise), names)
+    fitted = _fitted(readings, found, given, noise, tolerance)
+    if fitted is not None:
+        check_slips(fitted.times, fitted.left, fitted.noise, names)
+        return _of_springs(fitted, given, noise)
+    check_slips(times, found.left / readings.spreads, max(noise, found.noise), names)
     if not found.settled:
         raise ValueError(_NOT_CLOSED)
     return _of_bonds(found, given, noise)
 
 
-def free_frames(times: Array, pushes: Sequence[float]) -> slice:
-    """Frames of the longest time between two pushes [s], no more than are fitted."""
-    ends = [-math.inf, *sorted(pushes), math.inf]
-    spans = [
-        (int(np.searchsorted(times, begin, 'right')), int(np.searchsorted(times, end)))
-        for begin, end in pairwise(ends)
-    ]
-    begin, end = max(spans, key=lambda span: span[1] - span[0])
-    return slice(begin, min(end, begin + _MOST_FITTED))
-
-
-def _begun(times: Array, angles: Array, lengths: Lengths, given: Chain) -> FreeMotion:
-    """FreeMotion of equal rotors from the first frames on, [s] (T,) and [rad] (T, N)."""
-    rotors, few = angles.shape[1], min(_FIRST_FRAMES, len(times))
-    rates = np.polyfit(times[:few], angles[:few], 1)[0] if few > 1 else np.zeros(rotors)
-    stiffnesses = np.full(rotors - 1, given.stiffness / given.mass)
-    return FreeMotion(lengths, stiffnesses, np.ones(rotors), 0.0, angles[0], rates)
-
-
 def _fitted(
-    times: Array, readings: Array, start: FreeMotion, noise: float, tolerance: float | None
+    readings: Readings, found: Adjustment, given: Chain, noise: float, tolerance: float | None
 ) -> MotionFit | None:
-    """Free motion of springs that the readings show, None where none was found."""
-    if len(times) < _FEWEST_FITTED:
+    """Free motion of springs, None where bars explain the readings as well."""
+    rotors = found.lengths.rotors
+    stiffnesses = np.full(rotors - 1, given.stiffness / given.mass)
+    nothing = np.zeros(rotors)
+    start = FreeMotion(found.lengths, stiffnesses, np.ones(rotors), 0.0, nothing, nothing)
+    angles = readings.whole - found.lengths.offsets - found.left
+    some = slice(None, None, math.ceil(len(angles) / _MOST_FITTED))
+    times = readings.times[some]
+    pushes = [push.time for push in readings.pushes]
+    windows = first_windows(times, angles[some], start, pushes)
+    if not windows:
         return None
-    fitting = MotionFitting(times, readings, start, max(noise, _LEAST_NOISE), tolerance)
+    told = readings.seen[some], readings.spreads[some], max(noise, _LEAST_NOISE)
     try:
-        return fitting.fit()
+        return MotionFitting(windows, times, *told, tolerance).fit(found.noise)
     except np.linalg.LinAlgError:
         return None
 
 
-def _of_springs(
-    fitted: MotionFit, found: Adjustment, given: Chain, reading_noise: float
-) -> Identification:
+def _of_springs(fitted: MotionFit, given: Chain, reading_noise: float) -> Identification:
     """Chain of springs, whose stiffnesses, masses and damping the motion shows too."""
     motion, rotors = fitted.motion, len(fitted.motion.masses)
     geometry = OF_A_ROTOR * rotors - 2
@@ -159,7 +129,8 @@ def _of_springs(
     springs = np.split(deviations[geometry:], [rotors - 1, 2 * rotors - 1])
     masses = motion.masses / motion.masses.mean()
     stiffness = float(motion.stiffnesses.mean()) / float(motion.masses.mean())
-    chain = motion.lengths.scaled(given.spacing).chain(given)
+    lengths = passable(motion.lengths, fitted.covariance[:geometry, :geometry])
+    chain = lengths.scaled(given.spacing).chain(given)
     chain = replace(
         chain,
         stiffness=given.mass * stiffness,

@@ -2,15 +2,24 @@
 """Lengths, stiffnesses, masses and damping by the free motion of springs, all frames at once.
 
 Springs about a moving wall are strained, in proportion to the square of its speed, so that bonds
-do not close. The whole motion follows from its begin: least squares between its angles and the
-readings is the likeliest chain under normal noise. It begins with few frames, which any chain
-nearly follows, and takes in more as it learns (Levenberg and Marquardt).
+do not close. The motion follows from where it begins: least squares between its angles and the
+readings is the likeliest chain under normal noise. Frames are divided into windows, each of which
+begins anew, so that angles stay nearly linear in all unknowns (multiple shooting, after Bock);
+windows grow as the chain becomes known, and end where the chain is pushed. The begins are
+eliminated window by window: with the normal equations of a window in blocks of the chain q and
+its begin s,
+
+    (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s
+
+adds up to what all windows say of the chain.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,24 +27,19 @@ from soliton_linkage.identification.adjustment import measurable
 from soliton_linkage.identification.free_motion import FreeMotion, frames, frames_with_changes
 from soliton_linkage.identification.lengths import OF_A_ROTOR
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
+from soliton_linkage.identification.windows import FreeWindow, joined
 from soliton_linkage.linkage.chain import Array
 
-_FIRST = 40
-"""Frames to begin with [1], in which a wall passes a rotor or two."""
-_GROWTH = 1.12
-"""Frames over those of the round before [1]; 1.6 loses the wall of some flippers."""
-_TOGETHER = 50
-"""Frames whose sensitivities go into one product of matrices [1]."""
-_STEPS = 10
-"""Steps with each number of frames but the last, at most [1]; 2 or 3 are usual."""
+_STEPS = 6
+"""Steps with windows of one length, at most [1]; 2 or 3 are usual."""
 _LAST_STEPS = 12
-"""Steps with all frames for given tolerances [1]; 2 to 6 are usual."""
+"""Steps with the longest windows for given tolerances [1]; 2 to 6 are usual."""
 _ROUNDS = 4
 """Times that tolerances are learnt [1]."""
 _SETTLED = 0.1
 """Gain of a step, as twice a logarithm of the likelihood, that ends the last steps [1]."""
 _COARSE = 3.0
-"""The same with few frames [1]."""
+"""The same with shorter windows [1]."""
 _DAMPINGS = 6
 """Dampings that are tried for one step [1], the last 1000 times the first."""
 _BEGIN = 0.1
@@ -46,45 +50,68 @@ _NARROWEST = 1e-3
 """The smallest [1]."""
 _DECAY = 1.0
 """Standard deviation of damping over a rotor's moment of inertia, before any frame [1/s]."""
+_CHANCE = 3.0
+"""By how many standard deviations bars must leave more than springs [1]."""
+_UNSURE = 10.0
+"""Standard deviation of a begin that no reading tells [rad], [rad/s]: more than rotors do."""
 
 
 @dataclass(frozen=True)
 class MotionFit:
     """A motion that the readings show, and how well."""
 
-    motion: FreeMotion
+    windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Of the unknowns of the motion, in their order, shape (Q, Q)."""
+    """Of the unknowns of the chain, in their order, shape (Q - 2 N, Q - 2 N)."""
     noise: float
     """Standard deviation of a reading [rad], by what the motion leaves of all."""
+    times: Array
+    """Of the frames [s], shape (T,)."""
     left: Array
-    """What is left of the readings [rad], 0 where none was read, shape (T, N)."""
+    """What is left of readings [rad], over their spreads, 0 where none was read, (T, N)."""
     tolerances: Tolerances
     of_forces: float
     """Standard deviation by which masses and stiffnesses differ from each other [1]."""
 
+    @property
+    def motion(self) -> FreeMotion:
+        """Of the first window."""
+        return self.windows[0].motion
+
+
+class _Begun(NamedTuple):
+    """Normal equations of a window; its begin is at the end of the unknowns."""
+
+    matrix: Array
+    """(Q, Q)."""
+    vector: Array
+    """(Q,)."""
+
 
 class MotionFitting:
-    """Brings a motion ever nearer to readings."""
+    """Brings a chain, and where each window begins, ever nearer to readings."""
 
     def __init__(
         self,
+        windows: Sequence[FreeWindow],
         times: Array,
         readings: Array,
-        start: FreeMotion,
+        spreads: Array,
         noise: float,
         tolerance: float | None,
     ) -> None:
-        """Begin with a motion, for readings [rad] (T, N), NaN where missing, of a noise [rad].
+        """Begin with motions, for readings [rad], NaN where missing, (T, N), of times [s], (T,).
 
-        A tolerance of lengths [1] is learnt unless it is given.
+        The standard deviation of a reading is its spread [1], (T, N), times the noise [rad]. A
+        tolerance of lengths [1] is learnt unless it is given.
         """
-        self._times, self._readings = times, readings
+        self._times, self._readings, self._spreads = times, readings, spreads
         self._noise, self._tolerance = noise, tolerance
         self._tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
         self._of_forces = _BEGIN
-        self._motion = start
-        rotors = len(start.masses)
+        self._windows = tuple(windows)
+        motion = windows[0].motion
+        self._rotors = rotors = len(motion.masses)
         geometry = OF_A_ROTOR * rotors - 2
         self._geometry = slice(0, geometry)
         self._springs = slice(geometry, geometry + rotors - 1)
@@ -92,49 +119,76 @@ class MotionFitting:
         self._drag = geometry + 2 * rotors - 1
         self._basis = self._measurable()
 
-    def fit(self) -> MotionFit:
-        """FreeMotion that all readings show."""
-        count = min(_FIRST, len(self._times))
-        while count < len(self._times):
-            self._improve(count, _STEPS, _COARSE)
-            count = min(math.ceil(_GROWTH * count), len(self._times))
+    def fit(self, of_bars: float) -> MotionFit | None:
+        """Chain that all readings show, None where bars, which leave a noise [rad], do as well."""
+        self._improve(_STEPS, _COARSE)
+        if not self._better(of_bars):
+            return None
+        while (windows := joined(self._windows)) != self._windows:
+            self._windows = windows
+            self._improve(_STEPS, _COARSE)
         covariance = np.zeros((0, 0))
         for _ in range(_ROUNDS):
-            self._improve(count, _LAST_STEPS, _SETTLED)
+            self._improve(_LAST_STEPS, _SETTLED)
             before = self._tolerances
             covariance = self._learn()
             if self._tolerances.close_to(before, 0.05):
                 break
-        angles = np.array(list(frames(self._motion, self._times)))
-        left = self._readings - self._motion.lengths.offsets - angles
+        if self._noise > of_bars:
+            return None
+        left = np.zeros_like(self._readings)
+        for window in self._windows:
+            left[window.frames] = np.nan_to_num(self._left(window))
         return MotionFit(
-            self._motion,
+            self._windows,
             covariance,
             self._noise,
-            np.where(np.isfinite(left), left, 0.0),
+            self._times,
+            left,
             self._tolerances,
             self._of_forces,
         )
 
+    def _better(self, of_bars: float) -> bool:
+        """Whether bars leave more than springs, and more than chance makes of it.
+
+        Both leave the same noise but for what springs say of a frame more than bars, one number.
+        """
+        squares = sum(float(np.nansum(self._left(window) ** 2)) for window in self._windows)
+        seen = sum(int(self._seen(window).sum()) for window in self._windows)
+        known = self._drag + 2 * self._rotors * len(self._windows)
+        own = squares / max(seen - known, 1)
+        frames_seen = seen / self._rotors
+        chance = math.sqrt(2 / frames_seen) / self._rotors
+        return of_bars**2 > own * (1 + _CHANCE * chance)
+
+    @property
+    def _motion(self) -> FreeMotion:
+        return self._windows[0].motion
+
+    def _left(self, window: FreeWindow) -> Array:
+        """What a window leaves of its readings [rad], over their spreads, NaN where missing."""
+        angles = np.array(list(frames(window.motion, self._times[window.frames])))
+        left = self._readings[window.frames] - window.motion.lengths.offsets - angles
+        return np.asarray(left / self._spreads[window.frames])
+
     def _measurable(self) -> Array:
-        """Orthonormal changes that keep the mean spacing and the mean mass, (Q, Q - 2)."""
-        size = self._motion.size
-        basis = np.eye(size)
-        rotors = len(self._motion.masses)
-        alike = np.linalg.qr(np.ones((rotors, 1)), mode='complete')[0][:, 1:]
+        """Orthonormal changes of a chain that keep the mean spacing and the mean mass."""
+        basis = np.eye(self._drag + 1)
+        alike = np.linalg.qr(np.ones((self._rotors, 1)), mode='complete')[0][:, 1:]
         basis[self._geometry, self._geometry] = 0
         basis[self._masses, self._masses] = 0
         lengths = measurable(self._motion.lengths)
         basis[self._geometry, : lengths.shape[1]] = lengths
         first = self._masses.start
-        basis[self._masses, first : first + rotors - 1] = alike
-        return np.delete(basis, [lengths.shape[1], first + rotors - 1], axis=1)
+        basis[self._masses, first : first + self._rotors - 1] = alike
+        return np.delete(basis, [lengths.shape[1], first + self._rotors - 1], axis=1)
 
     def _prior(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Information on the unknowns before any frame, (Q, Q), and what it is about, (Q,)."""
-        information, values = np.zeros((motion.size, motion.size)), np.zeros(motion.size)
-        rotors = len(motion.masses)
-        own = self._geometry
+        """Information on a chain before any frame, and what it is about."""
+        size = self._drag + 1
+        information, values = np.zeros((size, size)), np.zeros(size)
+        own, rotors = self._geometry, self._rotors
         information[own, own] = self._tolerances.information(rotors)
         values[own] = unknowns_of(motion.lengths)
         alike = np.eye(rotors - 1) - 1 / (rotors - 1)
@@ -147,68 +201,100 @@ class MotionFitting:
         values[self._drag] = motion.damping
         return information, values
 
-    def _cost(self, motion: FreeMotion, count: int) -> float:
+    def _cost(self, windows: Sequence[FreeWindow]) -> float:
         """Twice the negative logarithm of the likelihood, infinite where a motion runs away."""
-        angles = np.array(list(frames(motion, self._times[:count])))
-        left = self._readings[:count] - motion.lengths.offsets - angles
-        information, values = self._prior(motion)
-        cost = float(np.nansum(left**2)) / self._noise**2 + float(values @ information @ values)
-        return cost if np.isfinite(angles).all() else math.inf
+        information, values = self._prior(windows[0].motion)
+        cost = float(values @ information @ values)
+        for window in windows:
+            left = self._left(window)
+            if not np.isfinite(left[self._seen(window)]).all():
+                return math.inf
+            cost += float(np.nansum(left**2)) / self._noise**2
+        return cost
 
-    def _normal(self, count: int) -> tuple[Array, Array, float]:
-        """Normal equations of readings of unit variance, and the sum of their squares."""
-        motion = self._motion
-        rotors = np.arange(len(motion.masses))
-        matrix, vector, squares = np.zeros((motion.size, motion.size)), np.zeros(motion.size), 0.0
-        rows: list[Array] = []
-        left: list[Array] = []
-        for frame, (angles, x) in enumerate(frames_with_changes(motion, self._times[:count])):
+    def _seen(self, window: FreeWindow) -> Array:
+        return np.isfinite(self._readings[window.frames])
+
+    def _normal(self, window: FreeWindow) -> tuple[_Begun, float]:
+        """Normal equations of a window for readings of unit variance, and their squares."""
+        rotors = np.arange(self._rotors)
+        rows, angles = [], []
+        for frame, x in frames_with_changes(window.motion, self._times[window.frames]):
             x[rotors, OF_A_ROTOR * rotors + 1] += 1
             rows.append(x)
-            left.append(self._readings[frame] - motion.lengths.offsets - angles)
-            if len(rows) == _TOGETHER or frame == count - 1:
-                errors = np.concatenate(left)
-                seen = np.isfinite(errors)
-                slopes, errors = np.concatenate(rows)[seen], errors[seen]
-                matrix += slopes.T @ slopes
-                vector += slopes.T @ errors
-                squares += float(errors @ errors)
-                rows, left = [], []
-        return matrix, vector, squares
+            angles.append(frame)
+        left = self._readings[window.frames] - window.motion.lengths.offsets - np.array(angles)
+        seen = np.isfinite(left)
+        spreads = self._spreads[window.frames][seen]
+        slopes, errors = np.array(rows)[seen] / spreads[:, None], left[seen] / spreads
+        return _Begun(slopes.T @ slopes, slopes.T @ errors), float(errors @ errors)
 
-    def _improve(self, count: int, steps: int, settled: float) -> None:
-        """Go some steps towards the first frames, until one gains little."""
+    def _improve(self, steps: int, settled: float) -> None:
+        """Go some steps, until one gains little."""
         damping = 0.0
         for _ in range(steps):
-            matrix, vector, squares = self._normal(count)
+            begun, squares = zip(*map(self._normal, self._windows), strict=True)
             information, values = self._prior(self._motion)
-            gradient = self._basis.T @ (vector / self._noise**2 - information @ values)
-            full = self._basis.T @ (matrix / self._noise**2 + information) @ self._basis
-            before = squares / self._noise**2 + float(values @ information @ values)
+            before = sum(squares) / self._noise**2 + float(values @ information @ values)
             for _ in range(_DAMPINGS):
-                damped = full + damping * np.diag(np.diag(full))
-                change = self._basis @ np.linalg.solve(damped, gradient)
-                changed = self._motion.changed(change)
+                changed = self._changed(begun, information, values, damping)
                 with np.errstate(all='ignore'):
-                    gain = before - self._cost(changed, count)
+                    gain = before - self._cost(changed)
                 if gain > -settled:
                     break
                 damping = max(4 * damping, 1e-4)
             else:
                 return
-            self._motion, damping = changed, damping / 8
+            self._windows, damping = changed, damping / 8
             if gain < settled:
                 return
 
+    def _changed(
+        self, begun: Sequence[_Begun], information: Array, values: Array, damping: float
+    ) -> tuple[FreeWindow, ...]:
+        """Windows after a damped step of least squares."""
+        matrix, vector = information.copy(), -information @ values
+        backs = []
+        for each in begun:
+            own, pull, back = self._eliminated(each, damping)
+            matrix += own
+            vector += pull
+            backs.append(back)
+        full = self._basis.T @ matrix @ self._basis
+        full += damping * np.diag(np.diag(full))
+        change = self._basis @ np.linalg.solve(full, self._basis.T @ vector)
+        return tuple(
+            FreeWindow(
+                window.frames,
+                window.motion.changed(np.concatenate([change, begin - across @ change])),
+            )
+            for window, (begin, across) in zip(self._windows, backs, strict=True)
+        )
+
+    def _eliminated(
+        self, begun: _Begun, damping: float
+    ) -> tuple[Array, Array, tuple[Array, Array]]:
+        """What a window says of the chain, and how its begin follows from that."""
+        size, scale = self._drag + 1, self._noise**-2
+        matrix, vector = begun.matrix * scale, begun.vector * scale
+        begin = matrix[size:, size:] * (1 + damping * np.eye(2 * self._rotors))
+        begin += np.eye(len(begin)) / _UNSURE**2
+        across = np.asarray(np.linalg.solve(begin, matrix[size:, :size]))
+        moved = np.asarray(np.linalg.solve(begin, vector[size:]))
+        own = matrix[:size, :size] - matrix[:size, size:] @ across
+        return own, vector[:size] - matrix[:size, size:] @ moved, (moved, across)
+
     def _learn(self) -> Array:
-        """Learn noise and tolerances from all frames; return the covariance (Q, Q)."""
-        matrix, _, squares = self._normal(len(self._times))
+        """Learn noise and tolerances from all frames; return the covariance of the chain."""
+        begun, squares = zip(*map(self._normal, self._windows), strict=True)
         motion = self._motion
-        information = matrix / self._noise**2 + self._prior(motion)[0]
-        inverse = np.linalg.inv(self._basis.T @ information @ self._basis)
+        information = np.sum([self._eliminated(each, 0.0)[0] for each in begun], axis=0)
+        whole = information + self._prior(motion)[0]
+        inverse = np.linalg.inv(self._basis.T @ whole @ self._basis)
         covariance = np.asarray(self._basis @ inverse @ self._basis.T)
-        known = float(np.sum(covariance * matrix)) / self._noise**2
-        self._noise = math.sqrt(squares / (int(np.isfinite(self._readings).sum()) - known))
+        known = float(np.sum(covariance * information)) + 2 * self._rotors * len(self._windows)
+        seen = sum(int(self._seen(window).sum()) for window in self._windows)
+        self._noise = math.sqrt(sum(squares) / max(seen - known, 1.0))
         learnt = self._tolerances.relearnt(
             motion.lengths, covariance[self._geometry, self._geometry]
         )

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from soliton_linkage.estimation.robust import robust_deviation
+from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array
 
 _SLIPPING = 3.0
@@ -27,32 +28,39 @@ _JUMP_OF_NEIGHBOURS = 3.0
 """Jump over the larger one of both neighbours [1]: next to a wall rotors move less unequally."""
 
 
-def noise_of(readings: Array) -> float:
+def noise_of(readings: Array, spreads: Array) -> float:
     """Noise of readings [rad] by what three in a row leave of a straight line, shape (T, N).
+
+    It is that of a reading whose spread is 1, which are of shape (T, N) too.
 
     Most rotors are at rest most of the time, and the median does not see the others. NaN where
     there are not three.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
-    sizes = np.abs(bends[np.isfinite(bends)]) / math.sqrt(6)
+    bends /= np.sqrt(spreads[2:] ** 2 + 4 * spreads[1:-1] ** 2 + spreads[:-2] ** 2)
+    sizes = np.abs(bends[np.isfinite(bends)])
     return robust_deviation(sizes) if len(sizes) else math.nan
 
 
-def check_jumps(times: Array, readings: Array, noise: float, names: Sequence[str]) -> None:
+def check_jumps(recording: Readings, noise: float) -> None:
     """Raise ValueError for an inner rotor that jumps at once while those beside it keep still.
 
-    Readings [rad] without gaps, shape (T, N), with a noise [rad].
+    The noise [rad] is that of a reading whose spread is 1.
     """
+    times, readings, spreads = recording.times, recording.whole, recording.spreads
     width = min(_JUMP_FRAMES, len(readings) // 4)
     rates = np.diff(readings, axis=0)
     sudden = np.abs(rates[1:-1] - (rates[:-2] + rates[2:]) / 2)
+    sudden /= np.max([spreads[frame : frame + len(sudden)] for frame in range(4)], axis=0)
     steps = np.minimum(_steps(readings, width), sudden[width - 2 : 2 - width])
     beside = np.maximum(steps[:, :-2], steps[:, 2:])
     limit = max(_JUMP_OF_NOISE * noise, _LEAST_JUMP) + _JUMP_OF_NEIGHBOURS * beside
     excess = steps[:, 1:-1] / limit
     frame, rotor = divmod(int(np.argmax(excess)), excess.shape[1])
     if excess[frame, rotor] > 1:
-        raise _slipping(names[rotor + 1], steps[frame, rotor + 1], times[frame + width] - times[0])
+        raise _slipping(
+            recording.joints[rotor + 1], steps[frame, rotor + 1], times[frame + width] - times[0]
+        )
 
 
 def _steps(readings: Array, width: int) -> Array:

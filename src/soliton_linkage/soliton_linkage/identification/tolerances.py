@@ -15,7 +15,7 @@ import numpy as np
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split
 from soliton_linkage.linkage.chain import Array
 
-_BEGIN = 0.1
+_BEGIN = 0.04
 """Tolerances to start from [1], [rad]: wider ones let single lengths run away at first."""
 _WIDEST = 0.3
 """The largest [1], [rad]: beyond a third nothing is alike."""

@@ -1,15 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states as they come, kept as the frames that a chain is identified by."""
+"""What comes of a chain, kept as the readings that it is identified by."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+from sensor_msgs.msg import JointState
 
+from soliton_linkage.identification.readings import Readings, RecordedPush
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+
+_MOST_PUSHES = 10_000
+"""That are kept [1]: what came before them is no time of free motion any more."""
+_WAITING = 100
+"""Standard deviations that are kept until their angles come [1]: they are sent together."""
 
 
 class JointRecord:
@@ -20,14 +30,17 @@ class JointRecord:
         self.joint_names = tuple(joint_names)
         self.frames = 0
         """How many came."""
+        self.thinned = 1
+        """One frame of so many is kept."""
         self._reader = FrameReader(joint_names)
-        self._most, self._every = most, 1
-        self._stamps: list[int] = []
-        self._angles: list[Array] = []
+        self._most = most
+        self._angles: dict[int, Array] = {}
+        self._deviations: dict[int, Array] = {}
         self._latest: int | None = None
+        self._pushes: deque[tuple[int, Array | None]] = deque(maxlen=_MOST_PUSHES)
 
     def __len__(self) -> int:
-        return len(self._stamps)
+        return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
         """Keep a frame, unless it is not later than the one before.
@@ -38,25 +51,51 @@ class JointRecord:
         if self._latest is not None and joints.stamp <= self._latest:
             return
         self._latest = joints.stamp
-        if self.frames % self._every == 0:
-            self._stamps.append(joints.stamp)
-            self._angles.append(angles)
-            if len(self._stamps) > self._most:
-                self._stamps, self._angles = self._stamps[::2], self._angles[::2]
-                self._every *= 2
+        if self.frames % self.thinned == 0:
+            self._angles[joints.stamp] = angles
+            if len(self._angles) > self._most:
+                self._angles = dict(list(self._angles.items())[::2])
+                self._forget_deviations()
+                self.thinned *= 2
         self.frames += 1
 
-    @property
-    def thinned(self) -> int:
-        """One frame of so many is kept."""
-        return self._every
+    def add_deviations(self, joints: JointStates) -> None:
+        """Keep the standard deviations of the angles of the same stamp."""
+        self._deviations[joints.stamp] = self._reader.read(joints).angles
+        if len(self._deviations) > len(self._angles) + _WAITING:
+            self._forget_deviations()
 
-    def since_begin(self, stamp: int) -> float:
-        """Time from the first frame to an instant [s], given its stamp [ns]."""
-        return (stamp - self._stamps[0]) * 1e-9
+    def add_push(self, message: RotorImpulses | JointState, received: int) -> None:
+        """Keep when impulses or torques, other than 0, acted; without a stamp when they came."""
+        impulses = None
+        if isinstance(message, RotorImpulses):
+            named = dict(zip(message.name, message.impulse, strict=True))
+            impulses = np.array([named.get(name, 0.0) for name in self.joint_names])
+        if any(message.effort if impulses is None else impulses):
+            self._pushes.append((time_from_msg(message.header.stamp) or received, impulses))
 
-    def readings(self) -> tuple[Array, Array]:
-        """Times from the first frame on [s], shape (T,), and angles [rad], shape (T, N)."""
-        stamps = np.array(self._stamps, dtype=np.int64)
-        times = np.asarray((stamps - stamps[:1]) * 1e-9, dtype=np.float64)
-        return times, np.array(self._angles)
+    def readings(self) -> Readings:
+        """All of it, with times from the first frame on."""
+        begin = next(iter(self._angles), 0)
+        times = np.array([(stamp - begin) / SECOND for stamp in self._angles], dtype=np.float64)
+        unknown = np.full(len(self.joint_names), np.nan)
+        deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
+        pushes = [
+            RecordedPush((stamp - begin) / SECOND, impulses) for stamp, impulses in self._pushes
+        ]
+        return Readings(
+            times,
+            np.array(list(self._angles.values())),
+            np.array(deviations) if self._deviations else None,
+            self.joint_names,
+            pushes,
+        )
+
+    def _forget_deviations(self) -> None:
+        """Forget those whose angles are not kept, but for the last ones, whose may yet come."""
+        recent = set(list(self._deviations)[-_WAITING:])
+        self._deviations = {
+            stamp: values
+            for stamp, values in self._deviations.items()
+            if stamp in self._angles or stamp in recent
+        }

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,13 +14,18 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soliton_linkage.identification.identification import Identification, identify
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, check_names
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    chain_to_msg,
+    check_names,
+    joint_states_from_msg,
+)
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
@@ -29,13 +33,9 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _LOOK_PERIOD = 0.1
 """Between two looks whether a chain was found [s]: a person sees no wait."""
-
-_MOST_PUSHES = 10_000
-"""Pushes that are kept [1]: what came before them is no time of free motion any more."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,11 @@ class ChainIdentifierParameters:
 class ChainIdentifier(ManagedNode):
     """Proposes the chain that joints are of, with every length of its own.
 
-    Subscribes to `joint_states` [rad], and to `rotor_impulses` and `rotor_torques`, between which
-    springs move by themselves. Publishes `identified_chain` and `/diagnostics`. Serves
-    `~/identify`, which tries at once, `~/save`, which writes the last proposal with its standard
-    deviations to the file `output`, and `~/forget`, which begins with new frames.
+    Subscribes to `joint_states` [rad], to `joint_state_deviations`, by which they are weighed, and
+    to `rotor_impulses` and `rotor_torques`, between which springs move by themselves. Publishes
+    `identified_chain` and `/diagnostics`. Serves `~/identify`, which tries at once, `~/save`,
+    which writes the last proposal with its standard deviations to the file `output`, and
+    `~/forget`, which begins with new frames.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -104,7 +105,6 @@ class ChainIdentifier(ManagedNode):
         """The last proposal."""
         self._complaint = ''
         self._record: JointRecord | None = None
-        self._pushes: deque[int] = deque(maxlen=_MOST_PUSHES)
         self._tried = 0
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
@@ -114,6 +114,8 @@ class ChainIdentifier(ManagedNode):
         self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
         take = self.diagnostics.refusing('joint_states', self.while_active(self._take))
         AdaptiveSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
+        weigh = self.diagnostics.refusing('joint_state_deviations', self._weigh)
+        interfaces.JOINT_STATE_DEVIATIONS.subscribe(self, self.while_active(weigh))
         for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES):
             topic.subscribe(self, self.while_active(self._note_push))
         self.create_service(Trigger, '~/identify', self._on_identify)
@@ -139,12 +141,13 @@ class ChainIdentifier(ManagedNode):
         self._record.add(joints)
         self._encoders.look(joints.stamp, joints.position)
 
+    def _weigh(self, message: JointState) -> None:
+        if self._record is not None:
+            self._record.add_deviations(joint_states_from_msg(message))
+
     def _note_push(self, message: RotorImpulses | JointState) -> None:
-        values = message.impulse if isinstance(message, RotorImpulses) else message.effort
-        if any(values):
-            self._pushes.append(
-                time_from_msg(message.header.stamp) or self.get_clock().now().nanoseconds
-            )
+        if self._record is not None:
+            self._record.add_push(message, self.get_clock().now().nanoseconds)
 
     def _try(self) -> None:
         """Begin to identify the chain where there are new frames and nothing is under way."""
@@ -152,19 +155,16 @@ class ChainIdentifier(ManagedNode):
         if not self.active or record is None or self._working or record.frames == self._tried:
             return
         self._tried = record.frames
-        times, angles = record.readings()
         given = dataclasses.replace(
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
-        pushes = [record.since_begin(stamp) for stamp in self._pushes]
-        tolerance = self.settings.tolerance or None
-        work = times, angles, given, record.joint_names, tolerance, pushes
+        work = record.readings(), given, self.settings.tolerance or None
         self._working = threading.Thread(target=self._identify, args=work, daemon=True)
         self._working.start()
 
-    def _identify(self, times: Array, angles: Array, *given: Any) -> None:
+    def _identify(self, *given: Any) -> None:
         try:
-            self._outcome = identify(times, angles, *given)
+            self._outcome = identify(*given)
         except ValueError as error:
             self._outcome = error
 
@@ -211,7 +211,6 @@ class ChainIdentifier(ManagedNode):
 
     def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._record, self.found, self._complaint = None, None, ''
-        self._pushes.clear()
         response.success, response.message = True, 'begun with new frames'
         return response
 

@@ -11,7 +11,7 @@ import csv
 import dataclasses
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,6 @@ from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
     open_bag,
     read_messages,
-    read_topic,
 )
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
@@ -45,7 +44,6 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
-from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_FRAMES = 8000
 """Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
@@ -71,7 +69,6 @@ def identify_bag(
     with open_bag(bag, limits) as reader:
         told = given or _told(reader)
         record = _read(reader, told)
-        pushes = [record.since_begin(stamp) for stamp in _pushes(reader)]
     chain = Chain() if told is None else told.chain
     if spacing is not None:
         chain = dataclasses.replace(chain, spacing=spacing)
@@ -81,22 +78,21 @@ def identify_bag(
             f'spacing of {chain.spacing:g} m, unless --spacing says otherwise',
             file=sys.stderr,
         )
-    times, angles = record.readings()
-    within = (times >= span[0]) & (times <= span[1])
-    if within.sum() < _FEWEST_FRAMES:
+    readings = record.readings().between(*span)
+    frames, rotors = readings.angles.shape
+    if frames < _FEWEST_FRAMES:
         raise ValueError(
-            f'{within.sum()} of {len(times)} frames lie between --begin {span[0]:g} s and --end '
+            f'{frames} of {len(record)} frames lie between --begin {span[0]:g} s and --end '
             f'{span[1]:g} s, which is too few to identify a chain; leave them out'
         )
-    times, angles = times[within], angles[within]
     progress = ProgressLine('identifying', 0)
-    progress.show(0, f'{len(times)} frames of {angles.shape[1]} rotors')
-    found = identify(times, angles, chain, record.joint_names, tolerance, pushes)
+    progress.show(0, f'{frames} frames of {rotors} rotors')
+    found = identify(readings, chain, tolerance)
     folder.mkdir(parents=True, exist_ok=True)
     write_parameters(found, record.joint_names, f'{bag.name}', folder / 'chain.yaml')
     write_lengths(found, folder / 'lengths.csv')
     save_report(found, folder)
-    progress.end(f'{len(times)} frames of {bag} show a {found.chain.motion.value}; see {folder}')
+    progress.end(f'{frames} frames of {bag} show a {found.chain.motion.value}; see {folder}')
     return found
 
 
@@ -169,32 +165,40 @@ def _told(reader: Reader) -> NamedChain | None:
         return None
 
 
-def _pushes(reader: Reader) -> Iterator[int]:
-    """Stamps [ns] of impulses and torques on rotors."""
-    held = {connection.topic.rpartition('/')[2] for connection in reader.connections}
-    for topic, values in (
-        (interfaces.ROTOR_IMPULSES, 'impulse'),
-        (interfaces.ROTOR_TORQUES, 'effort'),
-    ):
-        if topic.name in held:
-            for received, message in read_topic(reader, topic.name):
-                if any(getattr(message, values)):
-                    yield time_from_msg(message.header.stamp) or received
-
-
 def _read(reader: Reader, told: NamedChain | None) -> JointRecord:
+    """Angles, their standard deviations, and pushes."""
     joints = find_topic(reader, 'joint_states')
-    decode = decoder(joints)
+    others = {
+        topic.name: topic
+        for topic in (
+            interfaces.JOINT_STATE_DEVIATIONS,
+            interfaces.ROTOR_IMPULSES,
+            interfaces.ROTOR_TORQUES,
+        )
+    }
+    wanted = [
+        joints,
+        *(each for each in reader.connections if each.topic.rpartition('/')[2] in others),
+    ]
+    decoders = {connection.topic: decoder(connection) for connection in wanted}
     progress = ProgressLine('reading', joints.msgcount)
     watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
     record: JointRecord | None = None
-    for _, _, serialized in read_messages(reader, [joints]):
-        states = joint_states_from_msg(decode(serialized))
-        if record is None:
-            record = JointRecord(told.joint_names if told else states.name, _MOST_FRAMES)
-        record.add(states)
-        watch.look(states.stamp, states.position)
-        progress.show(record.frames, f'{record.frames} frames')
+    for connection, received, serialized in read_messages(reader, wanted):
+        message = decoders[connection.topic](serialized)
+        if connection is joints:
+            states = joint_states_from_msg(message)
+            if record is None:
+                record = JointRecord(told.joint_names if told else states.name, _MOST_FRAMES)
+            record.add(states)
+            watch.look(states.stamp, states.position)
+            progress.show(record.frames, f'{record.frames} frames')
+        elif record is None:
+            continue
+        elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
+            record.add_deviations(joint_states_from_msg(message))
+        else:
+            record.add_push(message, received)
     if record is None or not len(record):
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
     progress.clear()

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Windows of frames in which nothing but springs moves rotors, each with a begin of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.linkage.chain import Array
+
+_FIRST = 25
+"""Frames of a window to begin with [1]: in half as many rates are unsure, in twice as many walls
+of chains that are 5 % off may be lost."""
+_OF_RATES = 8
+"""Frames by which rates at the begin of a window are told [1]."""
+_FEWEST = 100
+"""Frames between pushes that count, at least [1]: a wall passes some rotors in them."""
+_ARRIVAL = 0.05
+"""Time in which a push arrives [s]: commands act when they come, whatever their stamps say."""
+_JOINED = 4
+"""Windows that are made one [1]: 2 take more rounds, 8 may lose a wall."""
+
+
+class FreeWindow(NamedTuple):
+    """Frames in a row of one free motion."""
+
+    frames: slice
+    motion: FreeMotion
+    """Of which all windows share the chain."""
+
+
+def free_spans(times: Array, pushes: Sequence[float]) -> list[slice]:
+    """Frames between pushes [s], but for times that are too short to tell anything."""
+    begins = [-math.inf, *(push + _ARRIVAL for push in sorted(pushes))]
+    ends = [*sorted(pushes), math.inf]
+    spans = [
+        slice(int(np.searchsorted(times, begin, 'right')), int(np.searchsorted(times, end)))
+        for begin, end in zip(begins, ends, strict=True)
+    ]
+    return [span for span in spans if span.stop - span.start >= _FEWEST]
+
+
+def first_windows(
+    times: Array, angles: Array, chain: FreeMotion, pushes: Sequence[float]
+) -> list[FreeWindow]:
+    """Short windows between pushes [s], which begin as angles [rad], (T, N), of times [s] do."""
+    made = []
+    for span in free_spans(times, pushes):
+        for begin in range(span.start, span.stop - _FIRST + 1, _FIRST):
+            stop = begin + _FIRST
+            own = slice(begin, span.stop if span.stop - stop < _FIRST else stop)
+            few = slice(begin, begin + _OF_RATES)
+            slopes = np.polyfit(times[few] - times[begin], angles[few], 1)
+            made.append(FreeWindow(own, replace(chain, angles=slopes[1], rates=slopes[0])))
+    return made
+
+
+def joined(windows: Sequence[FreeWindow]) -> tuple[FreeWindow, ...]:
+    """Windows of which some that follow each other without a frame between are one."""
+    made: list[FreeWindow] = []
+    count = 0
+    for window in windows:
+        if made and count < _JOINED and made[-1].frames.stop == window.frames.start:
+            whole = slice(made[-1].frames.start, window.frames.stop)
+            made[-1] = FreeWindow(whole, made[-1].motion)
+            count += 1
+        else:
+            made.append(window)
+            count = 1
+    return tuple(made)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The record keeps frames with their standard deviations, thinned out, and what pushed rotors."""
+
+from __future__ import annotations
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from soliton_linkage_msgs.msg import RotorImpulses
+from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
+from soliton_linkage_nodes.messages.conversions import JointStates
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+
+NAMES = ('a', 'b', 'c')
+NOTHING = np.zeros(0)
+
+
+def states(stamp: int, *values: float) -> JointStates:
+    return JointStates(*divmod(stamp, SECOND), '', NAMES, np.array(values), NOTHING)
+
+
+def test_frames_keep_their_deviations_whichever_comes_first_and_are_thinned() -> None:
+    record = JointRecord(NAMES, 10)
+    for number in range(500):
+        angles, deviations = states(number, number, 0, 0), states(number, number, np.nan, 1)
+        if number % 2:
+            record.add(angles)
+            record.add_deviations(deviations)
+        else:
+            record.add_deviations(deviations)
+            record.add(angles)
+    readings = record.readings()
+    assert record.frames == 500
+    assert 5 <= len(record) <= 10
+    np.testing.assert_array_equal(readings.angles[:, 0], record.thinned * np.arange(len(record)))
+    assert readings.deviations is not None
+    np.testing.assert_array_equal(readings.deviations[:, 0], readings.angles[:, 0])
+    assert np.isnan(readings.deviations[:, 1]).all()
+
+
+def test_pushes_are_kept_with_impulses_in_the_order_of_the_rotors() -> None:
+    record = JointRecord(NAMES, 10)
+    record.add(states(SECOND, 0, 0, 0))
+    impulses = RotorImpulses(name=['c', 'a'], impulse=[2.0, 1.0])
+    record.add_push(impulses, 3 * SECOND)
+    impulses.header.stamp = time_to_msg(2 * SECOND)
+    record.add_push(impulses, 3 * SECOND)
+    record.add_push(RotorImpulses(name=['c'], impulse=[0.0]), 3 * SECOND)
+    record.add_push(JointState(name=['b'], effort=[0.1]), 4 * SECOND)
+    pushes = record.readings().pushes
+    assert [push.time for push in pushes] == [2.0, 1.0, 3.0]
+    for push in pushes[:2]:
+        np.testing.assert_array_equal(push.impulses, [1.0, 0.0, 2.0])
+    assert pushes[2].impulses is None

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Windows hold free motion alone, and are joined where nothing comes between."""
+
+from __future__ import annotations
+
+import numpy as np
+from passages import FLIPPER
+
+from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.lengths import lengths_of
+from soliton_linkage.identification.windows import first_windows, free_spans, joined
+
+TIMES = np.arange(1000) / 250
+NOTHING = np.zeros(10)
+MOTION = FreeMotion(lengths_of(FLIPPER), np.ones(9), np.ones(10), 0.0, NOTHING, NOTHING)
+
+
+def test_springs_move_freely_between_pushes_once_these_have_arrived() -> None:
+    first, second = free_spans(TIMES, [2.0, 1.8, 1.9])
+    assert first.stop == 450
+    assert TIMES[second.start] > 2.0
+    assert second.stop == 1000
+    assert free_spans(TIMES, []) == [slice(0, 1000)]
+
+
+def test_windows_grow_until_pushes_part_them() -> None:
+    slopes = np.arange(10.0)
+    windows = first_windows(TIMES, TIMES[:, None] * slopes, MOTION, [2.0])
+    np.testing.assert_allclose(windows[7].motion.rates, slopes, atol=1e-9)
+    np.testing.assert_allclose(windows[7].motion.angles, TIMES[175] * slopes, atol=1e-9)
+    covered = [frame for window in windows for frame in range(1000)[window.frames]]
+    while (longer := joined(windows)) != tuple(windows):
+        windows = list(longer)
+    assert [frame for window in windows for frame in range(1000)[window.frames]] == covered
+    assert len(windows) == 2
