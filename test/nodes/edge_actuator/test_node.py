@@ -397,6 +397,20 @@ def test_a_report_tells_what_it_waits_for(graph: Graph, named: NamedChain) -> No
     assert values(report)['commands carried out'] == '1'
 
 
+def test_valves_that_take_torques_alone_are_enough(graph: Graph, named: NamedChain) -> None:
+    given = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
+    node = graph.start(EdgeActuator, {**given, 'state_timeout': 60.0})
+    joints = graph.speak(interfaces.JOINT_STATES)
+    zeros = np.zeros(named.rotors)
+    frame = Frame(named.chain.uniform_state(LEFT), zeros)
+    joints.publish(frame_to_msg(named, frame, zeros, time_to_msg(1)))
+    graph.until(lambda: node.frames.taken, 'the joint states')
+    report = graph.next_report('edge_actuator')
+    assert report.message == 'nothing subscribes to rotor_impulses or rotor_torques'
+    graph.hear(interfaces.ROTOR_TORQUES)
+    graph.until(lambda: graph.next_report('edge_actuator').message == 'ready', 'to be ready')
+
+
 def test_impulses_are_stamped(bench: Bench) -> None:
     bench.joints(bench.named.chain.uniform_state(LEFT))
     bench.nudge(1.0)

@@ -189,8 +189,8 @@ class EdgeActuator(ManagedNode):
             if self.source.named is None
             else 'waiting for joint_states'
             if self.frames.freshness.stale
-            else 'nothing subscribes to rotor_impulses'
-            if not subscribers
+            else 'nothing subscribes to rotor_impulses or rotor_torques'
+            if not self.outlets.heard
             else 'driving'
             if chain is not None and chain.driver.driving
             else 'ready'

@@ -37,6 +37,11 @@ class ActuatorOutlets:
         return int(self._impulses.get_subscription_count())
 
     @property
+    def heard(self) -> bool:
+        """Whether anybody listens to the impulses, as simulators do, or to the torques."""
+        return bool(self.subscribers or self._torques.get_subscription_count())
+
+    @property
     def measured(self) -> bool:
         """Whether somebody measures what is delivered."""
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
