@@ -135,8 +135,10 @@ def test_the_camera_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_serial_port_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
+    data = setup_data('soliton_linkage', monkeypatch, 'bdist_wheel')
     assert [project(name) for name in data['extras_require']['serial']] == ['pyserial']
+    nodes = setup_data('soliton_linkage_nodes', monkeypatch, 'bdist_wheel')
+    assert nodes['extras_require']['serial'] == ['soliton_linkage[serial]']
 
 
 def test_a_plain_colcon_build_makes_the_packages_of_the_suite_alone() -> None:

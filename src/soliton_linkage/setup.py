@@ -49,6 +49,7 @@ setup(
         'cluster': ['distributed'],
         'completion': ['argcomplete'],
         'films': [*DRAWING, 'imageio-ffmpeg'],
+        'serial': ['pyserial>=3.4'],
         'studies': DRAWING,
     },
     entry_points={

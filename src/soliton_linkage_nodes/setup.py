@@ -95,7 +95,7 @@ setup(
         'camera': ['soliton_linkage[camera]'],
         'foxglove': ['foxglove-sdk'],
         'live': ['nicegui>=3'],
-        'serial': ['pyserial>=3.4'],
+        'serial': ['soliton_linkage[serial]'],
     },
     entry_points={
         'console_scripts': [f'{name} = {PACKAGE}.start:{name}' for name in EXECUTABLES],
