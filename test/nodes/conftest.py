@@ -16,6 +16,7 @@ import pytest
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.programs.child_processes import keep_to_the_loopback
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 from soliton_linkage_nodes.runtime import diagnostics
 
 sys.path.append(str(Path(__file__).parent))
@@ -71,6 +72,14 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
 def named() -> NamedChain:
     """A chain of a few rotors."""
     return NamedChain(Chain(number_of_rotors=8), default_joint_names(8))
+
+
+@pytest.fixture
+def terminal() -> Iterator[PseudoTerminal]:
+    """A serial port, whose other end is the test's."""
+    opened = PseudoTerminal()
+    yield opened
+    opened.close()
 
 
 @pytest.fixture

@@ -22,7 +22,9 @@ from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 from soliton_linkage_nodes.runtime.interfaces import SUITE
+from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -37,6 +39,7 @@ NODES = {
     Visualisation: SMALL,
     BagRecorder: {},
     BagPlayer: {},
+    SerialEncoders: SMALL,
 }
 MOST_MESSAGES = 12
 OF_EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
@@ -100,10 +103,14 @@ def test_no_value_of_a_range_and_no_message_is_a_failure(
     named: NamedChain,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    terminal: PseudoTerminal,
 ) -> None:
     # What is drawn for the output of a recorder is a name in here.
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(transport, '_LONGEST_BURST', 0.1)
-    bag = {'bag': str(write_bag(tmp_path / 'played', run_of(named, 5)))}
+    needed = {
+        BagPlayer: {'bag': str(write_bag(tmp_path / 'played', run_of(named, 5)))},
+        SerialEncoders: {**SMALL, 'port': terminal.path},
+    }
     speakers = [topic.publisher(graph.user) for topic in SUITE]
-    survive(graph, kind, bag if kind is BagPlayer else NODES[kind], speakers)
+    survive(graph, kind, needed.get(kind, NODES[kind]), speakers)

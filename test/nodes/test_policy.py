@@ -18,7 +18,9 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -106,7 +108,7 @@ def test_the_policy_has_the_form_of_the_schema() -> None:
 
 
 def test_nodes_open_what_the_policy_allows(
-    graph: Graph, named: NamedChain, tmp_path: Path
+    graph: Graph, named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
 ) -> None:
     bag = write_bag(tmp_path / 'bag', run_of(named, 2))
     given: dict[Any, dict[str, Any]] = {
@@ -118,6 +120,7 @@ def test_nodes_open_what_the_policy_allows(
         BagRecorder: {'output': str(tmp_path / 'run')},
         Visualisation: {},
         BagPlayer: {'bag': str(bag), 'start_paused': True},
+        SerialEncoders: {'port': terminal.path, 'chain_from': 'parameters'},
     }
     nodes = [graph.start(node, parameters).get_name() for node, parameters in given.items()]
     until = time.monotonic() + SETTLED

@@ -18,7 +18,9 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 from soliton_linkage_nodes.runtime.command_line import check_arguments, help_of, name_of
+from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -31,6 +33,7 @@ NODES = (
     ChainIdentifier,
     BagRecorder,
     BagPlayer,
+    SerialEncoders,
 )
 OF_ROS = {
     *('use_sim_time', 'start_type_description_service', 'rosout', 'parameter_events'),
@@ -43,11 +46,16 @@ OF_ROS = {
 
 @pytest.mark.parametrize('node', NODES, ids=name_of)
 def test_help_tells_of_every_parameter_and_topic(
-    graph: Graph, node: type[Node], named: NamedChain, tmp_path: Path
+    graph: Graph,
+    node: type[Node],
+    named: NamedChain,
+    tmp_path: Path,
+    terminal: PseudoTerminal,
 ) -> None:
     needed = {
         BagRecorder: {'output': str(tmp_path / 'out')},
         BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
+        SerialEncoders: {'port': terminal.path},
     }
     started = graph.start(node, needed.get(node, {}))
     assert started.get_name() == name_of(node)

@@ -21,8 +21,10 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.managed import ManagedNode
+from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -38,6 +40,7 @@ NODES = (
     ChainIdentifier,
     BagRecorder,
     BagPlayer,
+    SerialEncoders,
 )
 MANAGED = {'autostart': False}
 
@@ -62,11 +65,17 @@ def topics(node: ManagedNode) -> set[str]:
 
 
 @pytest.fixture
-def needed(named: NamedChain, tmp_path: Path) -> dict[type, dict[str, Any]]:
+def needed(
+    named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
+) -> dict[type, dict[str, Any]]:
     """What nodes cannot do without."""
     bag = write_bag(tmp_path / 'bag', run_of(named, 200, gap=10**7))
     played = {'bag': str(bag), 'subscriber_timeout': 0.0}
-    return {BagRecorder: {'output': str(tmp_path / 'run')}, BagPlayer: played}
+    return {
+        BagRecorder: {'output': str(tmp_path / 'run')},
+        BagPlayer: played,
+        SerialEncoders: {'port': terminal.path},
+    }
 
 
 @pytest.mark.parametrize('create', NODES, ids=lambda create: create.__name__)
