@@ -89,7 +89,11 @@ class ReopenedPort:
         port = self._port
         if port is None:
             return
-        port.write(data)
+        try:
+            port.write(data)
+        except TypeError as error:
+            # The thread has closed it meanwhile, and pyserial writes to a file that is None.
+            raise OSError('the port is gone') from error
 
     def close(self) -> None:
         """Take no more, and let go of the port."""
