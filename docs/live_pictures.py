@@ -53,6 +53,9 @@ def main() -> None:
         page = browser.new_page(viewport=SIZE)
         page.goto(address)
         page.wait_for_function('() => window.live && live.drawn > 10')
+        # All of it, to the last row.
+        height = page.evaluate('document.documentElement.scrollHeight')
+        page.set_viewport_size({**SIZE, 'height': height})
         film(page, Path(folder))
         browser.close()
     sys.stdout.write(f'{HERE / "live.png"}\n{HERE / "live.gif"}\n')
