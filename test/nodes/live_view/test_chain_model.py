@@ -177,3 +177,18 @@ def test_what_an_analyser_says_is_shown_while_it_speaks() -> None:
     assert math.isnan(numbers['rotor'])
     assert numbers['kinetic'] == 0.0
     assert not len(arrays['places'])
+
+
+def test_a_state_that_is_older_than_the_angles_is_told_with_its_stamp() -> None:
+    clock = Clock()
+    model, chain = ChainModel(clock), named(4)
+    model.learn(chain)
+    angles = chain.chain.uniform_state(1)
+    model.take_joints(joints(chain.joint_names, angles, 5))
+    assert math.isnan(model.behind)
+    assert shown(model)[0]['state_stamp'] == 5.0
+    model.take_state({'state_stamp': 4.5, 'rotor': 1.5}, [1.5, 0.0, 1.0])
+    assert model.behind == 0.5
+    assert shown(model)[0]['state_stamp'] == 4.5
+    clock.now += 2.0
+    assert math.isnan(model.behind)

@@ -17,6 +17,8 @@ _FORGOTTEN = 30.0
 """After which a silent node is not spoken of any more [s]."""
 _LONGEST_LAG = 0.2
 """By which a place may be older than the angles [s]: after it a wall is seen to be elsewhere."""
+_FRAMES_BEHIND = 2
+"""Frames by which it may be older [1]: of one the state is on its way."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator does that, and none runs here'
 _REPLAY = 'this is a replay'
@@ -90,10 +92,10 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
             warnings.append(f'{name}: {report.message}')
     if chain.publishers > 1:
         warnings.append(f'{chain.publishers} nodes publish joint_states of this chain at once')
-    behind = chain.model.behind
-    if behind > _LONGEST_LAG:
+    behind, rate = chain.model.behind, chain.model.rate
+    # The state of the newest frame may be yet to come.
+    if behind > _LONGEST_LAG and behind * rate > _FRAMES_BEHIND:
         warnings.append(f'soliton_state is {behind:.1f} s behind joint_states')
-    rate = chain.model.rate
     return {
         'rate': None if math.isnan(rate) else round(rate),
         'factor': figures.get('real-time factor', ''),

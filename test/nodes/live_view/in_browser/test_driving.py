@@ -23,19 +23,23 @@ def test_nudge_by_button_by_drag_and_by_key(at_rest: Visit, stage: Stage) -> Non
     until(lambda: nudges, 'the nudge')
     assert nudges[0].data == 3.0
     until(lambda: kicks, 'what the actuator makes of it')
-    x, y = visit.mass(0)
-    visit.page.mouse.move(x, y)
-    visit.page.mouse.down()
-    visit.page.mouse.move(x + 30, y - 25, steps=4)
-    visit.page.mouse.up()
-    until(lambda: commands, 'the drag')
+
+    def drag() -> None:
+        x, y = visit.mass(0)
+        visit.page.mouse.move(x, y)
+        visit.page.mouse.down()
+        visit.page.mouse.move(x + 30, y - 25, steps=4)
+        visit.page.mouse.up()
+
+    # The mass may have gone on, or the page have moved under it.
+    until(lambda: drag() or commands, 'the drag')
     assert commands[0].kind == EdgeCommand.KICK
     assert commands[0].edge == EdgeCommand.FIRST
     assert 0 < abs(commands[0].value) <= 15
     visit.page.focus('#live-chain')
     visit.page.keyboard.press('n')
-    until(lambda: len(commands) > 1, 'the key')
-    assert (commands[1].edge, commands[1].value) == (EdgeCommand.NEAREST, 3.0)
+    until(lambda: commands[-1].edge == EdgeCommand.NEAREST, 'the key')
+    assert commands[-1].value == 3.0
 
 
 def test_kick_pulse_and_pressure_with_their_times(visit: Visit, stage: Stage) -> None:
