@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths
+from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split_lengths
 from soliton_linkage.identification.loops import motion_loops
 from soliton_linkage.linkage.chain import Array
 
@@ -75,12 +75,25 @@ class FreeMotion:
         )
 
 
-def frames(motion: FreeMotion, times: Array) -> Iterator[Array]:
-    """Angles at each instant [rad], shape (N,)."""
-    rotors = len(motion.masses)
-    nothing = np.empty((rotors, 0))
-    for angles, _ in _frames(motion, times, nothing, nothing.copy()):
-        yield angles
+def split_chain(unknowns: Array) -> dict[str, Array]:
+    """Parts of the unknowns of a chain, by the names of `Deviations`, and offset."""
+    rotors = (len(unknowns) + 2) // (OF_A_ROTOR + 2)
+    ends = np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors])
+    lengths, stiffness, mass, damping = np.split(unknowns, ends)
+    forces = {'stiffness': stiffness, 'mass': mass, 'damping': damping}
+    return {**split_lengths(lengths), **forces}
+
+
+def frames(motion: FreeMotion, times: Array) -> Array:
+    """Angles at each instant [rad], shape (T, N)."""
+    return followed(motion, times)[0]
+
+
+def followed(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
+    """Angles at each instant [rad], shape (T, N), and the motion from the last on."""
+    nothing = np.empty((len(motion.masses), 0))
+    angles, rates, _ = zip(*_frames(motion, times, nothing, nothing.copy()), strict=True)
+    return np.array(angles), replace(motion, angles=angles[-1], rates=rates[-1])
 
 
 def frames_with_changes(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
@@ -90,19 +103,23 @@ def frames_with_changes(motion: FreeMotion, times: Array) -> Iterator[tuple[Arra
     own = np.arange(rotors)
     x[own, size - 2 * rotors + own] = 1
     v[own, size - rotors + own] = 1
-    yield from _frames(motion, times, x, v)
+    for angles, _, changes in _frames(motion, times, x, v):
+        yield angles, changes
 
 
-def _frames(motion: FreeMotion, times: Array, x: Array, v: Array) -> Iterator[tuple[Array, Array]]:
+def _frames(
+    motion: FreeMotion, times: Array, x: Array, v: Array
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Angles, rates and changes of angles at each instant."""
     angles, rates = motion.angles.copy(), motion.rates.copy()
     table, columns = _table(motion), _columns(len(motion.masses))
     drag_column = motion.size - 2 * len(motion.masses) - 1
-    yield angles.copy(), x.copy()
+    yield angles.copy(), rates.copy(), x.copy()
     for span in np.diff(times).tolist():
         steps = max(1, math.ceil(span * motion.fastest / _LONGEST_STEP))
         given = table, columns, drag_column, motion.damping, steps, span / steps
         motion_loops.advance(*given, angles, rates, x, v)
-        yield angles.copy(), x.copy()
+        yield angles.copy(), rates.copy(), x.copy()
 
 
 def _table(motion: FreeMotion) -> Array:

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from soliton_linkage.identification.adjustment import Adjustment, adjusted, measurable
-from soliton_linkage.identification.free_motion import FreeMotion
-from soliton_linkage.identification.lengths import OF_A_ROTOR, split
+from soliton_linkage.identification.free_motion import FreeMotion, split_chain
+from soliton_linkage.identification.lengths import OF_A_ROTOR, split, split_lengths
+from soliton_linkage.identification.mass_scale import MassScale, mass_scale
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitting
 from soliton_linkage.identification.passable import passable
 from soliton_linkage.identification.readings import Readings
@@ -25,6 +27,11 @@ _NOT_CLOSED = (
     'no lengths close the bonds of this recording; check the order of the joints, their signs and '
     'their zeros, and that no rotor was held'
 )
+_OF_SCALE = {'rotor_length', 'spacing', 'rest_length'}
+_MOST_SAID = 4
+"""Combinations that are named [1]."""
+_LEAST_TOLD = 1e-4
+"""Information below which a combination is not told at all [1]: to 100 times its size."""
 _OPEN = 0.1
 """Standard deviation of a combination of lengths, by the angles alone, beyond which it is called
 open [1]: more than workshops miss."""
@@ -60,6 +67,10 @@ class Identification:
     """The same as `noise` by each bond alone [rad], shape (N - 1,)."""
     tolerance: float
     """Standard deviation by which lengths of one kind differ from each other [1]."""
+    damping_deviation: float
+    """Standard deviation of the damping [N m s/rad], NaN where it is not told."""
+    mass_deviation: float
+    """The same of the logarithm of the mean mass [1], NaN where no push told that."""
     rigid: bool
     """Whether all bonds close to the noise, as bars do: then no stiffness is found."""
     open_combinations: tuple[str, ...]
@@ -91,7 +102,8 @@ def identify(readings: Readings, given: Chain, tolerance: float | None = None) -
     fitted = _fitted(readings, found, given, noise, tolerance)
     if fitted is not None:
         check_slips(fitted.times, fitted.left, fitted.noise, names)
-        return _of_springs(fitted, given, noise)
+        scale = mass_scale(fitted, readings.every(_MOST_FITTED), given.spacing)
+        return _of_springs(fitted, given, noise, scale)
     check_slips(times, found.left / readings.spreads, max(noise, found.noise), names)
     if not found.settled:
         raise ValueError(_NOT_CLOSED)
@@ -102,69 +114,63 @@ def _fitted(
     readings: Readings, found: Adjustment, given: Chain, noise: float, tolerance: float | None
 ) -> MotionFit | None:
     """Free motion of springs, None where bars explain the readings as well."""
-    rotors = found.lengths.rotors
-    stiffnesses = np.full(rotors - 1, given.stiffness / given.mass)
-    nothing = np.zeros(rotors)
-    start = FreeMotion(found.lengths, stiffnesses, np.ones(rotors), 0.0, nothing, nothing)
-    angles = readings.whole - found.lengths.offsets - found.left
-    some = slice(None, None, math.ceil(len(angles) / _MOST_FITTED))
-    times = readings.times[some]
-    pushes = [push.time for push in readings.pushes]
-    windows = first_windows(times, angles[some], start, pushes)
+    rotors, some = found.lengths.rotors, readings.every(_MOST_FITTED)
+    left = found.left[:: math.ceil(len(found.left) / _MOST_FITTED)]
+    angles = some.whole - found.lengths.offsets - left
+    stiffness = given.stiffness / given.mass
+    nothing, alike = np.zeros(rotors), np.ones(rotors)
+    start = FreeMotion(found.lengths, stiffness * alike[1:], alike, 0.0, nothing, nothing)
+    pushes = [push.time for push in some.pushes]
+    windows = first_windows(some.times, angles, start, pushes)
     if not windows:
         return None
-    told = readings.seen[some], readings.spreads[some], max(noise, _LEAST_NOISE)
+    told = some.times, some.seen, some.spreads, max(noise, _LEAST_NOISE)
     try:
-        return MotionFitting(windows, times, *told, tolerance).fit(found.noise)
+        return MotionFitting(windows, *told, tolerance).fit(found.noise)
     except np.linalg.LinAlgError:
         return None
 
 
-def _of_springs(fitted: MotionFit, given: Chain, reading_noise: float) -> Identification:
+def _of_springs(
+    fitted: MotionFit, given: Chain, reading_noise: float, scale: MassScale | None
+) -> Identification:
     """Chain of springs, whose stiffnesses, masses and damping the motion shows too."""
-    motion, rotors = fitted.motion, len(fitted.motion.masses)
-    geometry = OF_A_ROTOR * rotors - 2
-    deviations = np.sqrt(np.diag(fitted.covariance))
-    rotor, offset, spacing, rest = split(deviations[:geometry])
-    springs = np.split(deviations[geometry:], [rotors - 1, 2 * rotors - 1])
-    masses = motion.masses / motion.masses.mean()
-    stiffness = float(motion.stiffnesses.mean()) / float(motion.masses.mean())
-    lengths = passable(motion.lengths, fitted.covariance[:geometry, :geometry])
+    motion = fitted.motion
+    parts = split_chain(np.sqrt(np.diag(fitted.covariance)))
+    geometry = slice(0, OF_A_ROTOR * motion.lengths.rotors - 2)
+    lengths = passable(motion.lengths, fitted.covariance[geometry, geometry])
     chain = lengths.scaled(given.spacing).chain(given)
+    mass = given.mass if scale is None else scale.mass
+    of_mean = mass / float(motion.masses.mean())
     chain = replace(
         chain,
-        stiffness=given.mass * stiffness,
-        damping=max(motion.damping, 0.0)
-        * given.mass
-        * given.spacing**2
-        / float(motion.masses.mean()),
+        mass=mass,
+        stiffness=of_mean * float(motion.stiffnesses.mean()),
+        damping=of_mean * given.spacing**2 * max(motion.damping, 0.0),
         deviations=replace(
             chain.deviations,
-            mass=tuple((masses - 1).tolist()),
+            mass=tuple((motion.masses / motion.masses.mean() - 1).tolist()),
             stiffness=tuple((motion.stiffnesses / motion.stiffnesses.mean() - 1).tolist()),
             damping=(),
         ),
     )
-    spreads = {
-        'rotor_length': rotor,
-        'spacing': spacing,
-        'rest_length': rest,
-        'stiffness': springs[0],
-        'mass': springs[1],
-    }
+    offsets = parts.pop('offset')
+    damping = float(parts.pop('damping')[0])
     by_bond = np.sqrt(np.mean(fitted.left**2, axis=0))
     return Identification(
-        chain,
-        spreads,
-        motion.lengths.offsets,
-        offset,
-        fitted.noise,
-        reading_noise,
-        np.maximum(by_bond[:-1], by_bond[1:]),
-        fitted.tolerances.of_lengths,
-        False,
-        (),
-        (*_unexplained(fitted.noise, reading_noise), *_obstacles(chain)),
+        chain=chain,
+        deviations=parts,
+        damping_deviation=of_mean * given.spacing**2 * damping,
+        mass_deviation=math.nan if scale is None else scale.deviation,
+        offsets=motion.lengths.offsets,
+        offset_deviations=offsets,
+        noise=fitted.noise,
+        reading_noise=reading_noise,
+        bond_noise=np.maximum(by_bond[:-1], by_bond[1:]),
+        tolerance=fitted.tolerances.of_lengths,
+        rigid=False,
+        open_combinations=_open_combinations(fitted.information, fitted.basis, split_chain),
+        warnings=(*_unexplained(fitted.noise, reading_noise), *_obstacles(chain)),
     )
 
 
@@ -196,17 +202,21 @@ def _of_bonds(found: Adjustment, given: Chain, reading_noise: float) -> Identifi
         for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
     ]
     return Identification(
-        chain,
-        {'rotor_length': rotor, 'spacing': spacing, 'rest_length': rest},
-        found.lengths.offsets,
-        offset,
-        found.noise,
-        reading_noise,
-        found.bond_noise,
-        found.tolerances.of_lengths,
-        found.noise <= _STRAINED * reading_noise,
-        _open_combinations(found),
-        tuple(warnings),
+        chain=chain,
+        deviations={'rotor_length': rotor, 'spacing': spacing, 'rest_length': rest},
+        damping_deviation=math.nan,
+        mass_deviation=math.nan,
+        offsets=found.lengths.offsets,
+        offset_deviations=offset,
+        noise=found.noise,
+        reading_noise=reading_noise,
+        bond_noise=found.bond_noise,
+        tolerance=found.tolerances.of_lengths,
+        rigid=found.noise <= _STRAINED * reading_noise,
+        open_combinations=_open_combinations(
+            found.information, measurable(found.lengths), split_lengths
+        ),
+        warnings=tuple(warnings),
     )
 
 
@@ -217,29 +227,29 @@ def _obstacles(chain: Chain) -> tuple[str, ...]:
     )
 
 
-def _open_combinations(found: Adjustment) -> tuple[str, ...]:
-    """What the angles alone tell less well than workshops make it."""
-    basis = measurable(found.lengths)
-    values, vectors = np.linalg.eigh(basis.T @ found.information @ basis)
+def _open_combinations(
+    information: Array, basis: Array, parts: Callable[[Array], dict[str, Array]]
+) -> tuple[str, ...]:
+    """What the readings alone tell less well than workshops make it, the least first."""
+    values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     loose = [
-        (float(value**-0.5), basis @ vector)
+        _in_words(max(float(value), _LEAST_TOLD) ** -0.5, parts(basis @ vector))
         for value, vector in zip(values, vectors.T, strict=True)
         if value < _OPEN**-2
     ]
-    return tuple(_in_words(spread, vector) for spread, vector in loose)
+    more = (f'{len(loose) - _MOST_SAID} more',) if len(loose) > _MOST_SAID else ()
+    return (*loose[:_MOST_SAID], *more)
 
 
-def _in_words(spread: float, vector: Array) -> str:
+def _in_words(spread: float, parts: dict[str, Array]) -> str:
     """Say which rotors and lengths a combination is of, and by how much it is open."""
-    rotor, _, spacing, rest = split(vector)
-    size = np.abs(vector).max()
-    kinds = [
-        name
-        for name, part in (('rotor_length', rotor), ('spacing', spacing), ('rest_length', rest))
-        if np.abs(part).max() > 0.5 * size
+    size = max(float(np.abs(part).max()) for part in parts.values())
+    kinds = [name for name, part in parts.items() if np.abs(part).max() > 0.5 * size]
+    sides = [
+        np.concatenate([np.flatnonzero(sign * part > 0.5 * size) for part in parts.values()])
+        for sign in (1, -1)
     ]
-    size = np.abs(vector).max()
-    sides = [np.flatnonzero(side > 0.5 * size) // OF_A_ROTOR for side in (vector, -vector)]
     large = min((side for side in sides if len(side)), key=np.ptp)
-    what = 'scale' if len(kinds) == 3 else ' and '.join(kinds) or 'offset'
-    return f'{what} of rotors {large.min()} to {large.max()} against the others: {spread:.0%}'
+    what = 'scale' if set(kinds) == _OF_SCALE else ' and '.join(kinds)
+    much = 'not at all' if spread >= _LEAST_TOLD**-0.5 else f'to {spread:.0%}'
+    return f'{what} of rotors {large.min()} to {large.max()} against the others: {much}'

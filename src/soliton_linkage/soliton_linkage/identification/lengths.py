@@ -101,5 +101,12 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
     return r, o, a, length
 
 
+def split_lengths(unknowns: Array) -> dict[str, Array]:
+    """The same by the names of `Deviations`, and offset."""
+    return dict(
+        zip(('rotor_length', 'offset', 'spacing', 'rest_length'), split(unknowns), strict=True)
+    )
+
+
 def _fractions(lengths: Array, mean: float) -> tuple[float, ...]:
     return tuple((lengths / mean - 1).tolist())

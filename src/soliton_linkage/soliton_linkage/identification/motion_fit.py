@@ -40,6 +40,9 @@ _SETTLED = 0.1
 """Gain of a step, as twice a logarithm of the likelihood, that ends the last steps [1]."""
 _COARSE = 3.0
 """The same with shorter windows [1]."""
+_STIFFER = (1, 1 / 5, 5)
+"""Stiffnesses over the given one to begin with [1]; steps go a factor of 2 or 3 by themselves.
+Springs that vibrate faster than frames come are none that frames show."""
 _DAMPINGS = 6
 """Dampings that are tried for one step [1], the last 1000 times the first."""
 _BEGIN = 0.1
@@ -63,6 +66,10 @@ class MotionFit:
     windows: tuple[FreeWindow, ...]
     covariance: Array
     """Of the unknowns of the chain, in their order, shape (Q - 2 N, Q - 2 N)."""
+    information: Array
+    """What readings alone say of the same."""
+    basis: Array
+    """Orthonormal changes of a chain that keep the mean spacing and the mean mass."""
     noise: float
     """Standard deviation of a reading [rad], by what the motion leaves of all."""
     times: Array
@@ -121,17 +128,15 @@ class MotionFitting:
 
     def fit(self, of_bars: float) -> MotionFit | None:
         """Chain that all readings show, None where bars, which leave a noise [rad], do as well."""
-        self._improve(_STEPS, _COARSE)
-        if not self._better(of_bars):
+        if not self._begun(of_bars):
             return None
         while (windows := joined(self._windows)) != self._windows:
             self._windows = windows
             self._improve(_STEPS, _COARSE)
-        covariance = np.zeros((0, 0))
         for _ in range(_ROUNDS):
             self._improve(_LAST_STEPS, _SETTLED)
             before = self._tolerances
-            covariance = self._learn()
+            learnt = self._learn()
             if self._tolerances.close_to(before, 0.05):
                 break
         if self._noise > of_bars:
@@ -141,7 +146,8 @@ class MotionFitting:
             left[window.frames] = np.nan_to_num(self._left(window))
         return MotionFit(
             self._windows,
-            covariance,
+            *learnt,
+            self._basis,
             self._noise,
             self._times,
             left,
@@ -149,18 +155,40 @@ class MotionFitting:
             self._of_forces,
         )
 
-    def _better(self, of_bars: float) -> bool:
-        """Whether bars leave more than springs, and more than chance makes of it.
+    def _begun(self, of_bars: float) -> bool:
+        """Begin with the stiffness about the given one that leaves least, if less than bars."""
+        given, found = self._windows, []
+        stiffest = float(np.median(np.diff(self._times))) ** -2
+        for factor in _STIFFER:
+            self._windows = _stiffened(given, factor)
+            if factor > 1 and self._motion.stiffnesses.max() > stiffest:
+                continue
+            self._improve(_STEPS, _COARSE)
+            if of_bars**2 > self._squared_noise() * (1 + _CHANCE * self._chance()):
+                self._windows = joined(self._windows)
+                self._improve(_STEPS, _COARSE)
+                found.append((self._cost(self._windows), self._windows))
+                if self._squared_noise() < self._noise**2 * (1 + _CHANCE * self._chance()):
+                    break
+        if found:
+            self._windows = min(found, key=lambda each: each[0])[1]
+        return bool(found)
 
-        Both leave the same noise but for what springs say of a frame more than bars, one number.
-        """
+    def _squared_noise(self) -> float:
+        """Of readings, by what the windows leave of them [rad^2]."""
         squares = sum(float(np.nansum(self._left(window) ** 2)) for window in self._windows)
-        seen = sum(int(self._seen(window).sum()) for window in self._windows)
         known = self._drag + 2 * self._rotors * len(self._windows)
-        own = squares / max(seen - known, 1)
-        frames_seen = seen / self._rotors
-        chance = math.sqrt(2 / frames_seen) / self._rotors
-        return of_bars**2 > own * (1 + _CHANCE * chance)
+        return squares / max(self._readings_seen() - known, 1)
+
+    def _readings_seen(self) -> int:
+        return sum(int(self._seen(window).sum()) for window in self._windows)
+
+    def _chance(self) -> float:
+        """Standard deviation of what bars leave more of noise squared, over that [1].
+
+        Bars and springs leave the same of a frame but for what springs say more, one number.
+        """
+        return math.sqrt(2 / (self._readings_seen() * self._rotors))
 
     @property
     def _motion(self) -> FreeMotion:
@@ -168,7 +196,7 @@ class MotionFitting:
 
     def _left(self, window: FreeWindow) -> Array:
         """What a window leaves of its readings [rad], over their spreads, NaN where missing."""
-        angles = np.array(list(frames(window.motion, self._times[window.frames])))
+        angles = frames(window.motion, self._times[window.frames])
         left = self._readings[window.frames] - window.motion.lengths.offsets - angles
         return np.asarray(left / self._spreads[window.frames])
 
@@ -284,8 +312,8 @@ class MotionFitting:
         own = matrix[:size, :size] - matrix[:size, size:] @ across
         return own, vector[:size] - matrix[:size, size:] @ moved, (moved, across)
 
-    def _learn(self) -> Array:
-        """Learn noise and tolerances from all frames; return the covariance of the chain."""
+    def _learn(self) -> tuple[Array, Array]:
+        """Learn noise and tolerances from all frames; covariance of the chain, information."""
         begun, squares = zip(*map(self._normal, self._windows), strict=True)
         motion = self._motion
         information = np.sum([self._eliminated(each, 0.0)[0] for each in begun], axis=0)
@@ -293,8 +321,7 @@ class MotionFitting:
         inverse = np.linalg.inv(self._basis.T @ whole @ self._basis)
         covariance = np.asarray(self._basis @ inverse @ self._basis.T)
         known = float(np.sum(covariance * information)) + 2 * self._rotors * len(self._windows)
-        seen = sum(int(self._seen(window).sum()) for window in self._windows)
-        self._noise = math.sqrt(sum(squares) / max(seen - known, 1.0))
+        self._noise = math.sqrt(sum(squares) / max(self._readings_seen() - known, 1.0))
         learnt = self._tolerances.relearnt(
             motion.lengths, covariance[self._geometry, self._geometry]
         )
@@ -306,4 +333,15 @@ class MotionFitting:
         total = np.sum((springs - springs.mean()) ** 2) + np.sum(masses**2) + variances.sum()
         spread = math.sqrt(float(total) / (2 * len(masses) - 3))
         self._of_forces = min(max(spread, _NARROWEST), _WIDEST)
-        return covariance
+        return covariance, information
+
+
+def _stiffened(windows: Sequence[FreeWindow], factor: float) -> tuple[FreeWindow, ...]:
+    """Windows of springs that are so many times as stiff."""
+    return tuple(
+        FreeWindow(
+            window.frames,
+            replace(window.motion, stiffnesses=factor * window.motion.stiffnesses),
+        )
+        for window in windows
+    )

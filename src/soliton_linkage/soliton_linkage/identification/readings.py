@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -72,6 +73,12 @@ class Readings:
         some = (self.times >= begin) & (self.times <= end)
         told = None if self.deviations is None else self.deviations[some]
         return replace(self, times=self.times[some], angles=self.angles[some], deviations=told)
+
+    def every(self, most: int) -> Readings:
+        """Every one of them, every second, every third, ..., no more than most."""
+        some = slice(None, None, math.ceil(len(self.times) / most))
+        told = None if self.deviations is None else self.deviations[some]
+        return replace(self, times=self.times[some], angles=self.seen[some], deviations=told)
 
 
 def _usual(deviations: Array) -> float:

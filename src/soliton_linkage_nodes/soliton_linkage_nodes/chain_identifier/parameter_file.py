@@ -44,6 +44,10 @@ def _lines(found: Identification, joint_names: Sequence[str], source: str) -> It
             yield f'    joint_names: [{", ".join(map(repr, joint_names))}]'
     yield from ('', '/**:', '  ros__parameters:')
     yield f'    chain.number_of_rotors: {chain.number_of_rotors}'
+    if found.mass_deviation > 0:
+        yield f'    # mass, by pushes; standard deviation {found.mass_deviation:.6f} of it'
+    if found.damping_deviation > 0:
+        yield f'    # damping; standard deviation {found.damping_deviation:.3g}'
     yield from (f'    chain.{name}: {getattr(chain, name)!r}' for name in _PARAMETERS)
     for name, meaning in _MEANINGS.items():
         fractions = getattr(chain.deviations, name)

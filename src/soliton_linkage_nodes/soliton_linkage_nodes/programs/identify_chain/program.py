@@ -126,10 +126,7 @@ def summary(found: Identification) -> str:
         f'lengths of one kind differ by {found.tolerance:.2%}; known to (median) {spreads}',
         f'noise {found.noise:.3g} rad, from frame to frame {found.reading_noise:.3g} rad; '
         f'worst bonds: {bonds}',
-        'bonds close as those of rigid bars do; not told by angles: the scale of all lengths '
-        'together, masses and stiffnesses'
-        if found.rigid
-        else 'springs give way; not told by angles: the scales of all lengths and of all masses',
+        _of_forces(found),
     ]
     if found.open_combinations:
         lines.append(
@@ -137,6 +134,23 @@ def summary(found: Identification) -> str:
             f'{"; ".join(found.open_combinations)}'
         )
     return '\n'.join([*lines, *(f'warning: {line}' for line in found.warnings)])
+
+
+def _of_forces(found: Identification) -> str:
+    """What is known of masses and springs, and what is not."""
+    if 'stiffness' not in found.deviations:
+        why = 'bonds close as those of rigid bars do' if found.rigid else 'bonds do not close'
+        return f'{why}; not told: the scale of all lengths together, masses and stiffnesses'
+    chain = found.chain
+    damping = f'damping {chain.damping:.2g} +- {found.damping_deviation:.1g} N m s/rad'
+    if math.isnan(found.mass_deviation):
+        return (
+            f'springs give way, {damping}; not told: the scales of all lengths and of all masses'
+        )
+    return (
+        f'springs give way, {damping}; mean mass {chain.mass:.4g} kg to '
+        f'{found.mass_deviation:.1%} by pushes; not told: the scale of all lengths'
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What springs show beside lengths, and what analyser and steering make of identified chains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from comparison import Figure
+from identification_draws import CHAINS, NOISE, OFFSET, RATE, SPREAD, chain_of, passage
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
+from soliton_linkage.dynamics.initial_states import leaning
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.nearest_point import fit_anywhere
+from soliton_linkage.identification.adjustment import adjusted
+from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.start import equal_rotors
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.steering.steering import Steering
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+
+KICKS = {'flipper': 10.0, 'wobbler': 4.0, 'spinner': 12.5}
+"""Of springs [rad/s], those of config/*.yaml."""
+PLURALS = {
+    'rotor_length': 'rotor_lengths',
+    'spacing': 'spacings',
+    'rest_length': 'rest_lengths',
+    'stiffness': 'stiffnesses',
+    'mass': 'masses',
+}
+ROTORS = 20
+"""Of chains of springs [1]: more take minutes."""
+WAY = (12.3, 24.7)
+"""From where to where walls are moved [rotor spacings]."""
+SEEN = 50
+"""Frames before a move [1]."""
+HELD = 250
+"""Frames after its end [1]."""
+LONGEST = 15_000
+"""Frames of a move [1]: a minute."""
+
+
+def figures_of_springs(name: str, count: int) -> list[Figure]:
+    """Errors of what the motion of kicked springs shows, with 5 % in masses and stiffnesses."""
+    errors: dict[str, list[Array]] = {part: [] for part in PLURALS}
+    stated: dict[str, list[Array]] = {part: [] for part in PLURALS}
+    for number in range(count):
+        chain, found = _springs(name, number)
+        for part, spreads in found.deviations.items():
+            shown, true = (np.array(getattr(each, PLURALS[part])) for each in (found.chain, chain))
+            wrong = np.log(shown / true)
+            wrong += np.log(_scale(chain, part) / _scale(found.chain, part))
+            errors[part].append(wrong)
+            stated[part].append(wrong / spreads)
+        print(f'{name} {number}: noise {found.noise:.5f} rad, rigid {found.rigid}', flush=True)
+    return [
+        figure
+        for part in PLURALS
+        for figure in (
+            Figure(f'{name}, springs: error of {part}', '%', [100 * _rms(errors[part])]),
+            Figure(f'{name}, springs: the same over what was stated', '', [_rms(stated[part])]),
+        )
+    ]
+
+
+def figures_of_use(name: str, count: int) -> list[Figure]:
+    """Errors of the analyser's place, and of where a wall is moved to, on identified chains."""
+    found, true, moved, moved_true = zip(*_uses(name, count), strict=True)
+    return [
+        Figure(f"{name}: error of the analyser's place over the bound of one frame", '', found),
+        Figure(f'{name}: the same on the true chain', '', true),
+        Figure(f'{name}: a moved wall ends off by [spacings]', '', moved, '0.05'),
+        Figure(f'{name}: the same on the true chain', '', moved_true),
+    ]
+
+
+def _uses(name: str, count: int) -> Iterator[tuple[float, float, float, float]]:
+    nominal, speed = CHAINS[name]
+    for number in range(count):
+        chain = chain_of(nominal, number)
+        random = np.random.default_rng([number, 9])
+        orbit = orbit_of(chain)
+        angles = passage(orbit, speed)
+        offsets = OFFSET * random.standard_normal(nominal.number_of_rotors)
+        readings = angles + offsets + NOISE * random.standard_normal(angles.shape)
+        lengths = adjusted(readings, equal_rotors(readings)).lengths
+        used = lengths.scaled(float(chain.spacings.mean())).chain(nominal)
+        again = angles + offsets + NOISE * random.standard_normal(angles.shape)
+        yield (
+            _place_error(used, orbit, again),
+            _place_error(chain, orbit, again),
+            _move_error(orbit_of(used), orbit, offsets - lengths.offsets, random),
+            _move_error(orbit, orbit, np.zeros_like(offsets), random),
+        )
+        print(f'{name} {number}: analysed and moved', flush=True)
+
+
+def _place_error(used: Chain, orbit: Orbit, readings: Array) -> float:
+    """Root mean square error of the analyser's place over the bound of single frames."""
+    analyser = Analyser(used)
+    over = []
+    for frame, arc in enumerate(np.linspace(*orbit.leg_arcs(0), len(readings))):
+        shown = analyser.analyse(round(1e9 * frame / RATE), readings[frame])
+        place = orbit.place(arc)
+        if 4 < place < len(readings[0]) - 5 and shown is not None and shown.solitons:
+            over.append((shown.solitons[0].rotor - place) * orbit.site_arc_at(arc) / NOISE)
+    return _rms(np.array(over))
+
+
+def _move_error(used: Orbit, orbit: Orbit, left: Array, random: np.random.Generator) -> float:
+    """How far from its goal a wall of springs ends that is steered by an orbit [spacings].
+
+    Offsets are left of the encoders' zeros [rad], (N,).
+    """
+    steering = Steering(used, TorqueAllocation(used))
+    start = orbit.configuration(orbit.arc_at(WAY[0], 0))
+    simulation = ElasticSimulation(orbit.chain, start, period=1 / RATE, tolerance=1e-8)
+    ended, torques = math.inf, np.zeros(len(start))
+    for frame in range(LONGEST):
+        noise = NOISE * random.standard_normal(len(start))
+        end = steering.observe(simulation.time, simulation.angles + left + noise)
+        if frame == SEEN:
+            end = steering.move(WAY[1])
+        if end is not None:
+            ended = min(ended, frame)
+        if frame > ended + HELD:
+            break
+        simulation.hold(torques)
+        torques = steering.torques()
+        simulation.advance()
+    return abs(orbit.place(fit_anywhere(orbit, simulation.angles).arc) - WAY[1])
+
+
+def _springs(name: str, number: int) -> tuple[Chain, Identification]:
+    """A chain that was kicked, and what its readings show."""
+    nominal, speed = CHAINS[name]
+    made = chain_of(replace(nominal, number_of_rotors=ROTORS), number)
+    random = np.random.default_rng([number, 8])
+    drawn = drawn_deviations(ROTORS, number, mass=SPREAD, stiffness=SPREAD)
+    chain = replace(made, deviations=made.deviations.joined(drawn))
+    start = leaning(chain, -1).angles
+    rates = KICKS[name] * edge_mode(chain, start, Edge.FIRST)
+    record = simulate(chain, start, rates, 1.3 * ROTORS / speed, 1 / RATE)
+    offsets = OFFSET * random.standard_normal(ROTORS)
+    readings = record.angles + offsets + NOISE * random.standard_normal(record.angles.shape)
+    return chain, identify(Readings(record.times, readings), Chain())
+
+
+def _scale(chain: Chain, part: str) -> float:
+    """What angles do not tell: that of all lengths, or of all masses."""
+    whole = chain.masses if part in ('stiffness', 'mass') else chain.spacings
+    return float(whole.mean())
+
+
+def _rms(values: list[Array] | Array) -> float:
+    return math.sqrt(float(np.mean(np.concatenate([np.ravel(each) for each in values]) ** 2)))

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A push of known impulses tells the mean mass, whatever was thought of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from passages import FLIPPER, read, unequal
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import leaning
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.readings import Readings, RecordedPush
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Array, Chain
+
+PERIOD = 0.004
+PUSHED = 110
+"""Frame after which the push comes."""
+CHAIN = unequal(replace(FLIPPER, number_of_rotors=8), 7)
+
+
+def pushed() -> tuple[Array, Array, Array]:
+    """Times, angles, and the impulses that came."""
+    start = leaning(CHAIN, -1).angles
+    impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
+    simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
+    frames = []
+    for frame in range(340):
+        if frame == PUSHED:
+            simulation.kick(impulses)
+        frames.append(simulation.angles.copy())
+        simulation.advance()
+    return PERIOD * np.arange(len(frames)), np.array(frames), impulses
+
+
+def test_the_mean_mass_follows_from_an_impulse() -> None:
+    times, angles, impulses = pushed()
+    readings, _ = read(angles, 2)
+    given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
+    commanded = PERIOD * PUSHED - 0.006
+    found = identify(Readings(times, readings, pushes=[RecordedPush(commanded, impulses)]), given)
+    off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
+    assert abs(off) < 3 * found.mass_deviation < 0.2
+    assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)
