@@ -16,7 +16,7 @@ ASK = (
     'Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n'
 )
 DRAWN = bytes([0x81, 0x80 | 5, 0, 0, 0, 0]) + b'drawn'
-BINARY, PING, PONG = 0x82, 0x89, 0x8A
+BINARY, CLOSE, PING, PONG = 0x82, 0x88, 0x89, 0x8A
 FRAME = bytes(8)
 
 
@@ -59,6 +59,8 @@ class Watcher(asyncio.Protocol):
         if kind == BINARY and payload.startswith(FRAME):
             self.drawn += 1
             self._transport.write(DRAWN)
+        elif kind == CLOSE:
+            self._transport.close()
         elif kind == PING:
             head = bytes([PONG, 0x80 | len(payload), 0, 0, 0, 0])
             self._transport.write(head + payload)
