@@ -60,7 +60,7 @@ class NystromSteps:
         self.forces = forces_of(motion)
         half_inertias = motion.chain.moments_of_inertia / 2
         self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
-        self._prepared, self._step = math.nan, self.step(0.0)
+        self._prepared = math.nan
         self._work = work_for(places_of(motion))
         self._since_load = self._until_exact
 
@@ -116,18 +116,18 @@ class NystromSteps:
     def _decays(self, length: float) -> Array:
         if not self._motion.damped:
             return np.empty((2, 2, len(DRIFTS), 0))
-        decays = [
-            [decay(self._motion, part * drift) for drift in DRIFTS]
-            for part in (length / 2, length)
-        ]
-        return self._padded(np.array(decays).swapaxes(1, 2))
+        times = np.multiply.outer([length / 2, length], DRIFTS)[..., np.newaxis]
+        return self._padded(np.array(decay(self._motion, times)).swapaxes(0, 1))
 
     def _padded(self, values: Array) -> Array:
         return padded(values, places_of(self._motion))
 
 
-def decay(motion: EquationOfMotion, time: float) -> tuple[Array, Array]:
-    """Factor of the rates after a free time [s], and the angle turned per rate [s], (N,) each."""
+def decay(motion: EquationOfMotion, time: float | Array) -> tuple[Array, Array]:
+    """Factor of the rates after a free time [s], and the angle turned per rate [s], (N,) each.
+
+    Of times of shape (..., 1) they have the shape (..., N).
+    """
     exponents = -motion.decay_rates * time
     divisors = np.where(exponents == 0, 1.0, exponents)
     growth = np.where(exponents == 0, 1.0, np.expm1(exponents) / divisors)
