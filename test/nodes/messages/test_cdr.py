@@ -25,6 +25,8 @@ from soliton_linkage_nodes.messages.cdr import (
     JointStateBuffer,
     JointStateDecoder,
     Layout,
+    TorqueBuffer,
+    TorqueDecoder,
     publish_buffer,
 )
 from soliton_linkage_nodes.messages.conversions import (
@@ -35,6 +37,8 @@ from soliton_linkage_nodes.messages.conversions import (
     impulses_from_msg,
     impulses_to_msg,
     joint_states_from_msg,
+    torques_from_msg,
+    torques_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
@@ -79,10 +83,14 @@ def assert_same(decoder: JointStateDecoder, message: JointState, serialized: byt
 
 
 def assert_as_of_the_message(
-    decoder: ImpulseDecoder, message: RotorImpulses, serialized: bytes
+    decoder: ImpulseDecoder | TorqueDecoder,
+    message: RotorImpulses | JointState,
+    serialized: bytes,
 ) -> None:
+    of_torques = isinstance(message, JointState)
+    from_msg = torques_from_msg if of_torques else impulses_from_msg
     try:
-        expected = impulses_from_msg(ROTORS, message, LARGEST)
+        expected = from_msg(ROTORS, message, LARGEST)
     except ValueError as error:
         with pytest.raises(ValueError, match=re.escape(str(error))):
             decoder.decode(serialized)
@@ -229,11 +237,22 @@ def test_bytes_that_are_no_impulses_are_refused(known: bool) -> None:
     assert_as_of_the_message(decoder, message, whole)
 
 
+@given(st.lists(IMPULSES, min_size=2, max_size=5), st.lists(st.floats(), max_size=3))
+def test_any_torques_act_as_they_say_whatever_came_before(
+    values: list[RotorImpulses], angles: list[float]
+) -> None:
+    decoder = TorqueDecoder(ROTORS, LARGEST)
+    for value in values * 2:
+        message = JointState(name=value.name, position=angles, effort=value.impulse)
+        assert_as_of_the_message(decoder, message, serialize_message(message))
+
+
 @pytest.mark.parametrize('rotors', [2, 3, 4, 41, 1000])
 def test_what_a_buffer_writes_reads_as_the_message_and_has_its_size(rotors: int) -> None:
     for length in range(1, 10):
         named = named_chain(rotors, length)
         buffer, impulse_buffer = JointStateBuffer(named), ImpulseBuffer(named)
+        torque_buffer = TorqueBuffer(named)
         random = np.random.default_rng(rotors)
         for stamp in (0, 1_700_000_000_999_999_999, 2**31 * 10**9 - 1):
             angles, rates, torques = random.normal(size=(3, rotors))
@@ -246,6 +265,10 @@ def test_what_a_buffer_writes_reads_as_the_message_and_has_its_size(rotors: int)
             filled = bytes(impulse_buffer.fill(stamp, angles))
             assert deserialize_message(filled, RotorImpulses) == impulses
             assert len(filled) == len(serialize_message(impulses))
+            efforts = torques_to_msg(named, torques, time_to_msg(stamp))
+            filled = bytes(torque_buffer.fill(stamp, torques))
+            assert deserialize_message(filled, JointState) == efforts
+            assert len(filled) == len(serialize_message(efforts))
 
 
 def test_a_frame_is_filled_in_place_and_written_apart(named: NamedChain) -> None:

@@ -7,9 +7,9 @@ from rclpy.node import Node
 
 from soliton_linkage.actuation.kick_record import Kick
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, publish_buffer
+from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, TorqueBuffer, publish_buffer
 from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
-from soliton_linkage_nodes.messages.conversions import NamedChain, torques_to_msg
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import let_others_go
 
@@ -24,7 +24,7 @@ class ActuatorOutlets:
         self._impulses = interfaces.ROTOR_IMPULSES.publisher(node)
         self._torques = interfaces.ROTOR_TORQUES.publisher(node)
         self._last_kick = interfaces.LAST_KICK.publisher(node)
-        self._buffer: tuple[NamedChain, ImpulseBuffer] | None = None
+        self._buffers: tuple[NamedChain, ImpulseBuffer, TorqueBuffer] | None = None
 
     @property
     def now(self) -> int:
@@ -55,14 +55,19 @@ class ActuatorOutlets:
 
     def kick(self, named: NamedChain, impulses: Array) -> None:
         """Send impulses of all rotors [N m s]."""
-        if self._buffer is None or self._buffer[0] is not named:
-            self._buffer = (named, ImpulseBuffer(named))
-        publish_buffer(self._impulses, self._buffer[1].fill(self.now, impulses))
+        buffer, _ = self._buffers_of(named)
+        publish_buffer(self._impulses, buffer.fill(self.now, impulses))
         let_others_go()
 
     def drive(self, named: NamedChain, torques: Array) -> None:
         """Send torques of all rotors [N m]."""
-        self._torques.publish(torques_to_msg(named, torques, self._clock.now().to_msg()))
+        _, buffer = self._buffers_of(named)
+        publish_buffer(self._torques, buffer.fill(self.now, torques))
+
+    def _buffers_of(self, named: NamedChain) -> tuple[ImpulseBuffer, TorqueBuffer]:
+        if self._buffers is None or self._buffers[0] is not named:
+            self._buffers = (named, ImpulseBuffer(named), TorqueBuffer(named))
+        return self._buffers[1:]
 
     def flush(self) -> None:
         """Wait, not for long, until the torques are known."""

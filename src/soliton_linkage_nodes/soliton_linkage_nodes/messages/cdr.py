@@ -9,7 +9,8 @@ stamp and the arrays in place.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -27,6 +28,8 @@ from soliton_linkage_nodes.messages.conversions import (
     impulses_from_msg,
     impulses_to_msg,
     joint_states_from_msg,
+    torques_from_msg,
+    torques_to_msg,
 )
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -77,7 +80,7 @@ class Layout:
         seconds, nanoseconds = _STAMP.unpack_from(serialized)
         return seconds, nanoseconds
 
-    def arrays(self, serialized: bytes, number: int) -> list[Array]:
+    def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
         """The first arrays of a message that fits, maybe unaligned views of it."""
         arrays, end = [], self._end
         for _ in range(number):
@@ -121,58 +124,66 @@ class JointStateDecoder:
         return self.decode(serialized).stamp
 
 
-class ImpulseDecoder:
-    """Decodes rotor_impulses, fast where frame and names are those of the message before."""
+class _RotorDecoder:
+    """Decodes values of rotors, fast where frame and names are those of the message before."""
+
+    _type: Any
+    _topic: str
+    _arrays: int
+    """How many there are up to that of the values."""
+    _from_msg: Callable[[Mapping[str, int], Any, float], Array]
 
     def __init__(self, rotors: Mapping[str, int], largest: float) -> None:
-        """Number of each rotor by its name, and the largest impulse accepted [N m s]."""
+        """Number of each rotor by its name, and the largest value accepted."""
         self._rotors = rotors
         self._largest = largest
         self._layout: Layout | None = None
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Impulse of each rotor [N m s], shape (N,); ValueError unless all are acceptable."""
+        """Value of each rotor, shape (N,); ValueError unless all are acceptable."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
-                (given,) = layout.arrays(serialized, 1)
+                given = layout.arrays(serialized, self._arrays)[-1]
                 if len(given) == len(self._order) and (np.abs(given) <= self._largest).all():
-                    impulses = np.zeros(len(self._rotors))
-                    impulses[self._order] = given
-                    return impulses
-            message = deserialize_message(serialized, RotorImpulses)
+                    values = np.zeros(len(self._rotors))
+                    values[self._order] = given
+                    return values
+            message = deserialize_message(serialized, self._type)
         except Exception as error:  # rclpy's own has no public name
             raise ValueError(
-                f'rotor_impulses of {len(serialized)} bytes are no RotorImpulses: {error}; mend '
-                'what publishes them'
+                f'{self._topic} of {len(serialized)} bytes are no {self._type.__name__}: {error}; '
+                'mend what publishes them'
             ) from error
-        impulses = impulses_from_msg(self._rotors, message, self._largest)
+        values = self._from_msg(self._rotors, message, self._largest)
         self._layout = Layout(message.header.frame_id, tuple(message.name))
         self._order = np.array([self._rotors[name] for name in message.name], dtype=np.intp)
-        return impulses
+        return values
+
+
+class ImpulseDecoder(_RotorDecoder):
+    """Decodes rotor_impulses: angular impulses [N m s]."""
+
+    _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
+    _from_msg = staticmethod(impulses_from_msg)
+
+
+class TorqueDecoder(_RotorDecoder):
+    """Decodes rotor_torques [N m], the efforts of joint states."""
+
+    _type, _topic, _arrays = JointState, 'rotor_torques', 3
+    _from_msg = staticmethod(torques_from_msg)
 
 
 class _StampedArrays:
-    """A serialized message that begins with a stamp and ends in arrays of doubles.
+    """A serialized message that begins with a stamp and has arrays of one double a joint."""
 
-    CDR puts the arrays at the end, each a count, padded to 8 bytes from the end of the
-    encapsulation header, and one double a joint.
-    """
-
-    def __init__(self, template: bytes, joints: int, arrays: int) -> None:
-        """Overwrite so many arrays of a message, each of one value a joint."""
-        self._bytes = bytearray(template)
-        body = np.frombuffer(self._bytes, dtype=np.uint8)[_ENCAPSULATION_BYTES:]
-        array_bytes = 8 * joints
-        count_bytes = 8
-        # Serializers may pad a message at its end; the counts tell where the arrays are.
-        all_arrays = arrays * array_bytes + (arrays - 1) * count_bytes
-        end = len(body) - (len(body) - all_arrays) % 8
-        starts = [
-            end - array_bytes - n * (array_bytes + count_bytes) for n in reversed(range(arrays))
-        ]
-        self._arrays = [body[start : start + array_bytes].view('<f8') for start in starts]
+    def __init__(self, message: Any, arrays: int) -> None:
+        """Overwrite the stamp and the first arrays of a message."""
+        self._bytes = bytearray(serialize_message(message))
+        layout = Layout(message.header.frame_id, tuple(message.name))
+        self._arrays = layout.arrays(self._bytes, arrays)
         self._stamp = memoryview(self._bytes)[_ENCAPSULATION_BYTES:][:8].cast('I')
 
     def __len__(self) -> int:
@@ -185,10 +196,8 @@ class JointStateBuffer(_StampedArrays):
 
     def __init__(self, named: NamedChain) -> None:
         """Lay out the message once."""
-        joints = len(named.joint_names)
-        zeros = np.zeros(joints)
-        template = frame_to_msg(named, Frame(zeros, zeros), zeros, Time())
-        super().__init__(serialize_message(template), joints, arrays=3)
+        zeros = np.zeros(len(named.joint_names))
+        super().__init__(frame_to_msg(named, Frame(zeros, zeros), zeros, Time()), arrays=3)
         self._position, self._velocity, self._effort = self._arrays
 
     def fill(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytearray:
@@ -207,20 +216,35 @@ class JointStateBuffer(_StampedArrays):
         return bytes(self.fill(stamp, angles, rates, torques))
 
 
-class ImpulseBuffer(_StampedArrays):
+class _RotorBuffer(_StampedArrays):
+    """Values of all rotors."""
+
+    def __init__(self, message: Any, arrays: int) -> None:
+        """Overwrite the last of so many arrays of a message."""
+        super().__init__(message, arrays)
+        self._values = self._arrays[-1]
+
+    def fill(self, stamp: int, values: Array) -> bytearray:
+        """Return the message of a stamp [ns]; the next one overwrites it."""
+        self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
+        self._values[...] = values
+        return self._bytes
+
+
+class ImpulseBuffer(_RotorBuffer):
     """Angular impulses of all rotors [N m s]."""
 
     def __init__(self, named: NamedChain) -> None:
         """Lay out the message once."""
-        template = impulses_to_msg(named, np.zeros(named.rotors), Time())
-        super().__init__(serialize_message(template), named.rotors, arrays=1)
-        (self._impulse,) = self._arrays
+        super().__init__(impulses_to_msg(named, np.zeros(named.rotors), Time()), arrays=1)
 
-    def fill(self, stamp: int, impulses: Array) -> bytearray:
-        """Return the message of a stamp [ns]; the next one overwrites it."""
-        self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
-        self._impulse[...] = impulses
-        return self._bytes
+
+class TorqueBuffer(_RotorBuffer):
+    """Torques of all rotors [N m], as joint states that hold efforts only."""
+
+    def __init__(self, named: NamedChain) -> None:
+        """Lay out the message once."""
+        super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
 
 
 def stamp_of(serialized: bytes) -> int:
@@ -238,7 +262,7 @@ def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
         handle.publish_raw(serialized)
 
 
-def _doubles(serialized: bytes, begin: int) -> tuple[Array, int]:
+def _doubles(serialized: bytes | bytearray, begin: int) -> tuple[Array, int]:
     """A sequence of doubles and where it ends."""
     (count,) = _COUNT.unpack_from(serialized, begin)
     if not count:

@@ -10,20 +10,15 @@ from typing import Any
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.solitons.passage import find_obstacles
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, stamp_of
 from soliton_linkage_nodes.messages.chain_source import declare_chain
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    default_joint_names,
-    torques_from_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
@@ -31,7 +26,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, run
-from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
 from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters
@@ -76,6 +71,7 @@ class Simulator(ManagedNode):
         names = default_joint_names(chain.number_of_rotors)
         self.named = NamedChain(chain, names)
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)
+        self._torques = TorqueDecoder(self.named.numbers, settings.torque_limit)
         period = 1 / settings.publish_rate
         missing = rotors_of('missing_joints', settings.missing_joints, names)
         self._joints = SensedJoints(self.named, period, errors, missing)
@@ -134,7 +130,7 @@ class Simulator(ManagedNode):
         take_torques = refusing('rotor_torques', self._on_torques)
         diagnostics = self.diagnostics
         CountedSubscription(self, interfaces.ROTOR_IMPULSES, take_impulses, diagnostics, raw=True)
-        CountedSubscription(self, interfaces.ROTOR_TORQUES, take_torques, diagnostics)
+        CountedSubscription(self, interfaces.ROTOR_TORQUES, take_torques, diagnostics, raw=True)
         interfaces.TILT.subscribe(self, refusing('tilt', self._on_tilt))
 
     def _on_impulses(self, serialized: bytes) -> None:
@@ -145,11 +141,11 @@ class Simulator(ManagedNode):
         if complaint:
             raise ValueError(complaint)
 
-    def _on_torques(self, message: JointState) -> None:
+    def _on_torques(self, serialized: bytes) -> None:
         self.check_active()
-        limit = self.settings.torque_limit
-        self._check_made('rotor_torques', time_from_msg(message.header.stamp))
-        self.control.hold(torques_from_msg(self.named.numbers, message, limit))
+        torques = self._torques.decode(serialized)
+        self._check_made('rotor_torques', stamp_of(serialized))
+        self.control.hold(torques)
 
     def _check_made(self, source: str, stamp: int) -> None:
         """Refuse a stamp [ns] that is of another time than this one, by clock and frames."""
