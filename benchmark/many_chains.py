@@ -85,9 +85,12 @@ class Chains:
     @property
     def heard(self) -> bool:
         """Whether every chain has an analyser that learned it."""
-        return all(answer.get_publisher_count() for answer in self._answers) and all(
-            publisher.get_subscription_count() for publisher in self._joints
-        )
+        return self.listened and all(answer.get_publisher_count() for answer in self._answers)
+
+    @property
+    def listened(self) -> bool:
+        """Whether somebody listens to the joints of every chain."""
+        return all(publisher.get_subscription_count() for publisher in self._joints)
 
     def _taken(self) -> int:
         taken = 0

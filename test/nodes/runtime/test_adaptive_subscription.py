@@ -20,6 +20,7 @@ from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription, heard_by_all
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -111,10 +112,12 @@ def test_what_all_publishers_offer_is_asked_for() -> None:
 class Listener:
     """Hears joint states, and takes a while for each."""
 
-    def __init__(self, graph: Graph, longest_lag: float = 60.0, takes: float = 0.0) -> None:
+    def __init__(
+        self, graph: Graph, longest_lag: float = 60.0, takes: float = 0.0, latest: bool = False
+    ) -> None:
         self.heard: list[str] = []
         self._takes = takes
-        self.node = graph.start(lambda **kwargs: Node('listener', **kwargs))
+        self.node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
         self.diagnostics = Diagnostics(self.node, 'listening', lambda: Report('well'))
         self.subscription = AdaptiveSubscription(
             self.node,
@@ -122,6 +125,7 @@ class Listener:
             self._take,
             self.diagnostics,
             longest_lag=longest_lag,
+            latest=latest,
         )
 
     def _take(self, message: JointState) -> None:
@@ -179,3 +183,40 @@ def test_the_first_of_two_publishers_is_kept_to_until_it_is_gone(graph: Graph) -
     assert 'the one that was heard first is kept to' in status.message
     graph.user.destroy_publisher(first)
     assert_heard(graph, second, listener.heard, 'second')
+
+
+def test_what_is_not_attended_to_waits_until_it_is_taken(graph: Graph) -> None:
+    listener = Listener(graph)
+    subscription = listener.subscription
+    subscription.attend(False)
+    publisher = speak(graph, RELIABLE)
+    graph.until(publisher.get_subscription_count, 'a subscriber')
+    for number in range(20):
+        publisher.publish(JointState(name=[str(number)]))
+    waiting: list[str] = []
+
+    def take() -> int:
+        waiting.extend(message.name[0] for message in subscription.take_waiting())
+        return len(waiting)
+
+    graph.until(lambda: take() == 20, 'what waits', lambda: waiting)
+    assert waiting == [str(number) for number in range(20)]
+    assert not listener.heard
+    publisher.publish(JointState(name=['before']))
+    subscription.attend(True)
+    publisher.publish(JointState(name=['after']))
+    graph.until(lambda: len(listener.heard) == 2, 'what waited and what comes')
+    assert listener.heard == ['before', 'after']
+    assert values(graph.next_report('listener'))['lost joint_states'] == '0'
+
+
+def test_who_wants_the_latest_is_spared_the_others(graph: Graph) -> None:
+    listener = Listener(graph, takes=0.01, latest=True)
+    publisher = speak(graph, RELIABLE)
+    graph.until(publisher.get_subscription_count, 'a subscriber')
+    for number in range(200):
+        publisher.publish(JointState(name=[str(number)]))
+    graph.until(lambda: listener.heard[-1:] == ['199'], 'the last')
+    assert len(listener.heard) + listener.subscription.skipped == 200
+    status = graph.next_report('listener')
+    assert (status.level, values(status)['lost joint_states']) == (DiagnosticStatus.OK, '0')

@@ -466,6 +466,21 @@ def test_a_gap_between_frames_does_not_slow_it_down() -> None:
     assert loop.steering.trajectory.duration == pytest.approx(usual)
 
 
+def test_after_it_has_forgotten_it_sees_what_one_sees_that_begins_there() -> None:
+    loop = rigid_loop(WOBBLER, 3.0)
+    assert loop.steering.move(6.0) is None
+    loop.go_on(0.5)
+    loop.steering.forget()
+    assert (loop.steering.wall, loop.steering.holding) == (None, False)
+    other = steering_of(loop.steering.orbit)
+    for time in np.arange(1.0, 1.3, PERIOD):
+        angles = loop.wall.frame()
+        for each in (loop.steering, other):
+            each.observe(time, angles)
+            assert not each.torques().any()
+        assert loop.steering.wall == other.wall
+
+
 def test_stopping_and_letting_go_of_nothing_does_nothing() -> None:
     loop = rigid_loop(FLIPPER, 2.0)
     loop.steering.stop()

@@ -145,6 +145,16 @@ class Steering:
         """Whether the wall is on a trajectory, or held at the end of one."""
         return self._trajectory is not None
 
+    def forget(self) -> None:
+        """Let the wall go and know of no frame, as at first: those that follow come later."""
+        self.release()
+        self._period, self._quiet = math.nan, 1.0
+        self._gap_until = self._last = None
+        self._sent.extend([0.0] * len(self._sent))
+        self._observer = WallObserver(
+            self.orbit, self.settings.observer_ratio * self._bandwidth, self.settings
+        )
+
     def observe(self, time: float, angles: Array) -> Ended | None:
         """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""
         before = self._observer.estimate

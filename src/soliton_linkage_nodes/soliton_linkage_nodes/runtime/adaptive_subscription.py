@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -13,6 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.intake.informed import Info, Informed
 from soliton_linkage_nodes.runtime.intake.kept_stream import KeptStream
 from soliton_linkage_nodes.runtime.intake.lag import Lag
@@ -58,9 +59,11 @@ class AdaptiveSubscription:
         raw: bool = False,
         longest_lag: float = LONGEST_LAG,
         succeeded: Callable[[], None] = lambda: None,
+        latest: bool = False,
     ) -> None:
         """Have a node take each message of a topic, or its CDR bytes where it is `raw`.
 
+        With `latest` it takes the newest of those that wait, and is not told of the others.
         `succeeded` is called where another publisher has taken the place of the first.
         """
         self.skipped = 0
@@ -70,6 +73,9 @@ class AdaptiveSubscription:
         self._take = take
         self._raw = raw
         self._succeeded = succeeded
+        self._latest = latest
+        self.attended = True
+        """Whether each message is taken when it comes."""
         self._lag = Lag(longest_lag)
         self._qos = topic.qos
         self._kept = KeptStream()
@@ -88,11 +94,30 @@ class AdaptiveSubscription:
         self._kept.lost, self._kept.foreign = lost, foreign
         self._subscription = self._subscribe()
 
+    def attend(self, attended: bool) -> None:
+        """Take each message when it comes, or leave them to `take_waiting`; of a GuardedNode."""
+        if attended is not self.attended:
+            self.attended = attended
+            cast(GuardedNode, self._node).attend(self._subscription, attended)
+
+    def take_waiting(self) -> list[Any]:
+        """Messages that have come and wait, the oldest first."""
+        messages = []
+        handle = self._subscription.handle
+        with handle:
+            while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
+                if self._keeps(taken[1]):
+                    messages.append(taken[0])
+        return messages
+
     def _take_informed(self, message: Any, info: Info) -> None:
         if not self._keeps(info):
             return
-        if not self._topic.latched and self._lag.too_long(info['source_timestamp']):
-            message = self._newest(message)
+        late = not self._topic.latched and self._lag.too_long(info['source_timestamp'])
+        if late or self._latest:
+            waiting = self.take_waiting()
+            self.skipped += len(waiting)
+            message = waiting[-1] if waiting else message
         self._take(message)
 
     def _keeps(self, info: Info) -> bool:
@@ -103,16 +128,6 @@ class AdaptiveSubscription:
                 self._succeeded()
             return True
         return False
-
-    def _newest(self, message: Any) -> Any:
-        """The newest message that waits, or the one given where none does."""
-        handle = self._subscription.handle
-        with handle:
-            while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
-                if self._keeps(taken[1]):
-                    self.skipped += 1
-                    message = taken[0]
-        return message
 
     def _look(self) -> None:
         offered = self._node.get_publishers_info_by_topic(self._topic.name)
@@ -150,8 +165,10 @@ class AdaptiveSubscription:
         concerns = []
         if len(self._publishers) > 1:
             concerns.append(self._warning())
-        # Who asks for the newest alone has the others lost on purpose.
-        if (lost or skipped) and self._topic.qos.depth > 1:
+        # Of a queue of one message, and for who wants the newest, the others go on purpose.
+        lost = lost if self._topic.qos.depth > 1 else 0
+        skipped = 0 if self._latest else skipped
+        if lost or skipped:
             loss = (
                 f'{lost} messages of {self._subscription.topic_name} were lost and {skipped} '
                 'skipped, as this node was stopped or too slow'
@@ -168,7 +185,7 @@ class AdaptiveSubscription:
         )
 
     def _subscribe(self) -> Subscription:
-        return self._node.create_subscription(
+        subscription = self._node.create_subscription(
             self._topic.type,
             self._topic.name,
             Informed(self._take_informed),
@@ -177,3 +194,6 @@ class AdaptiveSubscription:
             # Those of rclpy warn of what is offered, which is being seen to.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
+        if not self.attended:
+            cast(GuardedNode, self._node).attend(subscription, False)
+        return subscription

@@ -182,6 +182,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
             yield from getattr(self, kind)
 
     def _destroy_what_was_made(self) -> None:
+        self._unattended = frozenset()
         for kind, destroy in _DESTROYERS.items():
             for entity in [each for each in getattr(self, kind) if each not in self._of_all]:
                 destroy(self, entity)

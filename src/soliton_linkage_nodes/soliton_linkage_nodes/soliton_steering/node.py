@@ -4,25 +4,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections import deque
 from typing import Any
 
 import numpy as np
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.steering.steering import Ended, Outcome
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder, TorqueBuffer, publish_buffer
 from soliton_linkage_nodes.messages.chain_source import ChainSource
 from soliton_linkage_nodes.messages.conversions import (
+    Frame,
     NamedChain,
     frame_from_msg,
-    torques_to_msg,
 )
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
@@ -39,6 +38,10 @@ from soliton_linkage_nodes.soliton_steering.steered_chain import SteeredChain
 
 _WATCH_PERIOD = 0.02
 """Between two looks at the age of the joint states [s]: short beside the usual state_timeout."""
+_REMEMBERED = 200
+"""Frames that a move begins from [1]: as many as the observer remembers at 1000 Hz."""
+_GLANCED_AT = 20
+"""Frames from which it tells where a free wall is [1]: a place takes one, phonons some."""
 
 
 class SolitonSteering(ManagedNode):
@@ -65,18 +68,27 @@ class SolitonSteering(ManagedNode):
             self, 'steering', self.reporting(self._report)
         )
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
+        self._recent: deque[bytes] = deque(maxlen=_REMEMBERED)
         take_chain = diagnostics.refusing('chain', self._on_chain)
         source = ChainSource(self, diagnostics, take_chain)
         self._encoders = EncoderWatch(self.get_logger().warning)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
-        # What has waited in a queue is too old to act on.
-        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         take_frame = self.while_active(self._on_joint_states)
-        take = diagnostics.refusing('joint_states', take_frame)
-        joint_states = replace(interfaces.JOINT_STATES, qos=latest)
-        AdaptiveSubscription(
-            self, joint_states, take, diagnostics, raw=True, succeeded=source.renew
+        self._see, self._remember, self._take = (
+            diagnostics.refusing('joint_states', each)
+            for each in (self._observe_free, self._keep, take_frame)
         )
+        self._joint_states = AdaptiveSubscription(
+            self,
+            interfaces.JOINT_STATES,
+            self._take,
+            diagnostics,
+            raw=True,
+            succeeded=source.renew,
+            # What has waited in a queue is too old to act on.
+            latest=True,
+        )
+        self._joint_states.attend(False)
         self.create_service(Trigger, '~/release', self._on_release)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watch = self.create_timer(_WATCH_PERIOD, self._on_watch, clock=steady)
@@ -101,17 +113,24 @@ class SolitonSteering(ManagedNode):
         """Learn the chain; a chain other than the last ends what was done with that."""
         if self.chain is None or named != self.chain.named:
             self._let_go('the chain has been replaced by another')
+            self._recent.clear()
             self.chain = None
             self.chain = SteeredChain(named, self.settings)
+            self._buffer = TorqueBuffer(named)
+
+    @property
+    def holding(self) -> bool:
+        """Whether it moves or holds a soliton, so that each frame matters at once."""
+        return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
-        if self.chain is None:
+        if self.chain is None or not self.holding:
+            self._remember([serialized])
             return
-        joints = self._decoder.decode(serialized)
-        frame = frame_from_msg(self.chain.named, joints)
-        self._encoders.look(joints.stamp, frame.angles)
+        stamp, frame = self._read(self.chain, serialized)
+        self._encoders.look(stamp, frame.angles)
         self.freshness.renew()
-        torques, ended = self.chain.observe(joints.stamp, frame)
+        torques, ended = self.chain.observe(stamp, frame)
         if torques is not None:
             self._send(torques)
         if ended is not None:
@@ -119,10 +138,43 @@ class SolitonSteering(ManagedNode):
                 self.get_logger().warning(ended.message)
             self.server.conclude(ended)
         self.server.tell(self.chain.wall, self.chain.phonon_energy)
+        self._joint_states.attend(self.holding)
+
+    def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
+        """Stamp [ns] and frame of joint states; ValueError where they do not show the chain."""
+        joints = self._decoder.decode(serialized)
+        return joints.stamp, frame_from_msg(chain.named, joints)
+
+    def _keep(self, frames: list[bytes]) -> None:
+        """Keep the frames of a free chain for when they are needed, and look at the newest."""
+        if not (frames and self.active):
+            return
+        self._recent.extend(frames)
+        if self.chain is not None:
+            stamp, frame = self._read(self.chain, frames[-1])
+            self._encoders.look(stamp, frame.angles)
+            self.freshness.renew()
+
+    def _look(self, frames: int) -> None:
+        """See where a free wall is and how fast, from so many frames of late."""
+        if self.chain is None or self.holding:
+            return
+        self._remember(self._joint_states.take_waiting())
+        self.chain.begin_anew()
+        for serialized in list(self._recent)[-frames:]:
+            self._see(self.chain, serialized)
+        come_meanwhile = self._joint_states.take_waiting()
+        self._remember(come_meanwhile)
+        for serialized in come_meanwhile:
+            self._see(self.chain, serialized)
+
+    def _observe_free(self, chain: SteeredChain, serialized: bytes) -> None:
+        chain.observe(*self._read(chain, serialized))
 
     def _on_goal(self, handle: ServerGoalHandle) -> None:
         """Begin a move, in place of the one that is under way."""
         handle.execute()
+        self._look(_REMEMBERED)
         refused = self._refusal(handle.request)
         if refused is not None:
             self.diagnostics.refuse('move_soliton', refused.message)
@@ -135,6 +187,8 @@ class SolitonSteering(ManagedNode):
         )
         self.server.conclude(Ended(Outcome.PREEMPTED, message, place))
         self.server.begin(handle, place)
+        self._recent.clear()
+        self._joint_states.attend(True)
 
     def _refusal(self, request: MoveSoliton.Goal) -> Ended | None:
         """Begin the move of a request, or tell why not."""
@@ -169,7 +223,13 @@ class SolitonSteering(ManagedNode):
         return response
 
     def _on_watch(self) -> None:
-        if self.freshness.stale:
+        """Keep the frames of a free wall, or see that those of a held one go on."""
+        waiting = self._joint_states.take_waiting()
+        if not self.holding:
+            self._remember(waiting)
+        elif waiting:
+            self._take(waiting[-1])
+        elif self.freshness.stale:
             self._let_go(f'joint_states have stopped: {self.freshness}')
 
     def _let_go(self, why: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
@@ -178,6 +238,7 @@ class SolitonSteering(ManagedNode):
             return False
         place = self.place
         self.chain.steering.release()
+        self._joint_states.attend(False)
         self._send(np.zeros(self.chain.named.rotors))
         where = '' if math.isnan(place) else f', at rotor {place:.3f}'
         message = f'{why}; the soliton is let go{where}'
@@ -187,10 +248,11 @@ class SolitonSteering(ManagedNode):
 
     def _send(self, torques: Array) -> None:
         if self.chain is not None:
-            now = self.get_clock().now().to_msg()
-            self.torques.publish(torques_to_msg(self.chain.named, torques, now))
+            now = self.get_clock().now().nanoseconds
+            publish_buffer(self.torques, self._buffer.fill(now, torques))
 
     def _report(self) -> Report:
+        self._look(_GLANCED_AT)
         return report(self.chain, self.freshness.stale, self.server)
 
 

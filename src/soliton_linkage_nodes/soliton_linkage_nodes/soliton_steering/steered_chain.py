@@ -44,6 +44,11 @@ class SteeredChain:
         """Beside the soliton [J]."""
         return self._phonons.energy
 
+    def begin_anew(self) -> None:
+        """Know of no frame, as at first; not while a wall is held."""
+        self.steering.forget()
+        self._phonons = PhononWatch(self.steering.orbit)
+
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, Ended | None]:
         """Torques to send with a frame of a stamp [ns], and the end of a move, where there are."""
         if self._epoch is None:

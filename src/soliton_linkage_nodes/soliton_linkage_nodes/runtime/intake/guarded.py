@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 CALLS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Of services and their clients: that of ROS keeps ten calls, and loses more that come at once.
@@ -41,6 +42,28 @@ class GuardedNode(Node):
 
     Memory that is used up ends it all the same.
     """
+
+    _unattended: frozenset[Subscription] = frozenset()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions that executors call back for."""
+        return (each for each in super().subscriptions if each not in self._unattended)
+
+    def attend(self, subscription: Subscription, attended: bool) -> None:
+        """Have executors call back for each message of a subscription, or leave them waiting.
+
+        To be woken for each of a thousand messages a second costs more than to take them.
+        """
+        this = frozenset([subscription])
+        self._unattended = self._unattended - this if attended else self._unattended | this
+        if self.executor is not None:
+            self.executor.wake()
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription, attended to or not."""
+        self._unattended -= {subscription}
+        return bool(super().destroy_subscription(subscription))
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each node takes of a processor for one frame of joint states.
+
+This process publishes the frames of a kicked chain at a fixed rate, to one node after the other,
+each a process of its own; the simulator publishes by itself, to so many listeners. Told are the
+processor time a frame of the whole process and of the thread that runs the callbacks, and how
+often a frame its threads waited.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from many_chains import KICK, SETTLING, Chains, name
+from processes import node_command, own_domain, program_command, running
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import Edge, edge_mode
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND
+
+FOLDER = Path(__file__).parent
+NODES = (
+    'listener',
+    'soliton_analyser',
+    'soliton_steering',
+    'edge_actuator',
+    'chain_identifier',
+    'visualisation',
+    'live_view',
+    'bag_recorder',
+)
+LONGEST_START = 300.0
+POLL = 0.1
+SHORT_POLL = 0.002
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What a process has spent so far: processor time [s], that of its first thread, and waits."""
+
+    processor: float
+    first: float
+    waits: int
+
+    def __sub__(self, before: Spent) -> Spent:
+        return Spent(
+            self.processor - before.processor, self.first - before.first, self.waits - before.waits
+        )
+
+
+def spent(process: int) -> Spent:
+    """Of all threads of a process."""
+    times, waits = {}, 0
+    for task in Path(f'/proc/{process}/task').iterdir():
+        # Time on the processor and in its queue [ns], and how often it came to run.
+        times[task.name] = int((task / 'schedstat').read_text(encoding='ascii').split()[0])
+        status = (task / 'status').read_text(encoding='ascii')
+        waits += int(status.partition('\nvoluntary_ctxt_switches:')[2].split()[0])
+    first = times[str(process)] / SECOND
+    return Spent(sum(times.values()) / SECOND, first, waits)
+
+
+@contextmanager
+def node_process(which: str) -> Iterator[int]:
+    """A node that listens to the chain."""
+    with tempfile.TemporaryDirectory() as folder:
+        settings: Mapping[str, Any] = {
+            'bag_recorder': {'output': Path(folder, 'bag')},
+            'live_view': {'port': 18_779},
+        }.get(which, {})
+        command = [*node_command(which, settings), '-r', f'__ns:={name(0)}']
+        if which == 'listener':
+            command = program_command(FOLDER / 'listener.py', f'{name(0)}/joint_states')
+        with running(command) as process:
+            yield process.pid
+
+
+def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> tuple[Spent, int]:
+    """What a node spends on a number of frames."""
+    node = rclpy.create_node('cost')
+    chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
+    with node_process(which) as process:
+        deadline = time.monotonic() + LONGEST_START
+        while not chains.listened:
+            if time.monotonic() > deadline:
+                raise RuntimeError(f'{which} did not listen within {LONGEST_START:g} s')
+            time.sleep(POLL)
+        chains.publish(SETTLING)
+        before = spent(process)
+        frames, _ = chains.publish(arguments.seconds)
+        taken = spent(process) - before
+    node.destroy_node()
+    return taken, frames
+
+
+def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
+    """What a simulator spends on a number of frames that so many hear."""
+    settings = {
+        'chain.number_of_rotors': arguments.rotors,
+        'publish_rate': float(arguments.rate),
+        'initial_state': 'soliton',
+        'initial_place': 2.0,
+        'initial_velocity': 0.3,
+        'integrator': arguments.integrator,
+        'subscribers': listeners,
+    }
+    listener = program_command(FOLDER / 'listener.py', interfaces.JOINT_STATES.name)
+    with ExitStack() as stack:
+        for _ in range(listeners):
+            stack.enter_context(running(listener))
+        simulator = stack.enter_context(running(node_command('simulator', settings)))
+        frame()
+        time.sleep(SETTLING)
+        begun, before = frame(), spent(simulator.pid)
+        time.sleep(arguments.seconds)
+        ended, after = frame(), spent(simulator.pid)
+        return after - before, ended - begun
+
+
+def frame() -> int:
+    """Number of a frame that is published just now."""
+    node = rclpy.create_node('cost')
+    topic = interfaces.JOINT_STATES
+    inbox = node.create_subscription(topic.type, topic.name, print, topic.qos, raw=True)
+    deadline = time.monotonic() + LONGEST_START
+    taken = None
+    while taken is None and time.monotonic() < deadline:
+        time.sleep(SHORT_POLL)
+        with inbox.handle:
+            taken = inbox.handle.take_message(topic.type, True)
+    node.destroy_node()
+    if taken is None:
+        raise RuntimeError(f'no joint_states within {LONGEST_START:g} s')
+    return int(taken[1]['publication_sequence_number'])
+
+
+def row(what: str, taken: Spent, frames: int) -> str:
+    each, first = (1e6 * seconds / frames for seconds in (taken.processor, taken.first))
+    return f'| {what} | {each:.0f} | {first:.0f} | {taken.waits / frames:.2f} |'
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--rotors', type=int, default=100)
+    parser.add_argument('--rate', type=float, default=1000.0, help='[Hz]')
+    parser.add_argument('--seconds', type=float, default=5.0, help='of each measurement')
+    parser.add_argument('--rounds', type=int, default=1)
+    parser.add_argument('--nodes', nargs='*', choices=NODES, default=NODES)
+    parser.add_argument('--listeners', type=int, nargs='*', default=[0, 1, 6])
+    parser.add_argument('--integrator', default='multistep', help='of the simulator')
+    arguments = parser.parse_args()
+    os.environ.setdefault('PYTHONUNBUFFERED', '1')
+    chain = Chain(number_of_rotors=arguments.rotors)
+    rest = chain.uniform_state(-1)
+    rates = KICK * edge_mode(chain, rest, Edge.FIRST)
+    named = NamedChain(chain, default_joint_names(arguments.rotors))
+    duration = math.ceil(arguments.seconds + SETTLING)
+    moved = simulate(chain, rest, rates, duration, 1 / arguments.rate)
+    print('| node | processor a frame [µs] | of the first thread [µs] | waits a frame |')
+    print('| --- | --- | --- | --- |')
+    with own_domain():
+        for _ in range(arguments.rounds):
+            for which in arguments.nodes:
+                print(row(which, *of_node(which, named, moved, arguments)), flush=True)
+            for listeners in arguments.listeners:
+                work = f'simulator, {listeners} listen'
+                print(row(work, *of_simulator(listeners, arguments)), flush=True)
+
+
+if __name__ == '__main__':
+    main()
