@@ -40,8 +40,8 @@ _WATCH_PERIOD = 0.02
 """Between two looks at the age of the joint states [s]: short beside the usual state_timeout."""
 _REMEMBERED = 200
 """Frames that a move begins from [1]: as many as the observer remembers at 1000 Hz."""
-_GLANCED_AT = 20
-"""Frames from which it tells where a free wall is [1]: a place takes one, phonons some."""
+_GLANCED_AT = 8
+"""Frames from which it tells where a free wall is [1]: a place takes one, phonons four."""
 
 
 class SolitonSteering(ManagedNode):
@@ -162,10 +162,6 @@ class SolitonSteering(ManagedNode):
         self._remember(self._joint_states.take_waiting())
         self.chain.begin_anew()
         for serialized in list(self._recent)[-frames:]:
-            self._see(self.chain, serialized)
-        come_meanwhile = self._joint_states.take_waiting()
-        self._remember(come_meanwhile)
-        for serialized in come_meanwhile:
             self._see(self.chain, serialized)
 
     def _observe_free(self, chain: SteeredChain, serialized: bytes) -> None:
