@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -163,7 +162,6 @@ def main() -> None:
     parser.add_argument('--listeners', type=int, nargs='*', default=[0, 1, 6])
     parser.add_argument('--integrator', default='multistep', help='of the simulator')
     arguments = parser.parse_args()
-    os.environ.setdefault('PYTHONUNBUFFERED', '1')
     chain = Chain(number_of_rotors=arguments.rotors)
     rest = chain.uniform_state(-1)
     rates = KICK * edge_mode(chain, rest, Edge.FIRST)
