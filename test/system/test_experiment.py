@@ -20,7 +20,7 @@ from matplotlib.image import imread
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.solitons.track import find_crossings, follow
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages, read_topic
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
@@ -213,6 +213,9 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         analysis = JointStateAnalysis()
         analysis.learn(read_chain(reader))
+        kicks = list(read_messages(reader, [find_topic(reader, 'delivered_impulses')]))
+    assert len(kicks) == 1
+    analysis.push(kicks[0][2])
     assert len(live) > 100
     recorded = False
     for frame in frames:

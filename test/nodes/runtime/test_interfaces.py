@@ -28,6 +28,7 @@ ENDPOINTS = {
     'edge_actuator/joint_trajectory': (0, 2),
     'last_kick': (1, 1),
     'delivery': (1, 2),
+    'delivered_impulses': (1, 2),
     'rotor_impulses': (1, 2),
     'rotor_torques': (1, 2),
     'tilt': (0, 2),

@@ -49,7 +49,10 @@ class Published:
         self.numbers: list[int] = []
         self.angles: list[Array] = []
         self.rates: list[Array] = []
-        self.control = SimulationControl(begin, LEFT, NO_GRAVITY, timeout, self._publish)
+        self.told: dict[int, Array] = {}
+        self.control = SimulationControl(
+            begin, LEFT, NO_GRAVITY, timeout, self._publish, self._tell
+        )
 
     def tick(self, times: int) -> None:
         for _ in range(times):
@@ -59,6 +62,10 @@ class Published:
         self.numbers.append(number)
         self.angles.append(simulation.angles.copy())
         self.rates.append(simulation.rates.copy())
+
+    def _tell(self, number: int, impulses: Array) -> None:
+        assert number == len(self.numbers), 'kicks are told before their frame'
+        self.told[number] = impulses
 
 
 def reference() -> Simulation:
@@ -88,6 +95,16 @@ def test_the_frame_at_whose_instant_a_kick_acts_shows_it() -> None:
         simulation.advance()
     simulation.kick(KICK)
     np.testing.assert_array_equal(published.rates[-1], simulation.rates)
+
+
+def test_the_sum_of_kicks_is_told_before_the_frame_at_whose_instant_they_act() -> None:
+    published = Published()
+    published.tick(3)
+    published.control.kick(KICK)
+    published.control.kick(2 * KICK)
+    published.tick(2)
+    assert published.told.keys() == {3}
+    np.testing.assert_array_equal(published.told[3], 3 * KICK)
 
 
 def test_torques_are_dropped_after_the_timeout_of_simulated_time() -> None:

@@ -211,18 +211,14 @@ class Analyser:
         """Number of pushes that were told after the frame that they acted from."""
         return self._pushes.late
 
-    def push(
-        self, stamp: int | None, impulses: Array, share: float = 0.0, frames: float = 0.0
-    ) -> None:
+    def push(self, stamp: int | None, impulses: Array) -> None:
         """Tell of angular impulses [N m s], shape (N,), that were made at an instant [ns].
 
-        They act at the instant of the first frame that is later, or of the next one for None.
-        Those that come after that frame are counted, and change nothing. Standard deviations are
-        the share of their size [1], and of when they act, in times between frames [1]. Raises
-        ValueError for what are no impulses of this chain.
+        They act from the first frame that is not earlier, or from the next one for None. Those
+        that come after that frame are counted, and change nothing. Raises ValueError for what are
+        no impulses of this chain.
         """
-        given = self.chain.check_angles(impulses, 'impulse')
-        self._pushes.add(stamp, Push(given, share, frames))
+        self._pushes.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
     @property
     def offsets(self) -> Array:

@@ -180,13 +180,15 @@ class OrbitFilter:
         return self._estimate
 
     def push(self, push: Push) -> None:
-        """Take in a push that acts at the instant of the latest frame."""
+        """Take in a push that acts from the latest frame on.
+
+        How far a wall went on since the push is left to that frame to tell, and unsure by it.
+        """
         for each in self._places.all:
             rigid, rate = self._pushed_by(push.impulses, each), each.motion.rate
             change = pushed_rate(rate, rigid, self._yielding) - rate
             doubt = self._tracking.yielding_doubt * (rigid - change)
-            of_rate = (push.share * change) ** 2 + doubt**2
-            each.motion.push(change, of_rate, (change * push.frames * self._elapsed) ** 2)
+            each.motion.push(change, doubt**2, (change * push.ago) ** 2)
         if self._places.all:
             self._report(self._estimate.time, self._estimate.status)
 
@@ -213,7 +215,6 @@ class OrbitFilter:
         self._strained = self._never
         self._way = math.inf
         self._frames = 0
-        self._elapsed = 0.0
         self._estimate = lost(time, self._given_noise or math.nan)
 
     def _acquire(self, time: float, seen: Array) -> bool:
@@ -266,7 +267,7 @@ class OrbitFilter:
         return seen if seen > self._tracking.field_beyond_chance * self._noise.variance else 0.0
 
     def _follow(self, time: float, elapsed: float, seen: Array) -> None:
-        self._edge, self._elapsed = self._at_edge(), elapsed
+        self._edge = self._at_edge()
         for each in self._places.all:
             self._predict(each.motion, elapsed)
         best = self._places.leader.motion

@@ -34,6 +34,8 @@ _SAMPLES = 8
 """Places in a rotor spacing of which the mean is taken: walls of wobblers yield unevenly."""
 _STEP = 1e-3
 """Arc over which the tangent is differentiated [rad]: an error of 1e-6."""
+_NANOSECOND = 1e-9
+"""Unit of stamps [s]."""
 _NEAR = 10**9
 """Farthest that a stamp may be from that of the latest frame to be of the same clock [ns]: walls
 are followed for seconds, and clocks that differ do so by more."""
@@ -43,17 +45,15 @@ class Push(NamedTuple):
     """Impulses that act on the rotors of a chain at one instant.
 
     impulses: angular impulses [N m s], shape (N,).
-    share: standard deviation of their size, relative [1].
-    frames: standard deviation of the instant, in times between frames [1].
+    ago: time from that instant to the frame that they act from [s].
     """
 
     impulses: Array
-    share: float = 0.0
-    frames: float = 0.0
+    ago: float = 0.0
 
 
 class WaitingPushes:
-    """Pushes that wait for the first frame that is later than they are.
+    """Pushes that wait for the first frame that is not earlier than they are.
 
     One without a stamp, or with that of another clock, waits for the next frame.
     """
@@ -62,16 +62,17 @@ class WaitingPushes:
         """Begin without any."""
         self.late = 0
         """Number of pushes that came after the frame that they acted from."""
-        self._waiting: list[tuple[int | None, Push]] = []
+        self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 
-    def add(self, stamp: int | None, push: Push) -> None:
-        """Have a push wait that was made at an instant [ns], None where that is not known."""
-        after = 0 if stamp is None or self._frame is None else stamp - self._frame
-        if -_NEAR < after < 0:
+    def add(self, stamp: int | None, impulses: Array) -> None:
+        """Have impulses wait that were made at an instant [ns], None where that is not known."""
+        after = None if stamp is None or self._frame is None else stamp - self._frame
+        if after is not None and -_NEAR < after <= 0:
             self.late += 1
         else:
-            self._waiting.append((stamp if abs(after) < _NEAR else None, push))
+            known = after is None or after < _NEAR
+            self._waiting.append((stamp if known else None, impulses))
 
     def due(self, stamp: int) -> list[Push]:
         """Take those that act from the frame of a stamp [ns] on."""
@@ -80,9 +81,14 @@ class WaitingPushes:
         self._frame = stamp
         if not self._waiting:
             return []
-        ready = [made is None or not 0 <= made - stamp < _NEAR for made, _ in self._waiting]
-        due = [push for (_, push), now in zip(self._waiting, ready, strict=True) if now]
-        self._waiting = [each for each, now in zip(self._waiting, ready, strict=True) if not now]
+        due, later = [], []
+        for made, impulses in self._waiting:
+            before = 0 if made is None else stamp - made
+            if -_NEAR < before < 0:
+                later.append((made, impulses))
+            else:
+                due.append(Push(impulses, before * _NANOSECOND if before < _NEAR else 0.0))
+        self._waiting = later
         return due
 
 

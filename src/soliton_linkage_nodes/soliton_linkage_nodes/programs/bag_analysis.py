@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 from rosbags.interfaces import Connection
@@ -25,10 +26,11 @@ from soliton_linkage_nodes.messages.conversions import (
     joint_states_from_msg,
 )
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
 _MOST_TOLD = 3
-"""Frames that are refused, of which it is said why: a bag may be full of them."""
+"""Messages of a topic that are refused, of which it is said why: a bag may be full of them."""
 
 
 def analysed(
@@ -36,11 +38,11 @@ def analysed(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with what it shows, None where it is late, as the live node does.
 
-    The chain is the given one or that of the bag. Frames that are refused are passed over, with
-    a word on stderr of the first few. Raises ValueError where the bag has no frames, or no chain.
+    The chain is the given one or that of the bag. What is refused is passed over, with a word on
+    stderr of the first few. Raises ValueError where the bag has no frames, or no chain.
     """
     analysis = JointStateAnalysis(noise)
-    joints = find_topic(reader, 'joint_states')
+    joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]
     if given is None:
         first = next((message for _, message in read_topic(reader, 'chain')), None)
@@ -50,22 +52,35 @@ def analysed(
         analysis.learn(given)
     decode_joints = _decoder(joints)
     chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
-    refused = 0
-    for connection, _, serialized in read_messages(reader, connections):
-        if connection is not joints:
+    pushes = _impulses_beside(reader, joints)
+    refusals: Counter[str] = Counter()
+    for connection, _, serialized in read_messages(reader, [*connections, *pushes]):
+        if connection.id in chain_decoders:
             analysis.learn(chain_from_msg(chain_decoders[connection.id](serialized)))
             continue
         try:
+            if connection in pushes:
+                analysis.push(serialized)
+                continue
             frame = decode_joints(serialized)
             found = analysis.analyse(frame)
         except ValueError as error:
-            refused += 1
-            if refused <= _MOST_TOLD:
-                print(f'refused joint_states: {error}', file=sys.stderr)
+            topic = connection.topic.rpartition('/')[2]
+            refusals[topic] += 1
+            if refusals[topic] <= _MOST_TOLD:
+                print(f'refused {topic}: {error}', file=sys.stderr)
             continue
         yield frame, found
-    if refused > _MOST_TOLD:
-        print(f'refused joint_states: {refused} frames in all', file=sys.stderr)
+    for topic, count in refusals.items():
+        if count > _MOST_TOLD:
+            print(f'refused {topic}: {count} in all', file=sys.stderr)
+
+
+def _impulses_beside(reader: Reader, joints: Connection) -> list[Connection]:
+    """Impulses that acted on the chain of joint states, where a bag has any."""
+    beside = joints.topic.rpartition('/')[0]
+    topic = f'{beside}/{interfaces.DELIVERED_IMPULSES.name}'
+    return [connection for connection in reader.connections if connection.topic == topic]
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:

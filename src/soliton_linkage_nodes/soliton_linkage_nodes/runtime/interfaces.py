@@ -109,6 +109,7 @@ JOINT_TRAJECTORY = Topic('edge_actuator/joint_trajectory', JointTrajectory, comm
 LAST_KICK = Topic('last_kick', LastKick, latched_qos())
 DELIVERY = Topic('delivery', Delivery, latched_qos(_DEEPEST_QUEUE))
 ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
+DELIVERED_IMPULSES = Topic('delivered_impulses', RotorImpulses, command_qos())
 ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
 TILT = Topic('tilt', Float64, command_qos())
 SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
@@ -139,6 +140,7 @@ SUITE = (
     JOINT_TRAJECTORY,
     LAST_KICK,
     DELIVERY,
+    DELIVERED_IMPULSES,
     ROTOR_IMPULSES,
     ROTOR_TORQUES,
     TILT,

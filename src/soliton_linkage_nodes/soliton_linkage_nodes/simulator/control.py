@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.chain import Array
@@ -69,11 +71,15 @@ class SimulationControl:
         gravity: Gravity,
         command_timeout: float,
         publish: Callable[[int, Simulation], None],
+        tell: Callable[[int, Array], None] = lambda frame, impulses: None,
     ) -> None:
-        """Begin in a state; `publish` takes each frame's number and the simulation at it."""
+        """Begin in a state; `publish` takes each frame's number and the simulation at it.
+
+        `tell` takes before that the sum of the impulses that act at its instant [N m s].
+        """
         self._begin = begin
         self._gravity = gravity
-        self._publish = publish
+        self._publish, self._tell = publish, tell
         self._lock = threading.Lock()
         self._frame_in_work = threading.Lock()
         self._stopping = False
@@ -234,6 +240,8 @@ class SimulationControl:
         simulation.turn_gravity(self._gravity)
         for impulses in commands.kicks:
             simulation.kick(impulses)
+        if commands.kicks:
+            self._tell(self._frame, np.sum(commands.kicks, axis=0))
         if commands.torques is not None:
             simulation.hold(commands.torques)
             self._torques_expire = self._frame + self._timeout if self._timeout else None

@@ -9,7 +9,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from soliton_linkage.dynamics.simulation import Simulation
-from soliton_linkage_nodes.messages.cdr import publish_buffer
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, publish_buffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.scheduling import let_others_go
@@ -20,7 +21,10 @@ from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
 
 
 class FramePublisher:
-    """Publishes `joint_states`, `chain`, `delivery` and `/clock`, stamped from an epoch on."""
+    """Publishes frames and what acts at their instants, stamped from an epoch on.
+
+    Of `joint_states`, `chain`, `delivery`, `delivered_impulses` and `/clock`.
+    """
 
     def __init__(
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
@@ -38,6 +42,8 @@ class FramePublisher:
         self._joint_states = replace(interfaces.JOINT_STATES, qos=deep).publisher(node)
         self._clock = interfaces.CLOCK.publisher(node) if settings.publish_clock else None
         self._chain = interfaces.CHAIN.publisher(node)
+        self._impulses = interfaces.DELIVERED_IMPULSES.publisher(node)
+        self._impulse_buffer = ImpulseBuffer(named)
 
     @property
     def subscribers(self) -> int:
@@ -61,11 +67,23 @@ class FramePublisher:
         """Wait, not for long, until the last frames are heard."""
         interfaces.let_be_heard(self._joint_states)
 
+    def tell(self, frame: int, impulses: Array) -> None:
+        """Tell of impulses [N m s] that act at a frame, and wait, not for long, until it is heard.
+
+        Topics come in no order of each other: who needs both is to have the impulses first.
+        """
+        buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
+        publish_buffer(self._impulses, buffer)
+        interfaces.let_be_heard(self._impulses)
+
     def publish(self, frame: int, simulation: Simulation) -> None:
         """Publish the frame of a number, that a simulation is at."""
-        stamp = self.stamp = (self.epoch or 0) + round(frame * SECOND / self._rate)
+        stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
         let_others_go()
         self._delivery.note(stamp, simulation)
+
+    def _stamp_of(self, frame: int) -> int:
+        return (self.epoch or 0) + round(frame * SECOND / self._rate)

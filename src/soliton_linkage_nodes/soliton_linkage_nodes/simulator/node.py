@@ -49,8 +49,9 @@ _POLL_INTERVAL = 0.02
 class Simulator(ManagedNode):
     """Publishes the angles of a simulated chain at a fixed rate.
 
-    Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), `/diagnostics`
-    and, if asked to, `/clock`. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
+    Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), the impulses that
+    act at a frame before it as `delivered_impulses` [N m s], `/diagnostics` and, if asked to,
+    `/clock`. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
     `tilt` [rad], which sets the parameter `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`,
     and those of the package simulation_interfaces where that is installed. A change of a
     parameter acts at the instant of a frame.
@@ -78,8 +79,8 @@ class Simulator(ManagedNode):
         world = World(self.named, settings, period)
         self.frames = FramePublisher(self, self.named, self._joints, settings)
         publish, timeout = self.frames.publish, settings.command_timeout
-        state = world.initial_state()
-        self.control = SimulationControl(world.begin, state, gravity, timeout, publish)
+        state, tell = world.initial_state(), self.frames.tell
+        self.control = SimulationControl(world.begin, state, gravity, timeout, publish, tell)
         pace = self._pace(settings.real_time_factor)
         self.loop = PacedLoop(pace, self.control.tick, self.real_time)
         self._figures = SimulationReport(

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
@@ -19,6 +20,7 @@ class JointStateAnalysis:
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
+        self._impulses: ImpulseDecoder | None = None
         self.analyser: Analyser | UnknownChainAnalyser | None = None
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -41,11 +43,23 @@ class JointStateAnalysis:
         if self._named is None or named.chain != self._named.chain:
             self.analyser = Analyser(named.chain, self._noise)
         self._named, self._reader = named, FrameReader(named.joint_names)
+        self._impulses = ImpulseDecoder(named.numbers, math.inf)
 
     def learn_joints(self, joint_names: Sequence[str]) -> None:
         """Analyse the frames of joints of which nothing is known but their order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
+        self._impulses = None
+
+    def push(self, serialized: bytes) -> None:
+        """Take `delivered_impulses`, as CDR bytes, for what acts on a wall from their stamp on.
+
+        Of a chain that is not known they tell nothing. Raises ValueError for impulses that are
+        refused.
+        """
+        if isinstance(self.analyser, Analyser) and self._impulses is not None:
+            impulses = self._impulses.decode(serialized)
+            self.analyser.push(stamp_of(serialized) or None, impulses)
 
     def analyse(self, joints: JointStates) -> Analysis | None:
         """What a frame shows, None for one that is not later than the one before.

@@ -26,6 +26,7 @@ from soliton_linkage_nodes.runtime.adaptive_subscription import (
 )
 from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -63,8 +64,9 @@ class AnalyserParameters:
 class SolitonAnalyser(ManagedNode):
     """Publishes what each frame of joint states shows, and where the chain is on its cycle.
 
-    Subscribes to `joint_states` [rad, rad/s] and, unless told the chain by parameters, to `chain`.
-    Publishes `soliton_state`, what happens to walls on `soliton_events`, and `/diagnostics`.
+    Subscribes to `joint_states` [rad, rad/s], to `delivered_impulses` [N m s], which change the
+    rate of a wall, and, unless told the chain by parameters, to `chain`. Publishes
+    `soliton_state`, what happens to walls on `soliton_events`, and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -81,6 +83,7 @@ class SolitonAnalyser(ManagedNode):
     def configure(self) -> None:
         """Learn the chain and its orbit, and listen to its joints."""
         self.waiting: deque[bytes] = deque()
+        self._waiting_impulses: deque[bytes] = deque(maxlen=interfaces.command_qos().depth)
         self._decoder = JointStateDecoder()
         self._stamps = ClockWatch()
         self._frames = 0
@@ -98,6 +101,11 @@ class SolitonAnalyser(ManagedNode):
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
         self._encoders = EncoderWatch(self.get_logger().warning)
+        topic = interfaces.DELIVERED_IMPULSES
+        push = self._push = self.diagnostics.refusing(topic.name, self._take_impulses)
+        self._impulses = CountedSubscription(
+            self, topic, self.while_active(push), self.diagnostics, raw=True
+        )
         take = self.while_active(self.take)
         AdaptiveSubscription(
             self,
@@ -112,12 +120,15 @@ class SolitonAnalyser(ManagedNode):
         self.get_logger().info(f'analysing {frames} of {self._source.in_words}')
 
     def deactivate(self) -> None:
-        """Forget the frames that wait for a chain."""
+        """Forget what waits for a chain."""
         self.waiting.clear()
+        self._waiting_impulses.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
         """Analyse the frames that came before the chain was known."""
         self._analysis.learn(named)
+        while self._waiting_impulses:
+            self._push(self._waiting_impulses.popleft())
         while self.waiting:
             self._analyse(self.waiting.popleft())
 
@@ -131,8 +142,16 @@ class SolitonAnalyser(ManagedNode):
         else:
             self._analyse(serialized)
 
+    def _take_impulses(self, serialized: bytes) -> None:
+        if self._analysis.analyser is None:
+            self._waiting_impulses.append(serialized)
+        else:
+            self._analysis.push(serialized)
+
     def _analyse(self, serialized: bytes) -> None:
         begin = time.perf_counter()
+        # Topics wait in no order of each other: what acts at a frame must be known before it.
+        self._impulses.take_what_waits()
         try:
             joints = self._decoder.decode(serialized)
             self._stamps.note(joints.stamp, self.get_clock().now().nanoseconds)

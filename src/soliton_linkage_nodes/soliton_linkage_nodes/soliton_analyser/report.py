@@ -87,6 +87,7 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
         return {}
     return {
         'late frames': analyser.late,
+        'late impulses': analyser.late_pushes,
         'solitons': len(latest.solitons),
         'status': latest.estimate.status.value,
         'unseen rotors': latest.unseen,

@@ -226,7 +226,8 @@ class Experiment:
         _say(f'Replaying {self.bag} into a fresh analyser, and drawing what it holds meanwhile.')
         self._observer.forget()
         self._start('soliton_analyser', _ALL_FRAMES)
-        topics = [interfaces.CHAIN.name, interfaces.JOINT_STATES.name]
+        heard = (interfaces.CHAIN, interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATES)
+        topics = [topic.name for topic in heard]
         self._start(
             'bag_player',
             [

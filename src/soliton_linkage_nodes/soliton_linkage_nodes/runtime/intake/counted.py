@@ -28,12 +28,20 @@ class CountedSubscription:
         """Have a node take each message, or its CDR bytes where it is `raw`."""
         self._gaps = SequenceGaps()
         self._take = take
+        self._type, self._raw = topic.type, raw
         self._lost_before = 0
         self._name = topic.name
         self._subscription = node.create_subscription(
             topic.type, topic.name, Informed(self._take_informed), topic.qos, raw=raw
         )
         diagnostics.watches.append(self._watch)
+
+    def take_what_waits(self) -> None:
+        """Take now what came and was not yet taken."""
+        handle = self._subscription.handle
+        with handle:
+            while (taken := handle.take_message(self._type, self._raw)) is not None:
+                self._take_informed(*taken)
 
     def _take_informed(self, message: Any, info: Info) -> None:
         number = info['publication_sequence_number']
