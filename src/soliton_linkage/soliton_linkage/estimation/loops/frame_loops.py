@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled
+from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compile_loop, compiled
 from soliton_linkage.linkage.chain import Array
 
 Flags = NDArray[np.bool_]
@@ -58,6 +58,14 @@ def sines_of(angles: Array) -> FrameSines:
     sines, cosines = np.empty(len(angles)), np.empty(len(angles))
     sines_and_cosines(angles, sines, cosines)
     return FrameSines(angles, sines, cosines)
+
+
+def _wrapped(angle: float) -> float:
+    """Angle from -pi to pi [rad]."""
+    return float(angle - _WHOLE * np.rint(angle * _SHARE_OF_A_TURN))
+
+
+wrapped = compile_loop(_wrapped, (NUMBER,), inlined=True)
 
 
 @compiled(READ, ROW, ROW, ROW)
@@ -110,8 +118,7 @@ def compare(
         if upside_down:
             angle = math.pi - angle
         expected = before[n] if n < first else about[n - first] if n < end else beyond[n]
-        apart = angle - expected
-        differences[n] = apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+        differences[n] = wrapped(angle - expected)
 
 
 @compiled(READ, ROW, ROW)

@@ -30,15 +30,13 @@ from soliton_linkage.compiling import (
     TABLE,
     compiled,
 )
-from soliton_linkage.estimation.loops.frame_loops import Flags
+from soliton_linkage.estimation.loops.frame_loops import Flags, wrapped
 from soliton_linkage.linkage.chain import Array
 
 Counts = NDArray[np.int64]
 
 _WHOLE = 2 * math.pi
 """A turn [rad]."""
-_SHARE_OF_A_TURN = 0.5 / math.pi
-"""One radian in turns [1/rad]."""
 
 
 @compiled(NUMBER, NUMBER, NUMBER, NUMBER)
@@ -53,14 +51,27 @@ def log_floor(variance: float, bound: float, wrong: float, span: float) -> float
     return math.log(wrong / (1 - wrong) * (core + tails) * math.sqrt(variance) / span)
 
 
+@compiled(NUMBER, NUMBER)
+def _core(square: float, inner: float) -> float:
+    """Minus rho of a square r^2, by that of the bound k [1]."""
+    return -0.5 * (square if square <= inner else inner * (1 + math.log(square / inner)))
+
+
 @compiled(NUMBER, NUMBER, NUMBER)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
     """Logarithm of p(d) over (1 - e) C / sqrt(V), of a square r^2 in variances [1]."""
-    inner = bound * bound
-    if square <= inner:
-        return -0.5 * square
-    core = -0.5 * inner * (1 + math.log(square / inner))
+    core = _core(square, bound * bound)
+    if square <= bound * bound:
+        return core
     return max(core, floor) + math.log1p(math.exp(-abs(core - floor)))
+
+
+@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
+def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
+    """The same of a difference [rad] and a variance [rad^2], 0 where it is not known."""
+    if not math.isfinite(apart):
+        return 0.0
+    return _log_likelihood(apart * apart / variance, bound, floor)
 
 
 @compiled(NUMBER, NUMBER, NUMBER)
@@ -69,8 +80,7 @@ def _weight(square: float, bound: float, floor: float) -> float:
     inner = bound * bound
     if square <= inner:
         return 1.0
-    core = -0.5 * inner * (1 + math.log(square / inner))
-    return inner / square / (1 + math.exp(min(floor - core, 700.0)))
+    return inner / square / (1 + math.exp(min(floor - _core(square, inner), 700.0)))
 
 
 @compiled(READ, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW)
@@ -207,11 +217,8 @@ def sum_likelihoods(
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
         for n in range(angles.size):
-            apart = angles[n] - states[row, n]
-            gained = 0.0
-            if math.isfinite(apart):
-                apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
-                gained = _log_likelihood(apart * apart / variance, bound, floor)
+            apart = wrapped(angles[n] - states[row, n])
+            gained = _of_rotor(apart, variance, bound, floor)
             sums[row, n + 1] = sums[row, n] + gained
 
 
@@ -253,10 +260,8 @@ def scan(
         end = first + count
         whole = before[leg, first] + beyond[leg, angles.size] - beyond[leg, end]
         for n in range(count):
-            apart = angles[first + n] - walls[begin + n]
-            if math.isfinite(apart):
-                apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
-                whole += _log_likelihood(apart * apart / variance, bound, floor)
+            apart = wrapped(angles[first + n] - walls[begin + n])
+            whole += _of_rotor(apart, variance, bound, floor)
         likelihoods[sample] = whole
 
 
@@ -265,9 +270,7 @@ def frame_likelihood(differences: Array, variance: float, bound: float, floor: f
     """Logarithm of the likelihood of a frame by its differences [rad], shape (N,)."""
     likelihood = 0.0
     for n in range(differences.size):
-        apart = differences[n]
-        if math.isfinite(apart):
-            likelihood += _log_likelihood(apart * apart / variance, bound, floor)
+        likelihood += _of_rotor(differences[n], variance, bound, floor)
     return likelihood
 
 

@@ -21,28 +21,19 @@ from soliton_linkage.compiling import (
     compiled,
     records,
 )
+from soliton_linkage.estimation.loops.frame_loops import wrapped
 from soliton_linkage.estimation.settings import MotionSettings, record_dtype
 from soliton_linkage.linkage.chain import Array
 
 Records = NDArray[np.void]
 
 _NUMBERS = records(record_dtype(MotionSettings))
-_WHOLE = 2 * math.pi
-"""A turn [rad]."""
-_SHARE_OF_A_TURN = 0.5 / math.pi
-"""One radian in turns [1/rad]."""
 _LEAST_LEVER = 1e-9
 """In place of the lever 0 of a bar in line with its outer rotor [1]: a slope without bounds."""
 _LEAST_WEIGHT = 1e-300
 """Weight of an angle at rest of which the tails tell nothing [1/rad^2]: never quite 0."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 """Place, flipping and angle at rest of a frame that says nothing."""
-
-
-@compiled(NUMBER)
-def wrapped(angle: float) -> float:
-    """Angle from -pi to pi [rad]."""
-    return float(angle - _WHOLE * np.rint(angle * _SHARE_OF_A_TURN))
 
 
 @compiled(NUMBER, NUMBER, NUMBER)

@@ -17,13 +17,9 @@ from soliton_linkage.compiling import (
     YES,
     compiled,
 )
-from soliton_linkage.estimation.loops.frame_loops import Flags
+from soliton_linkage.estimation.loops.frame_loops import Flags, wrapped
 from soliton_linkage.linkage.chain import Array
 
-_WHOLE = 2 * math.pi
-"""A turn [rad]."""
-_SHARE_OF_A_TURN = 0.5 / math.pi
-"""One radian in turns [1/rad]."""
 _SCAN_STEP = 0.125
 """From place to place [rotor spacings]: less than any wall is wide."""
 _STEPS = 12
@@ -63,11 +59,14 @@ def domains(polarised: Array, cost: float, right: Flags) -> None:
 
 
 @compiled(READ_TABLE, NUMBER, NUMBER, COUNT, NUMBER)
-def _shape(table: Array, points: float, reach: float, parity: int, x: float) -> float:
+def _shape(
+    table: Array, points: float, reach: float, parity: int, x: float
+) -> tuple[float, float]:
     """Staggered angle of a rotor at a distance x from a wall [rad], by a cubic between points.
 
     The table has angles of even and of odd rotors and their slopes [rad a spacing], shape
-    (4, J), at distances from -reach on, so many points a spacing.
+    (4, J), at distances from -reach on, so many points a spacing. The second number is the slope
+    of the angle [rad a spacing], 0 beyond the table.
     """
     at = (x + reach) * points
     last = table.shape[1] - 1
@@ -75,23 +74,10 @@ def _shape(table: Array, points: float, reach: float, parity: int, x: float) -> 
     s = min(max(at - k, 0.0), 1.0)
     p, q = table[parity, k], table[parity, k + 1]
     u, v = table[2 + parity, k] / points, table[2 + parity, k + 1] / points
-    angle: float = p + s * (u + s * (3 * (q - p) - 2 * u - v + s * (2 * (p - q) + u + v)))
-    return angle
-
-
-@compiled(READ_TABLE, NUMBER, NUMBER, COUNT, NUMBER)
-def _slope(table: Array, points: float, reach: float, parity: int, x: float) -> float:
-    """Change of that angle with the distance [rad a spacing]."""
-    at = (x + reach) * points
-    last = table.shape[1] - 1
-    if at <= 0 or at >= last:
-        return 0.0
-    k = math.floor(at)
-    s = at - k
-    p, q = table[parity, k], table[parity, k + 1]
-    u, v = table[2 + parity, k] / points, table[2 + parity, k + 1] / points
-    change: float = u + s * (2 * (3 * (q - p) - 2 * u - v) + 3 * s * (2 * (p - q) + u + v))
-    return change * points
+    bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
+    angle: float = p + s * (u + s * (bend + s * twist))
+    slope: float = (u + s * (2 * bend + 3 * s * twist)) * points if 0 < at < last else 0.0
+    return angle, slope
 
 
 @compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, ROW)
@@ -111,9 +97,8 @@ def leave(
     """
     for k in range(theta.size):
         n = first + k
-        x = (n - place) / stretch
-        apart = theta[k] - _shape(table, points, reach, n % 2, x)
-        left[k] = apart - _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+        shape, _ = _shape(table, points, reach, n % 2, (n - place) / stretch)
+        left[k] = wrapped(theta[k] - shape)
 
 
 @compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
@@ -135,8 +120,8 @@ def scan(
         whole = 0.0
         for k in range(theta.size):
             n = first + k
-            apart = theta[k] - _shape(table, points, reach, n % 2, n - place)
-            apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+            shape, _ = _shape(table, points, reach, n % 2, n - place)
+            apart = wrapped(theta[k] - shape)
             if math.isfinite(apart):
                 whole += min(apart * apart, bound)
         if whole < least:
@@ -168,13 +153,13 @@ def fit(
         for k in range(theta.size):
             n = first + k
             x = (n - place) / stretch
-            apart = theta[k] - _shape(table, points, reach, n % 2, x)
-            apart -= _WHOLE * np.rint(apart * _SHARE_OF_A_TURN)
+            shape, slope = _shape(table, points, reach, n % 2, x)
+            apart = wrapped(theta[k] - shape)
             if not math.isfinite(apart):
                 continue
             square = apart * apart / variance
             weight = 1.0 if square < bound * bound else bound * bound / square
-            by_place = -_slope(table, points, reach, n % 2, x) / stretch
+            by_place = -slope / stretch
             by_stretch = by_place * x if free else 0.0
             of_place += weight * by_place * by_place
             of_stretch += weight * by_stretch * by_stretch
@@ -217,7 +202,7 @@ def lasting(
         if not math.isfinite(apart):
             continue
         n = first + k
-        moves = _slope(table, points, reach, n % 2, (n - place) / stretch)
+        _, moves = _shape(table, points, reach, n % 2, (n - place) / stretch)
         share = moves * moves
         whole += share
         squares += share * share

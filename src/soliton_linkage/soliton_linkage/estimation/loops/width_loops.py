@@ -8,12 +8,8 @@ import math
 import numpy as np
 
 from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, compiled
+from soliton_linkage.estimation.loops.frame_loops import wrapped
 from soliton_linkage.linkage.chain import Array
-
-_WHOLE = 2 * math.pi
-"""A turn [rad]."""
-_SHARE_OF_A_TURN = 0.5 / math.pi
-"""One radian in turns [1/rad]."""
 
 
 @compiled(READ, READ_TABLE, COUNT, COUNT, NUMBER, NUMBER, NUMBER)
@@ -44,8 +40,7 @@ def contraction_sums(
         beyond = (steps - nearest) * step
         at = int(nearest + half) + (n % 2) * count
         bent = beyond * table[2, at]
-        left = angles[n] - (table[0, at] + beyond * (table[1, at] + 0.5 * bent))
-        left -= _WHOLE * np.rint(left * _SHARE_OF_A_TURN)
+        left = wrapped(angles[n] - (table[0, at] + beyond * (table[1, at] + 0.5 * bent)))
         slope = table[1, at] + bent
         by_log = distance * slope
         places += slope * slope
