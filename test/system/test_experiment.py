@@ -21,6 +21,7 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages, read_topic
+from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
@@ -215,7 +216,6 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         analysis.learn(read_chain(reader))
         kicks = list(read_messages(reader, [find_topic(reader, 'delivered_impulses')]))
     assert len(kicks) == 1
-    analysis.push(kicks[0][2])
     assert len(live) > 100
     recorded = False
     for frame in frames:
@@ -224,6 +224,8 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         if recorded and stamp not in live:
             continue
         joints = joint_states_from_msg(frame)
+        if kicks and stamp_of(kicks[0][2]) <= joints.stamp:
+            analysis.push(kicks.pop()[2])
         found = analysis.analyse(joints)
         assert found is not None
         if recorded:

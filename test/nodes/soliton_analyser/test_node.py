@@ -220,7 +220,7 @@ def test_of_frames_that_wait_for_the_chain_too_long_the_last_are_kept(
         graph.until(
             lambda n=number: (
                 analyser.waiting
-                and analyser.waiting[-1][4:12]
+                and analyser.waiting[-1][1][4:12]
                 == frames[n].header.stamp.sec.to_bytes(4, 'little')
                 + frames[n].header.stamp.nanosec.to_bytes(4, 'little')
             ),

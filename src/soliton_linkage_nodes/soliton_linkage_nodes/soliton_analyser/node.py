@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 from soliton_linkage.linkage.quantities import quantity
@@ -82,8 +84,7 @@ class SolitonAnalyser(ManagedNode):
 
     def configure(self) -> None:
         """Learn the chain and its orbit, and listen to its joints."""
-        self.waiting: deque[bytes] = deque()
-        self._waiting_impulses: deque[bytes] = deque(maxlen=interfaces.command_qos().depth)
+        self.waiting: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._decoder = JointStateDecoder()
         self._stamps = ClockWatch()
         self._frames = 0
@@ -102,10 +103,9 @@ class SolitonAnalyser(ManagedNode):
         )
         self._encoders = EncoderWatch(self.get_logger().warning)
         topic = interfaces.DELIVERED_IMPULSES
-        push = self._push = self.diagnostics.refusing(topic.name, self._take_impulses)
-        self._impulses = CountedSubscription(
-            self, topic, self.while_active(push), self.diagnostics, raw=True
-        )
+        self._push = self.diagnostics.refusing(topic.name, self._analysis.push)
+        push = self.while_active(partial(self._act_or_wait, self._push))
+        self._impulses = CountedSubscription(self, topic, push, self.diagnostics, raw=True)
         take = self.while_active(self.take)
         AdaptiveSubscription(
             self,
@@ -122,36 +122,32 @@ class SolitonAnalyser(ManagedNode):
     def deactivate(self) -> None:
         """Forget what waits for a chain."""
         self.waiting.clear()
-        self._waiting_impulses.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Analyse the frames that came before the chain was known."""
+        """Take what came before the chain was known."""
         self._analysis.learn(named)
-        while self._waiting_impulses:
-            self._push(self._waiting_impulses.popleft())
         while self.waiting:
-            self._analyse(self.waiting.popleft())
+            act, serialized = self.waiting.popleft()
+            act(serialized)
 
     def take(self, serialized: bytes) -> None:
         """Analyse joint states and publish what they show, once the chain is known."""
+        # Topics wait in no order of each other: what acts at a frame must be known before it.
+        self._impulses.take_what_waits()
+        self._act_or_wait(self._analyse, serialized)
+
+    def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
+        """Act on a message once the chain is known, in the order in which messages came."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
-            self.waiting.append(serialized)
+            self.waiting.append((act, serialized))
             if len(self.waiting) > interfaces.stream_qos(len(serialized)).depth:
                 self.waiting.popleft()
         else:
-            self._analyse(serialized)
-
-    def _take_impulses(self, serialized: bytes) -> None:
-        if self._analysis.analyser is None:
-            self._waiting_impulses.append(serialized)
-        else:
-            self._analysis.push(serialized)
+            act(serialized)
 
     def _analyse(self, serialized: bytes) -> None:
         begin = time.perf_counter()
-        # Topics wait in no order of each other: what acts at a frame must be known before it.
-        self._impulses.take_what_waits()
         try:
             joints = self._decoder.decode(serialized)
             self._stamps.note(joints.stamp, self.get_clock().now().nanoseconds)
