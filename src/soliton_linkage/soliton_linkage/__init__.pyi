@@ -20,7 +20,7 @@ from soliton_linkage.dynamics.initial_states import (
 )
 from soliton_linkage.dynamics.rigid import RigidSimulation as RigidSimulation
 from soliton_linkage.estimation.analyser import Analyser as Analyser
-from soliton_linkage.estimation.analyser import Analysis as Analysis
+from soliton_linkage.estimation.analysis import Analysis as Analysis
 from soliton_linkage.linear.bands import (
     dispersion as dispersion,
 )

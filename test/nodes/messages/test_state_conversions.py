@@ -14,15 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from soliton_linkage.estimation.analyser import (
-    AnalysedSoliton,
-    Analyser,
-    Analysis,
-    CyclePhase,
-    cycle_phase,
-)
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis, CyclePhase, cycle_phase
 from soliton_linkage.estimation.motion_class import MotionClass
-from soliton_linkage.estimation.orbit_filter import TrackingStatus
+from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -124,7 +119,7 @@ def filled(analysis: Analysis, joints: JointStates) -> SolitonState:
         motion_name=motion.value if motion else 'unknown',
         measured_motion=number_of(measured.motion),
         measured_motion_confidence=measured.confidence,
-        status=getattr(SolitonState, analysis.estimate.status.name),
+        status=getattr(SolitonState, analysis.status.name),
         solitons=[named(msg.Soliton(), soliton) for soliton in analysis.solitons],
         cycle=named(msg.Cycle(rotor=analysis.estimate.place), analysis.cycle),
         energies=named(msg.Energies(), analysis.energies),

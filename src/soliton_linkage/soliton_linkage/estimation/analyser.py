@@ -8,11 +8,10 @@ frames so far. Of several each has a filter of its own, `walls.WallTracker`, whi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis, cycle_phase
 from soliton_linkage.estimation.completed_frame import (
     CompletedFrame,
     Unwrapper,
@@ -20,20 +19,16 @@ from soliton_linkage.estimation.completed_frame import (
     on_orbit,
     whole_frame,
 )
+from soliton_linkage.estimation.frame_clock import FrameClock
 from soliton_linkage.estimation.loops.frame_loops import all_within
 from soliton_linkage.estimation.motion_class import MotionClass, MotionObserver
-from soliton_linkage.estimation.orbit_filter import (
-    OrbitEstimate,
-    OrbitFilter,
-    TrackingStatus,
-    lost,
-)
-from soliton_linkage.estimation.pushes import Push, WaitingPushes
+from soliton_linkage.estimation.orbit_filter import OrbitFilter
+from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus, lost
+from soliton_linkage.estimation.places.pushes import Push, WaitingPushes
 from soliton_linkage.estimation.rate_noise import RateNoise
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.state_report import (
     ArcRate,
-    EdgeRotors,
     Energies,
     FrameErrors,
     FrameState,
@@ -46,120 +41,12 @@ from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_reporter import WallReporter
 from soliton_linkage.estimation.walls.wall_track import WallTrack
 from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
-from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
+from soliton_linkage.linkage.chain import Array, Chain, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.deviating_orbit import orbit_of
-from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.continuum import wall_theory
 
-_NANOSECOND = 1e-9
-"""Unit of stamps [s]."""
 _NO_WIDTH = Width(math.nan, math.nan, math.nan, math.nan, math.nan)
-
-
-@dataclass(frozen=True)
-class AnalysedSoliton:
-    """One wall; a quantity that cannot be told is NaN, and so is its standard deviation.
-
-    id: its name for as long as it is followed, from 1 on; 0 where walls are not followed.
-    rotor: centre in rotor spacings from rotor 0.
-    position: centre [m] from the pivot of rotor 0.
-    velocity: of the centre [m/s], positive towards the last rotor.
-    width: width w of tanh(x / w) [m]; NaN in chains with deviations.
-    theory_width: width that the continuum theory gives a wall of this velocity [m].
-    charge: +1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite.
-    position_deviation: standard deviation of the position [m].
-    velocity_deviation: standard deviation of the velocity [m/s].
-    width_deviation: standard deviation of the width [m].
-    """
-
-    id: int
-    rotor: float
-    position: float
-    velocity: float
-    width: float
-    theory_width: float
-    charge: int
-    position_deviation: float
-    velocity_deviation: float
-    width_deviation: float
-
-
-class CyclePhase(NamedTuple):
-    """Where a chain is on its orbit, as a phase; NaN, and leg -1, where it is not known.
-
-    phase: from 0 to 2 pi over a whole cycle [rad].
-    rate: rate of the phase [rad/s].
-    phase_deviation: standard deviation of the phase [rad].
-    rate_deviation: standard deviation of the rate [rad/s].
-    completed: whole cycles since the start, with which the phase grows without jumps.
-    leg: leg of the cycle: as the phase grows, the wall leaves rotor 0 in even legs.
-    """
-
-    phase: float
-    rate: float
-    phase_deviation: float
-    rate_deviation: float
-    completed: int
-    leg: int
-
-
-@dataclass(frozen=True)
-class Analysis:
-    """What a frame shows, in the light of those before; None and NaN for what cannot be told.
-
-    motion: how a wall moves, by the chain's parameters or, where they are not known, by the
-        angles.
-    measured_motion: the same by the angles alone.
-    estimate: where the chain is on its orbit.
-    cycle: the same in phase.
-    solitons: walls half a spacing or more from the edges, in the order of their place.
-    events: what is known of late to have happened to walls.
-    topology: of the whole state.
-    edge_rotors: of the whole state.
-    energies: of the whole state.
-    wobble: beside the wall that is on the orbit.
-    unseen: number of rotors that the frame did not show.
-    """
-
-    motion: Motion | None
-    measured_motion: MotionClass
-    estimate: OrbitEstimate
-    cycle: CyclePhase
-    solitons: tuple[AnalysedSoliton, ...]
-    events: tuple[SolitonEvent, ...]
-    topology: Topology | None
-    edge_rotors: EdgeRotors | None
-    energies: Energies | None
-    wobble: Wobble | None
-    unseen: int
-
-
-class FrameClock:
-    """Takes the stamps of frames, and refuses those that are late."""
-
-    def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Begin at the first stamp; one that goes back by more than the limit [s] starts anew."""
-        self._limit = limit
-        self.time = -math.inf
-        """Instant of the last frame that was taken, from the first on [s]."""
-        self.late = 0
-        """Number of frames that were refused."""
-        self.restarted = False
-        """Whether the last one was by a clock that had been set back."""
-        self._epoch: int | None = None
-
-    def advance(self, stamp: int) -> bool:
-        """Go on to a stamp [ns]; False where it is not later than the last, by up to the limit."""
-        if self._epoch is None:
-            self._epoch = stamp
-        time = (stamp - self._epoch) * _NANOSECOND
-        if -self._limit <= time - self.time <= 0:
-            self.late += 1
-            return False
-        self.restarted = time < self.time
-        self.time = time
-        return True
 
 
 class Analyser:
@@ -270,10 +157,11 @@ class Analyser:
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         state = None if unknown else FrameState(self.chain, frame.angles)
         alone = self._is_alone(estimate, frame)
-        solitons, events = self._solitons(frame, state, estimate, alone, errors)
+        solitons, events, status = self._solitons(frame, state, estimate, alone, errors)
         return Analysis(
             motion=self.chain.motion,
             measured_motion=self._measured_motion(state, frame, errors.noise),
+            status=status,
             estimate=estimate,
             cycle=cycle_phase(estimate, self._filter.orbit if self._filter else None),
             solitons=solitons,
@@ -374,17 +262,18 @@ class Analyser:
         estimate: OrbitEstimate,
         alone: bool,
         errors: FrameErrors,
-    ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...]]:
-        """Walls of a frame, of which one that is alone is placed on the orbit, and events."""
+    ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...], TrackingStatus]:
+        """Walls of a frame, of which one that is alone is placed on the orbit, events, status."""
         seen = WallFrame(self.chain, self._walls.line, state, frame.rates, errors)
         if alone:
             tracks, events = self._walls.on_orbit(estimate, seen)
             found = [self._followed(estimate, frame, track.id) for track in tracks]
-            return tuple(found), tuple(events)
+            return tuple(found), tuple(events), estimate.status
         if state is None or frame.number_filled == len(frame.filled):
-            return (), ()
+            return (), (), estimate.status
         tracks, events = self._walls.beside_orbit(self._clock.time, state, frame.seen, seen)
-        return tuple(map(self._tracked, tracks)), tuple(events)
+        status = tracks[0].status if tracks else estimate.status
+        return tuple(map(self._tracked, tracks)), tuple(events), status
 
     def _tracked(self, track: WallTrack) -> AnalysedSoliton:
         """A wall that is followed by a filter of its own."""
@@ -437,83 +326,3 @@ class Analyser:
         about = self._filter.orbit.stretch(estimate.arc)
         wall = RestingWall(about.first, about.angles, estimate.place)
         return self._wobbles.of_frame(frame.angles, wall, errors.noise, errors.lasting)
-
-
-class UnknownChainAnalyser:
-    """Analyses the frames of a chain of which only the order of its joints is known.
-
-    It tells how a wall moves and about where it is: where u = r sin(phi) changes its sign, which
-    may be more than a rotor spacing from the centre of the wall.
-    """
-
-    limitation = 'the parameters of the chain are not known'
-    starts = late_pushes = 0
-
-    def __init__(self, number_of_rotors: int) -> None:
-        """Raises ValueError for fewer than 2 rotors."""
-        if number_of_rotors < 2:
-            raise ValueError(f'{number_of_rotors} joints are no chain; name 2 or more')
-        self.offsets = np.zeros(number_of_rotors)
-        self.offset_deviations = np.full(number_of_rotors, math.nan)
-        self._observer = MotionObserver()
-        self._clock = FrameClock()
-
-    @property
-    def late(self) -> int:
-        """Number of frames that were not later than the one before."""
-        return self._clock.late
-
-    def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
-        """Analyse a frame, as `Analyser.analyse`; rates say nothing here."""
-        check_shape(angles, len(self.offsets), 'angle')
-        if not self._clock.advance(stamp):
-            return None
-        if self._clock.restarted:
-            self._observer.restart()
-        seen = np.where(np.isfinite(angles), angles, np.nan)
-        measured = self._observer.observe(seen)
-        return Analysis(
-            motion=measured.motion,
-            measured_motion=measured,
-            estimate=lost(self._clock.time),
-            cycle=cycle_phase(lost(self._clock.time), None),
-            events=(),
-            solitons=_crossing(self._observer.evidence.place, seen),
-            topology=None,
-            edge_rotors=None,
-            energies=None,
-            wobble=None,
-            unseen=int(np.count_nonzero(np.isnan(seen))),
-        )
-
-
-def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Phase of the cycle that an estimate is in.
-
-    Of spinners that were assembled upside down it runs against the arc, so that in either family
-    the wall that leaves rotor 0 from the left-leaning state does so in leg 0, forwards.
-    """
-    if orbit is None or not estimate.leg_known:
-        return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
-    scale = 2 * math.pi / orbit.length
-    backwards = estimate.upside_down and orbit.chain.motion is Motion.SPINNER
-    sense = -1 if backwards else 1
-    completed, phase = divmod(sense * scale * estimate.arc, 2 * math.pi)
-    return CyclePhase(
-        phase=phase,
-        rate=sense * scale * estimate.rate,
-        phase_deviation=scale * estimate.arc_deviation,
-        rate_deviation=scale * estimate.rate_deviation,
-        completed=int(completed) + backwards,
-        leg=1 - estimate.leg if backwards else estimate.leg,
-    )
-
-
-def _crossing(place: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
-    """A wall of which nothing but about where it is and its charge are known; none for NaN."""
-    if math.isnan(place):
-        return ()
-    leans = np.sin(staggered(angles))[: math.floor(place) + 1]
-    charge = 1 if np.nansum(leans) > 0 else -1
-    nan = math.nan
-    return (AnalysedSoliton(0, place, nan, nan, nan, nan, charge, nan, nan, nan),)

@@ -11,9 +11,9 @@ import numpy as np
 
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.loops.frame_loops import Flags
-from soliton_linkage.estimation.orbit_filter import OrbitEstimate
-from soliton_linkage.estimation.places.frame_view import FrameView
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.estimation.places.frame_view import FrameView, swing_of
+from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate
+from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.orbit.orbit import Orbit, Stretch
 
 
@@ -110,7 +110,7 @@ def complete(
             False,
             int(np.count_nonzero(unseen)),
         )
-    elsewhere = np.abs(expected.residuals) > _half_swing(chain)
+    elsewhere = np.abs(expected.residuals) > swing_of(chain) / 2
     others = elsewhere[1:] & elsewhere[:-1]
     filled = unseen | elsewhere
     filled[1:] &= unseen[1:] | ~others
@@ -134,16 +134,11 @@ def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, view: FrameView | None
 ) -> CompletedFrame | None:
     """A frame in which all is known and as the orbit has it, by its view; None for any other."""
-    if view is None or not view.largest <= _half_swing(chain):
+    if view is None or not view.largest <= swing_of(chain) / 2:
         return None
     if rates is not None and not frame_loops.all_within(rates, math.inf):
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
-
-
-def _half_swing(chain: Chain) -> float:
-    """Half of what a rotor turns as a wall passes [rad]."""
-    return math.pi / 2 if chain.motion is Motion.SPINNER else chain.rest_angle
 
 
 def _like_neighbours(angles: Array) -> Array:

@@ -55,7 +55,8 @@ class MultipleModelFilter:
         The arc from one rotor to the next is the site arc [rad].
         """
         self._settings = settings
-        self._site_arc = site_arc
+        self.site_arc = site_arc
+        """Arc from one rotor to the next [rad]."""
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
         self.filters = self._models()
         """State, covariance, model and weight of each, records of shape (F,); see `FILTER`."""
@@ -82,7 +83,7 @@ class MultipleModelFilter:
         changes, biases = np.meshgrid(settings.rate_changes, settings.biases, indexing='ij')
         filters['wander'][1:base] = changes.ravel() ** 2
         filters['wander_at_edges'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
-        filters['bias_variance'][1:base] = (self._site_arc * biases.ravel()) ** 2
+        filters['bias_variance'][1:base] = (self.site_arc * biases.ravel()) ** 2
         filters['wander'][base:] = settings.change_after_kick**2
         filters['wander_at_edges'][base:] = settings.change_after_kick**2
         return filters
@@ -143,12 +144,12 @@ class MultipleModelFilter:
         settings = self._settings
         self._elapsed, self.expected_rate = elapsed, self.rate
         speed = abs(self.expected_rate)
-        way = speed * elapsed / self._site_arc
+        way = speed * elapsed / self.site_arc
         kept = math.exp(-way / settings.bias_way)
         remembered = math.exp(-way / settings.way_remembered)
         self._known = None
         self.expected, self.expected_variance = filter_loops.predict(
-            self.filters, elapsed, kept, speed**3 / self._site_arc, remembered, at_edge
+            self.filters, elapsed, kept, speed**3 / self.site_arc, remembered, at_edge
         )
         self._least_against = settings.least_odds_at_edges if at_edge else settings.least_odds
 

@@ -7,7 +7,7 @@ import math
 
 from rclpy.node import Node
 
-from soliton_linkage.estimation.analyser import AnalysedSoliton
+from soliton_linkage.estimation.analysis import AnalysedSoliton
 from soliton_linkage.vision.dots import Picture
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.overlay import PlacedWall, overlaid

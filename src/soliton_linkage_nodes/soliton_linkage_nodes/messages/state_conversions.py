@@ -13,8 +13,8 @@ from typing import Any, get_type_hints
 
 from rclpy.serialization import deserialize_message
 
-from soliton_linkage.estimation.analyser import AnalysedSoliton, Analysis
-from soliton_linkage.estimation.orbit_filter import TrackingStatus
+from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis
+from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
 from soliton_linkage.estimation.wobble import Wobble
 from soliton_linkage.linkage.chain import Motion
@@ -225,7 +225,7 @@ def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
         motion.value if motion else 'unknown',
         _MOTIONS[measured.motion],
         measured.confidence,
-        _STATUSES[analysis.estimate.status],
+        _STATUSES[analysis.status],
     )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
-from soliton_linkage.estimation.analyser import Analysis
+from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage_nodes.bags.read.older_messages import is_older
 from soliton_linkage_nodes.bags.read.reading import (
     decoder,

@@ -6,7 +6,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from soliton_linkage.estimation.analyser import Analyser, Analysis, UnknownChainAnalyser
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.unknown_chain import UnknownChainAnalyser
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader

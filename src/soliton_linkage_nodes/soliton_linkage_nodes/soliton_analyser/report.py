@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from soliton_linkage.estimation.analyser import Analyser, Analysis
-from soliton_linkage.estimation.orbit_filter import TrackingStatus
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.linear.bands import gap
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
@@ -46,7 +47,7 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
             f'misfit_limit of {misfit_limit:g} rad; check who publishes chain, and its parameters',
             True,
         )
-    solitons = f'{len(latest.solitons)} solitons, {latest.estimate.status.value}'
+    solitons = f'{len(latest.solitons)} solitons, {latest.status.value}'
     if analyser.limitation:
         return f'{solitons}; {analyser.limitation}', True
     return solitons, False
@@ -89,7 +90,7 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
         'late frames': analyser.late,
         'late impulses': analyser.late_pushes,
         'solitons': len(latest.solitons),
-        'status': latest.estimate.status.value,
+        'status': latest.status.value,
         'unseen rotors': latest.unseen,
         'noise [rad]': latest.estimate.noise,
         'misfit [rad]': latest.estimate.misfit,

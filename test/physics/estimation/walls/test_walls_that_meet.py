@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from meeting_walls import NARROW, meeting
 
-from soliton_linkage.estimation.analyser import Analyser, Analysis
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.walls.soliton_event import EventKind
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.studies.collisions.runs import APART, Collision, frames
@@ -87,6 +89,7 @@ def test_each_wall_is_placed_as_well_as_is_said(bounce: Run) -> None:
     part = Run(run.task, run.times[first], run.angles[first], run.rates[first])
     for seed in (1, 2):
         for time, one in zip(part.times, analysed(part, 0.01, seed), strict=True):
+            assert one.status is not TrackingStatus.LOST
             for wall in one.solitons:
                 true = left + speed * time if wall.charge > 0 else right - speed * time
                 errors.append((wall.position - true) / wall.position_deviation)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled, named_tuple, records
-from soliton_linkage.estimation.loops.tail_loops import next_deviation, wrapped
+from soliton_linkage.estimation.loops.frame_loops import wrapped
+from soliton_linkage.estimation.loops.tail_loops import next_deviation
 from soliton_linkage.estimation.settings import WobbleSettings, record_dtype
 from soliton_linkage.linkage.chain import Array
 

@@ -15,10 +15,15 @@ import numpy as np
 from soliton_linkage.estimation.loops import likelihood_loops
 from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.settings import LikelihoodSettings
-from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Of a chain of which no rotor is doubtful."""
+
+
+def swing_of(chain: Chain) -> float:
+    """Angle that a rotor turns by as a wall passes [rad]."""
+    return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
 
 
 class FrameView(NamedTuple):
@@ -81,7 +86,8 @@ class FrameLikelihood:
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
         """Begin with the swing that a rotor makes as a wall passes [rad]."""
         self._settings = settings
-        self._gross = settings.gross_share * swing
+        self.gross = settings.gross_share * swing
+        """Difference that no springs make [rad]."""
         self._known = math.nan, math.nan
         self._log_wrong = math.log(settings.wrong)
         self._most_off: dict[int, int] = {}
@@ -118,7 +124,7 @@ class FrameLikelihood:
             spread,
             bound,
             floor,
-            self._gross,
+            self.gross,
             self._settings.least_share,
             doubtful,
             weights,

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.estimation.loops import frame_loops, likelihood_loops
-from soliton_linkage.estimation.places.frame_view import FrameLikelihood, FrameView
+from soliton_linkage.estimation.places.frame_view import FrameLikelihood, FrameView, swing_of
 from soliton_linkage.estimation.robust import robust_deviation
 from soliton_linkage.estimation.settings import LikelihoodSettings, ScanSettings
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
 
@@ -103,7 +103,7 @@ class PlaceSearch:
         states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
         self._before = np.ascontiguousarray([left for left, _ in states])
         self._beyond = np.ascontiguousarray([right for _, right in states])
-        swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
+        swing = swing_of(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
         self._elastic = (likelihood.elastic_share * swing) ** 2
         self._coarse = (scan.deviation * swing) ** 2

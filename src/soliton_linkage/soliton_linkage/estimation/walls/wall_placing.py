@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.estimation.loops import wall_loops
+from soliton_linkage.estimation.places.frame_view import swing_of
 from soliton_linkage.estimation.robust import robust_deviation
 from soliton_linkage.estimation.settings import LikelihoodSettings, WallSettings
 from soliton_linkage.estimation.state_report import FrameState
@@ -53,7 +54,7 @@ class WallPlacer:
         """Begin with the shapes that walls of a chain have."""
         self._shapes = shapes
         self._chain, self._line, self._settings = chain, line, settings
-        swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
+        swing = swing_of(chain)
         self._bound, self._coarse = likelihood.bound, (settings.scan_share * swing) ** 2
         self._elastic = (likelihood.elastic_share * swing) ** 2
         self._uniform = chain.uniform_state(1)

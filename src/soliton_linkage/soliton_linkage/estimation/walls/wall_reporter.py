@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from soliton_linkage.estimation.orbit_filter import OrbitEstimate
+from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.state_report import FrameState
 from soliton_linkage.estimation.walls.soliton_event import SolitonEvent

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.estimation.walls.wall_line import WallLine
 
@@ -80,6 +81,13 @@ class WallTrack:
     def is_seen(self) -> bool:
         """Whether the last frame showed it."""
         return self.missed == 0 and self.frames > 0
+
+    @property
+    def status(self) -> TrackingStatus:
+        """What it rests on."""
+        if not self.is_seen:
+            return TrackingStatus.COASTING
+        return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
     @property
     def deviation_squared(self) -> float:

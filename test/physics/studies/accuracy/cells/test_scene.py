@@ -30,3 +30,11 @@ def test_a_piece_shorter_than_the_mean_is_its_own_mean() -> None:
     means, slopes = smoothed(np.array([1.0, 5.0]), 9, [1])
     assert means == pytest.approx([1.0, 5.0])
     assert slopes == pytest.approx([0.0, 0.0])
+
+
+@pytest.mark.parametrize('wide', [1, 2, 9])
+def test_slopes_of_a_bent_way_are_those_of_its_cubic(wide: int) -> None:
+    times = np.arange(100.0) - 50
+    _, slopes = smoothed(times**3 - 7 * times, wide, bent=True)
+    inner = slice(30, -30)
+    assert slopes[inner] == pytest.approx(3 * times[inner] ** 2 - 7)

@@ -4,8 +4,9 @@
 The place of a wall is that of the nearest point of its static path to the noiseless frame, as it
 is on the mean of one period of the slowest phonon, or of the passage of a rotor where that is
 shorter: phonons that only shake the wall do not count, what it does more slowly does. Its rate is
-the slope of a line through the places of three times as long. Pushes part a record: no mean
-reaches across them.
+the slope of a line through the places of three times as long, or, as springs let slow walls go
+more slowly at some places between two rotors than at others, of a cubic. Pushes part a record:
+no mean reaches across them.
 """
 
 from __future__ import annotations
@@ -16,10 +17,14 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs
 
 from soliton_linkage.linear.bands import gap
-from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
+
+_SLOW = 0.25
+"""Rotors that a slow wall passes in a period of the slowest phonon, at most [1]."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +58,21 @@ def frames_beside(speed: float, cell: AccuracyCell) -> int:
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
 
-def smoothed(values: Array, beside: int, breaks: list[int] | None = None) -> tuple[Array, Array]:
-    """Means over so many values beside each, and slopes over thrice as many, between breaks."""
+def is_slow(speed: float, chain: Chain) -> bool:
+    """Whether a wall of a speed [rotor spacings / s] takes four periods from rotor to rotor.
+
+    They are those of the slowest phonon, or more of them.
+    """
+    return abs(speed) < _SLOW * gap(chain) / (2 * math.pi)
+
+
+def smoothed(
+    values: Array, beside: int, breaks: list[int] | None = None, bent: bool = False
+) -> tuple[Array, Array]:
+    """Means over so many values beside each, and slopes over thrice as many, between breaks.
+
+    Slopes are those of lines, or of cubics through bent ways.
+    """
     means, slopes = np.empty_like(values), np.empty_like(values)
     ends = [0, *(breaks or []), len(values)]
     for begin, end in pairwise(ends):
@@ -63,9 +81,10 @@ def smoothed(values: Array, beside: int, breaks: list[int] | None = None) -> tup
             about = min(beside, len(piece) - 1)
             wide = min(3 * beside, len(piece) - 1)
             means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
-            times = np.arange(-wide, wide + 1.0)
-            weights = times / max(float(times @ times), 1.0)
-            slopes[begin:end] = _convolved(piece, weights)
+            order = min(3 if bent else 1, max(2 * wide - 1, 0))
+            slopes[begin:end] = _convolved(
+                piece, savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
+            )
     return means, slopes
 
 

@@ -16,7 +16,12 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.studies.accuracy.cells.cells import AccuracyCell
 from soliton_linkage.studies.accuracy.cells.launching import dress, dressed, launch_speed
-from soliton_linkage.studies.accuracy.cells.scene import WallScene, frames_beside, smoothed
+from soliton_linkage.studies.accuracy.cells.scene import (
+    WallScene,
+    frames_beside,
+    is_slow,
+    smoothed,
+)
 from soliton_linkage.studies.accuracy.cells.springs import Springs
 from soliton_linkage.studies.accuracy.cells.walls import nearest_arc
 
@@ -72,7 +77,7 @@ def single_wall(
     at = sorted(random.choice(np.arange(1, total - 1), pushes, replace=False).tolist())
     springs = Springs(start.chain, start.angles, rates, cell.period * cell.chain.time_unit)
     way = _followed(springs, start, total, at, random)
-    mean, slope = smoothed(np.array(way.arcs), beside, at)
+    mean, slope = smoothed(np.array(way.arcs), beside, at, is_slow(start.speed, cell.chain))
     kept = slice(margin, total - margin)
     told = [
         (frame - margin, impulses)

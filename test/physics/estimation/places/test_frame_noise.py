@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.frame_noise import FrameNoise
+from soliton_linkage.estimation.places.frame_noise import FrameNoise
 from soliton_linkage.estimation.places.frame_view import FrameLikelihood, FrameView
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linkage.chain import Array

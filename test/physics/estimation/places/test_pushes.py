@@ -8,7 +8,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.pushes import WaitingPushes, pushed_rate
+from soliton_linkage.estimation.places.pushes import WaitingPushes
 from soliton_linkage.linkage.chain import Array
 
 SECOND = 10**9
@@ -57,12 +57,3 @@ def test_none_outlives_a_clock_that_is_set_back() -> None:
     waiting.add(50 * SECOND + 1, ONE)
     assert waiting.due(SECOND) == []
     assert waiting.due(51 * SECOND) == []
-
-
-@pytest.mark.parametrize('rate', [-3.0, 0.0, 0.5])
-@pytest.mark.parametrize('added', [-2.0, 0.0, 7.0])
-def test_momentum_adds_up(rate: float, added: float) -> None:
-    mu = 0.03
-    pushed = pushed_rate(rate, added, mu)
-    before, after = (each + 2 * mu * each**3 for each in (rate, pushed))
-    assert after == pytest.approx(before + added)

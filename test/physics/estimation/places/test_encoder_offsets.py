@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
+from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.settings import OffsetSettings
 
 NOISE, REST = 0.05, 0.03

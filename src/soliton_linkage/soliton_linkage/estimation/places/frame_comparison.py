@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames beside an orbit: what encoders add is taken off, and the likeliest arc is found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from soliton_linkage.estimation.loops import frame_loops
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets, FarRotors
+from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
+from soliton_linkage.estimation.settings import EstimationSettings
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.orbit.orbit import Orbit
+
+
+class FrameComparison:
+    """Compares frames with an orbit, and learns offsets of encoders from them."""
+
+    def __init__(
+        self,
+        orbit: Orbit,
+        likelihood: FrameLikelihood,
+        elastic: float,
+        settings: EstimationSettings,
+    ) -> None:
+        """Begin without offsets; waves of a mean square [rad^2] tell nothing of encoders."""
+        chain = orbit.chain
+        self._orbit, self._likelihood = orbit, likelihood
+        self._tracking, self._evenness = settings.tracking, settings.offsets.evenness
+        self._backgrounds = [
+            orbit.background(orbit.arc_at(orbit.middle, leg))
+            for leg in range(orbit.number_of_legs)
+        ]
+        self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
+        margin = 1 + settings.offsets.depths_beside * penetration_depth(chain) / chain.spacing
+        self.far = FarRotors(self.offsets, margin, chain.time_unit, elastic)
+        shifts = settings.offsets.wall_shifts
+        self._shift = shifts[1] if chain.motion is Motion.SPINNER else shifts[0]
+        self._doubts = False
+        self.disorder = 0.0
+        """Deviation of the arc by rotors that are not those of the orbit [rad]."""
+
+    def view(
+        self, seen: Array, arc: float, variance: float, spread: float, upside_down: bool
+    ) -> FrameView:
+        """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2]."""
+        about = self._orbit.stretch(arc)
+        before, beyond = self._backgrounds[self._orbit.leg(arc)]
+        left = np.empty(len(before))
+        frame_loops.compare(
+            seen,
+            self.offsets.corrections,
+            upside_down,
+            before,
+            about.angles,
+            beyond,
+            about.first,
+            left,
+        )
+        doubtful = NO_FLAGS
+        if self._doubts:
+            doubtful = self.far.doubtful
+            left[self.far.stuck] = np.nan
+        return self._likelihood.view(
+            arc, about.first, about.tangent, left, variance, spread, doubtful
+        )
+
+    def recognised(
+        self,
+        motion: MultipleModelFilter,
+        seen: Array,
+        variance: float,
+        pushed: float,
+        upside_down: bool,
+    ) -> FrameView:
+        """View of a frame from the likeliest arc, by the frame and by what went before.
+
+        Pushes may have moved the arc by a variance [rad^2].
+        """
+        tracking = self._tracking
+        expected, spread = motion.expected, motion.expected_variance + pushed
+        arc, unsure = expected, spread
+        for _ in range(tracking.iterations):
+            view = self.view(seen, arc, variance, unsure, upside_down)
+            if view.information == 0:
+                break
+            of_frame = variance / view.information
+            unsure = spread * of_frame / (spread + of_frame)
+            step = expected + spread / (spread + of_frame) * (view.arc - expected) - arc
+            if abs(step) < tracking.close:
+                break
+            arc += min(max(step, -tracking.longest_step), tracking.longest_step)
+        return view
+
+    def learn(
+        self, seen: Array, view: FrameView, elapsed: float, variance: float, upside_down: bool
+    ) -> bool:
+        """Learn offsets from what a view leaves; whether others are known than before.
+
+        The frame is a time [s] after the last, of a noise of a variance [rad^2].
+        """
+        outlying = view.outlying if view.unbelieved else None
+        place = self._orbit.place(view.arc)
+        if not self.far.add(view.residuals, outlying, place, elapsed):
+            return False
+        known = np.count_nonzero(self.offsets.corrections)
+        self.far.learn(-1 if upside_down else 1, variance)
+        self.far.look_for_doubtful(seen, view.outlying)
+        self._doubts = bool(self.far.doubtful.any())
+        self.disorder = self._shift * max(self.offsets.typical - self._evenness, 0.0)
+        return bool(np.count_nonzero(self.offsets.corrections) != known)
