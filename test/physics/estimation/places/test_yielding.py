@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.places.yielding import Yielding, pushed_rate
 from soliton_linkage.linear.rigidity import dynamical_matrix
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
@@ -38,6 +40,16 @@ def test_mu_is_what_bent_paths_cost(chain: Chain, leg: int) -> None:
         arc = orbit.arc_at(place, leg)
         bend, given = bent(orbit, arc)
         assert yielding.mu(arc) == pytest.approx(bend @ given, rel=0.02)
+
+
+def test_a_chain_that_deviates_yields_at_the_same_places() -> None:
+    even = orbit_of(WOBBLER)
+    drawn = drawn_deviations(17, 3, spacing=0.03)
+    uneven = orbit_of(replace(WOBBLER, deviations=drawn))
+    one, other = Yielding(even), Yielding(uneven)
+    for place in (4.0, 9.3):
+        found, expected = other.mu(uneven.arc_at(place, 1)), one.mu(even.arc_at(place, 1))
+        assert found == pytest.approx(expected, rel=0.1)
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:

@@ -50,26 +50,17 @@ class Yielding:
 
     def __init__(self, orbit: Orbit) -> None:
         """Work it out in the middle of an orbit; deviations of the rotors count for nothing."""
-        chain = orbit.chain
-        if chain.deviations != NO_DEVIATIONS:
-            orbit = UniformOrbit(replace(chain, deviations=NO_DEVIATIONS))
-        self._orbit = orbit
-        begin = _ALIKE * math.floor(orbit.middle / _ALIKE)
+        self._orbit = even = orbit
+        chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
+        if orbit.chain != chain:
+            even = UniformOrbit(chain)
+        begin = _ALIKE * math.floor(even.middle / _ALIKE)
         places = begin + np.arange(_ALIKE * _SAMPLES) / _SAMPLES
         places = np.minimum(places, chain.number_of_rotors - 1.0)
-        self._mu = [[self._at(orbit.arc_at(place, leg)) for place in places] for leg in (0, 1)]
+        self._mu = [[_mu(even, even.arc_at(place, leg)) for place in places] for leg in (0, 1)]
         self._mean = float(np.mean(self._mu))
         adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
         self._fastest = min(adiabatic, math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu))))
-
-    def _at(self, arc: float) -> float:
-        """Mu at an arc [s^2]."""
-        orbit, chain = self._orbit, self._orbit.chain
-        bend = (orbit.tangent(arc + _STEP) - orbit.tangent(arc - _STEP)) / (2 * _STEP)
-        first, second = rigidity_bands(chain, orbit.configuration(arc))
-        pulled = first * bend[:-1] + second * bend[1:]
-        tensions: Array = solveh_banded(banded_products(first, second), pulled)
-        return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
 
     def mu(self, arc: float) -> float:
         """Mu at an arc of the orbit [s^2]."""
@@ -89,6 +80,16 @@ class Yielding:
             return 1.0
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
+
+
+def _mu(orbit: Orbit, arc: float) -> float:
+    """Mu at an arc of the orbit of a chain without deviations [s^2]."""
+    chain = orbit.chain
+    bend = (orbit.tangent(arc + _STEP) - orbit.tangent(arc - _STEP)) / (2 * _STEP)
+    first, second = rigidity_bands(chain, orbit.configuration(arc))
+    pulled = first * bend[:-1] + second * bend[1:]
+    tensions: Array = solveh_banded(banded_products(first, second), pulled)
+    return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
 
 
 def pushed_rate(rate: float, momentum: float, mu: float) -> float:
