@@ -109,7 +109,7 @@ def made(name: str, number: int) -> Draw:
     gradient = bundle.normal_equations().vector / NOISE**2 - prior @ unknowns_of(true)
     used = orbit_of(found.lengths.scaled(float(chain.spacings.mean())).chain(nominal))
     return Draw(
-        errors=unknowns_of(found.lengths) - unknowns_of(true),
+        errors=unknowns_of(found.lengths.scaled(1.0)) - unknowns_of(true),
         linear=known @ gradient,
         bound=np.sqrt(np.diag(known)),
         alone=np.sqrt(np.diag(bound(chain, angles, NOISE))),

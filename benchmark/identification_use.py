@@ -95,8 +95,8 @@ def _uses(name: str, count: int) -> Iterator[tuple[float, float, float, float]]:
         used = lengths.scaled(float(chain.spacings.mean())).chain(nominal)
         again = angles + offsets + NOISE * random.standard_normal(angles.shape)
         yield (
-            _place_error(used, orbit, again),
-            _place_error(chain, orbit, again),
+            _place_error(used, orbit, again - lengths.offsets),
+            _place_error(chain, orbit, again - offsets),
             _move_error(orbit_of(used), orbit, offsets - lengths.offsets, random),
             _move_error(orbit, orbit, np.zeros_like(offsets), random),
         )

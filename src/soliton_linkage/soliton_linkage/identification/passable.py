@@ -28,9 +28,10 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Nearest lengths at which no bond stops a wall, given what is known of them (P, P)."""
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
-        short = _MARGIN * np.tile(lengths.spacings, 2) - room
+        margins = _MARGIN * np.tile(lengths.spacings, 2)
+        short = margins - room
         deviations = np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes))
-        mended = (short > 0) & (-room < _CHANCE * deviations)
+        mended = (short > 0) & (-room < _CHANCE * deviations + margins)
         if not mended.any():
             break
         known = covariance @ slopes[mended].T
