@@ -16,7 +16,17 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-PARTS = ('integrate', 'publish', 'rate', 'analyse', 'react', 'record', 'growth', 'live')
+PARTS = (
+    'integrate',
+    'publish',
+    'rate',
+    'analyse',
+    'react',
+    'record',
+    'growth',
+    'live',
+    'identification',
+)
 """In the order in which they run and stand in the table."""
 
 _COMPARISON_HEAD = (

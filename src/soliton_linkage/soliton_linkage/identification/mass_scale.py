@@ -96,7 +96,8 @@ def _of_push(
     unknowns = np.zeros(2 * rotors + 2)
     unknowns[-1] = math.log(guess)
     solution = least_squares(left, unknowns, method='lm')
-    covariance = np.linalg.inv(solution.jac.T @ solution.jac)
+    excess = max(1.0, 2 * solution.cost / (seen.sum() - len(unknowns)))
+    covariance = excess * np.linalg.inv(solution.jac.T @ solution.jac)
     shares = kick**2 / (kick @ kick)
     slopes = np.zeros(len(fitted.covariance))
     split(slopes[: OF_A_ROTOR * rotors - 2])[0][:] = 2 * shares
