@@ -4,15 +4,23 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.special import erfc
 
 from soliton_linkage.vision.dot_fit import FittedDots, fit_dots
 
 RADIUS, LABEL, NOISE = 3.0, 6.4, 2.0
-AT_REST = np.zeros(2)
+AT_REST, CIRCLE = np.zeros(2), np.eye(2)
+OVAL = np.array([[0.9, 0.1], [0.1, 1.01 / 0.9]])
+"""What makes a circle of a dot that is seen aside; of determinant 1."""
 
 
-def fitted(places: np.ndarray, way: np.ndarray = AT_REST, noise: float = NOISE) -> FittedDots:
+def fitted(
+    places: np.ndarray,
+    way: np.ndarray = AT_REST,
+    noise: float = NOISE,
+    shape: np.ndarray = CIRCLE,
+) -> FittedDots:
     """Dots that were drawn on labels at places in tiles of 20 pixels, on a dark ground."""
     generator = np.random.default_rng(5)
     rows, columns = np.mgrid[0:20, 0:20]
@@ -20,7 +28,8 @@ def fitted(places: np.ndarray, way: np.ndarray = AT_REST, noise: float = NOISE) 
     for number, (x, y) in enumerate(places):
         cover = np.zeros((20, 20))
         for share in np.linspace(-0.5, 0.5, 21):
-            away = np.hypot(columns - x - share * way[0], rows - y - share * way[1])
+            from_it = np.stack([columns - x - share * way[0], rows - y - share * way[1]])
+            away = np.hypot(*np.tensordot(shape, from_it, 1))
             dot = erfc((away - RADIUS) / 0.55 / np.sqrt(2)) / 2
             label = erfc((away - LABEL) / 0.55 / np.sqrt(2)) / 2
             cover += (40 + 180 * label - 170 * dot) / 21
@@ -30,14 +39,16 @@ def fitted(places: np.ndarray, way: np.ndarray = AT_REST, noise: float = NOISE) 
         starts.append((20 * number + round(x), round(y)))
     picture = np.clip(np.rint(np.hstack(tiles)), 0, 255).astype(np.uint8)
     ways = np.tile(way, (len(places), 1))
-    found = fit_dots(picture, np.array(starts, dtype=float), RADIUS, LABEL, ways)
+    outlines = np.tile(shape / RADIUS, (len(places), 1, 1))
+    found = fit_dots(picture, np.array(starts, dtype=float), outlines, RADIUS / LABEL, ways)
     found.places[:, 0] -= 20 * np.arange(len(places))
     return found
 
 
-def test_places_have_the_error_that_is_stated_and_no_other() -> None:
+@pytest.mark.parametrize('shape', [CIRCLE, OVAL], ids=['circle', 'oval'])
+def test_places_have_the_error_that_is_stated_and_no_other(shape: np.ndarray) -> None:
     places = 9.5 + np.random.default_rng(1).uniform(-0.5, 0.5, (200, 2))
-    found = fitted(places)
+    found = fitted(places, shape=shape)
     errors = found.places - places
     stated = np.sqrt(found.covariances[:, [0, 1], [0, 1]])
     assert np.sqrt(np.mean(errors**2)) < 0.02
@@ -54,4 +65,5 @@ def test_a_dot_on_its_way_is_in_the_middle_of_it() -> None:
 
 def test_of_no_dots_there_are_none() -> None:
     picture = np.zeros((20, 20), dtype=np.uint8)
-    assert not len(fit_dots(picture, np.zeros((0, 2)), 3.0, 6.0, np.zeros((0, 2))).places)
+    none = np.zeros((0, 2))
+    assert not len(fit_dots(picture, none, np.zeros((0, 2, 2)), 0.5, none).places)

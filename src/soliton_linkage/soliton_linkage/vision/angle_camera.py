@@ -28,6 +28,7 @@ from soliton_linkage.vision.lens.plane import ChainPlane
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.pivots import Pivots
 from soliton_linkage.vision.rotor_tracks import RotorTracks
+from soliton_linkage.vision.scatter import Scatter
 
 _SLACK = 0.7
 """By which distances of dots in pictures are uncertain when they are identified [pixels]."""
@@ -43,6 +44,8 @@ class AngleCamera:
         self.frame_markers = FrameMarkers(layout, camera)
         self.pivots = Pivots(layout)
         self.tracks = RotorTracks(layout)
+        self.scatter = Scatter()
+        self._before = 0.0
         self._layout, self._camera = layout, camera
         self._rotors = layout.chain.number_of_rotors
         self._parity = np.arange(self._rotors) % 2
@@ -70,7 +73,7 @@ class AngleCamera:
                 f'dots have a radius of {radius:.1f} pixels, too few to be found; go nearer, or '
                 'film with more pixels'
             )
-        dots = self._dots(time, grey, picture, plane, radius)
+        dots = self._dots(time, grey, picture, plane)
         where = plane.points(np.stack([dots.places] * 2), self._layout.heights[:2, None])
         self.pivots.look(where, dots.colour_costs)
         if not self.pivots.known.any():
@@ -95,11 +98,11 @@ class AngleCamera:
         times = self._times(time, np.where(seen[:, None], pixels, self._pivot_pixels))
         angles = self.tracks.unwrapped(times, np.arctan2(arms[:, 0], arms[:, 1]))
         self.tracks.take(times, angles)
-        self.tracks.measure(self.pivots.places, masses)
         deviations = np.full(self._rotors, np.nan)
         deviations[seen] = self._deviations(
-            plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
+            time, plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
         )
+        self.tracks.measure(self.pivots.places, masses)
         _, _, unsure = self.tracks.motion()
         deviations = np.hypot(deviations, unsure * (time + self._delay - times))
         hidden = int(self._rotors - seen.sum())
@@ -117,19 +120,35 @@ class AngleCamera:
         return np.asarray(angles - blurred + rates * apart + accelerations * apart**2 / 2)
 
     def _deviations(
-        self, plane: ChainPlane, seen: NDArray[np.bool_], pixels: Array, noise: Array, arms: Array
+        self,
+        time: float,
+        plane: ChainPlane,
+        seen: NDArray[np.bool_],
+        pixels: Array,
+        noise: Array,
+        arms: Array,
     ) -> Array:
         """Standard deviation of the angles of the rotors that are seen [rad]."""
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
         lengths = np.hypot(arms[:, 0], arms[:, 1])
-        across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / lengths[:, None] ** 2
-        return np.asarray(np.sqrt(np.einsum('ni,nij,nj->n', across, covariances, across)))
+        outwards = arms / lengths[:, None]
+        across = np.stack([outwards[:, 1], -outwards[:, 0]], axis=1)
+        radial, turning = (
+            np.sqrt(np.einsum('ni,nij,nj->n', way, covariances, way)) for way in (outwards, across)
+        )
+        whole = np.full(self._rotors, np.nan)
+        whole[seen] = lengths
+        errors = self.tracks.length_errors(whole)[seen] / radial
+        rates, _, _ = self.tracks.motion()
+        ways = np.abs(rates[seen]) * (time - self._before) * lengths / self._metres
+        self._before = time
+        told = np.isfinite(errors)
+        self.scatter.take(errors[told], ways[told])
+        return np.asarray(self.scatter.factors(ways) * turning / lengths)
 
-    def _dots(
-        self, time: float, grey: Picture, picture: Picture, plane: ChainPlane, radius: float
-    ) -> Dots:
+    def _dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
         """Dots of the picture, each with the way that the nearest expected one has gone."""
         angles, _ = self.tracks.predicted(np.full(self._rotors, time + self._delay))
         rates, _, _ = self.tracks.motion()
@@ -141,11 +160,13 @@ class AngleCamera:
         self._expected_pixels = expected
         places = np.concatenate([expected, self._pivot_pixels])
         smears = np.concatenate([ways, np.zeros_like(ways)])
-        dots = find_dots(grey, picture, self._region, radius, places, smears)
+        heights = np.concatenate([self._layout.heights] * 2)
+        outlines = plane.metres_per_pixel(places, heights) / self._layout.dot_radius
+        dots = find_dots(grey, picture, self._region, places, outlines, smears)
         return replace(dots, places=plane.centred(dots.places, self._layout.dot_radius))
 
     def _learn(self, plane: ChainPlane) -> float:
-        """Take up a plane; return the radius of dots in it [pixels]."""
+        """Take up a plane; return the usual radius of dots in it [pixels]."""
         if plane is not self._known:
             self._known = plane
             self._pivot_pixels = plane.pixels(self.pivots.places, self._layout.heights)

@@ -4,11 +4,12 @@
 A dot of radius R at p is fitted, by least squares, to the pixels of its label:
 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
-    T(y) = mean_k erfc((|y - s_k| - R) / (b sqrt 2)) / 2,
+    T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
 white w, contrast c, gradient of the light g, blur b, and places s_k on its way while the picture
-was exposed; R and b are fitted too. Where noise is the same in all pixels this is as exact as the
-pixels allow, and the inverse of its normal matrix is the covariance of the place. Pixels at the
+was exposed; R and b are fitted too. The matrix S, of determinant 1, makes a circle of the ellipse
+that is seen aside or through a lens. Where noise is the same in all pixels this is as exact as
+the pixels allow, and the covariance of the place follows from the normal matrix. Pixels at the
 edge of the label do not count: what is beyond it is not the same on all sides, and would draw the
 dot there.
 """
@@ -63,33 +64,46 @@ def begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array
     state[4], state[5] = start[0], start[1]
 
 
-@compiled(READ_PICTURE, ROW, NUMBER, ROW, TABLE, ROW)
+@compiled(READ_PICTURE, ROW, NUMBER, ROW, ROW, NUMBER, TABLE, ROW)
 def normal_loop(
     grey: NDArray[np.uint8],
     state: Array,
     reach: float,
+    shape: Array,
     way: Array,
+    power: float,
     normal: Array,
     right: Array,
 ) -> tuple[float, float]:
-    """Fill the normal equations; return the sum of squares that is left, and of the weights."""
+    """Fill the normal equations; return the sum of squares that is left, and of the weights.
+
+    The shape is S: xx, xy, yx, yy. Weights of pixels are raised to a power.
+    """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
     places = _PLACES if math.hypot(way[0], way[1]) > _LEAST_SMEAR else 1
+    sxx, sxy, syx, syy = shape
+    whole = sxx * sxx + sxy * sxy + syx * syx + syy * syy
+    # The longest half axis of the ellipse of area pi: sigma^2 + 1 / sigma^2 is the whole.
+    box = reach * math.sqrt((whole + math.sqrt(max(whole * whole - 4.0, 0.0))) / 2)
     derivatives = np.empty(_PARAMETERS)
     normal[:] = 0.0
     right[:] = 0.0
     squares = count = 0.0
-    for row in range(max(int(y0 - reach), 0), min(int(y0 + reach) + 2, height)):
-        for column in range(max(int(x0 - reach), 0), min(int(x0 + reach) + 2, width)):
+    for row in range(max(int(y0 - box), 0), min(int(y0 + box) + 2, height)):
+        for column in range(max(int(x0 - box), 0), min(int(x0 + box) + 2, width)):
             x, y = column - x0, row - y0
-            weight = min(max(reach - math.hypot(x, y) + 0.5, 0.0), 1.0)
+            away = math.hypot(sxx * x + sxy * y, syx * x + syy * y)
+            weight = min(max(reach - away + 0.5, 0.0), 1.0)
             if weight == 0.0:
                 continue
+            weight = weight**power
             cover = by_x = by_y = by_radius = by_blur = 0.0
             for k in range(places):
                 share = (k - (places - 1) / 2) / places
-                across, up = x - share * way[0], y - share * way[1]
+                right_of, below = x - share * way[0], y - share * way[1]
+                across = sxx * right_of + sxy * below
+                up = syx * right_of + syy * below
                 distance = max(math.hypot(across, up), 1e-9)
                 beyond = (distance - radius) / blur
                 if beyond < -4.0:
@@ -100,8 +114,8 @@ def normal_loop(
                     edge /= blur * places
                     by_radius += edge
                     by_blur += edge * beyond
-                    by_x += edge * across / distance
-                    by_y += edge * up / distance
+                    by_x += edge * (across * sxx + up * syx) / distance
+                    by_y += edge * (across * sxy + up * syy) / distance
             cover /= places
             lit = 1.0 + by_column * x + by_row * y
             bare = white - contrast * cover
@@ -143,18 +157,26 @@ def solve_loop(matrix: Array, right: Array) -> None:
         right[i] /= max(matrix[i, i], 1e-12)
 
 
-@compiled(READ_PICTURE, TABLE, NUMBER, NUMBER, TABLE, TABLE)
+@compiled(READ_PICTURE, TABLE, ROW, ROW, TABLE, TABLE, TABLE)
 def fit_loop(
-    grey: NDArray[np.uint8], starts: Array, radius: float, reach: float, ways: Array, found: Array
+    grey: NDArray[np.uint8],
+    starts: Array,
+    radii: Array,
+    reaches: Array,
+    shapes: Array,
+    ways: Array,
+    found: Array,
 ) -> None:
     """Fill rows of place, white, contrast, covariance (xx, xy, yy) and misfit."""
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
+    scratch, columns = np.empty_like(normal), np.empty((2, _PARAMETERS))
     for dot in range(len(starts)):
+        radius, reach = radii[dot], reaches[dot]
         begin_loop(grey, starts[dot], reach, state)
         state[6], state[7] = radius, _BLUR
         for _ in range(_ITERATIONS):
-            normal_loop(grey, state, reach, ways[dot], normal, right)
+            normal_loop(grey, state, reach, shapes[dot], ways[dot], 1.0, normal, right)
             solve_loop(normal, right)
             length = math.hypot(right[4], right[5])
             share = min(1.0, _LONGEST_STEP / max(length, 1e-12))
@@ -168,16 +190,26 @@ def fit_loop(
             state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
             if length < _SETTLED or not math.isfinite(length):
                 break
-        squares, count = normal_loop(grey, state, reach, ways[dot], normal, right)
+        squares, count = normal_loop(
+            grey, state, reach, shapes[dot], ways[dot], 1.0, normal, right
+        )
         variance = squares / max(count - _PARAMETERS, 1.0)
         found[dot, 0], found[dot, 1] = state[4], state[5]
         found[dot, 2], found[dot, 3] = state[0], state[1]
+        # Of weighted pixels whose noise is the same: N^-1 (A W^2 A) N^-1 with N = A W A.
         for n in range(2):
-            second = normal.copy()
-            right[:] = 0.0
-            right[4 + n] = variance
-            solve_loop(second, right)
-            found[dot, 4 + n], found[dot, 5 + n] = right[4], right[5]
+            scratch[:] = normal
+            columns[n] = 0.0
+            columns[n, 4 + n] = 1.0
+            solve_loop(scratch, columns[n])
+        normal_loop(grey, state, reach, shapes[dot], ways[dot], 2.0, normal, right)
+        for n in range(3):
+            one, other = columns[n // 2], columns[(n + 1) // 2]
+            total = 0.0
+            for i in range(_PARAMETERS):
+                for j in range(_PARAMETERS):
+                    total += one[i] * normal[i, j] * other[j]
+            found[dot, 4 + n] = variance * total
         found[dot, 7] = math.sqrt(variance)
 
 
@@ -198,15 +230,19 @@ class FittedDots:
 
 
 def fit_dots(
-    grey: NDArray[np.uint8], starts: Array, radius: float, label_radius: float, ways: Array
+    grey: NDArray[np.uint8], starts: Array, outlines: Array, share: float, ways: Array
 ) -> FittedDots:
     """Fit dots near places, each with its way while it was exposed [pixels], (K, 2) each.
 
-    All have the same radius, and so have their labels [pixels].
+    Outlines, (K, 2, 2), make the outline of each dot, from its centre, the unit circle [1/pixel].
+    The radii of the dots are that share of those of their labels [1].
     """
-    reach = min(max(label_radius - _CLEAR, radius + 0.5), radius + _BEYOND)
+    radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
+    shapes = (radii[:, None, None] * outlines).reshape(-1, 4)
+    labels = radii / share - _CLEAR
+    reaches = np.minimum(np.maximum(labels, radii + 0.5), radii + _BEYOND)
     found = np.empty((len(starts), 8))
     placed, ended = (np.array(each, dtype=np.float64, order='C') for each in (starts, ways))
-    fit_loop(np.ascontiguousarray(grey), placed, radius, reach, ended, found)
+    fit_loop(np.ascontiguousarray(grey), placed, radii, reaches, shapes, ended, found)
     covariances = found[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     return FittedDots(found[:, :2], covariances, found[:, 3], found[:, 2], found[:, 7])

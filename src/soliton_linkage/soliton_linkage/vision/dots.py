@@ -62,19 +62,22 @@ def find_dots(
     grey: Picture,
     picture: Picture,
     region: tuple[int, int, int, int],
-    radius: float,
     predicted: Array,
+    outlines: Array,
     smears: Array,
 ) -> Dots:
-    """Dots of about a radius [pixels] in a region: left, top, right, bottom [pixels].
+    """Dots in a region: left, top, right, bottom [pixels].
 
-    Each has the smear of the predicted place that it is nearest to, (M, 2) each [pixels].
+    Each has the outline, (M, 2, 2) [1/pixel], as of `fit_dots`, and the smear of the predicted
+    place that it is nearest to, (M, 2) each [pixels].
     """
+    radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
     longest = float(np.hypot(*smears.T).max(initial=0.0))
     spots = _spots(grey[top:bottom, left:right], radius, longest) + np.array([left, top])
-    ways = _nearest(spots, predicted, smears)
-    fitted = fit_dots(grey, spots, radius, radius / DOT_SHARE, ways)
+    nearest = _nearest(spots, predicted)
+    ways = smears[nearest]
+    fitted = fit_dots(grey, spots, outlines[nearest], DOT_SHARE, ways)
     good = _are_dots(fitted, spots, ways)
     dots = Dots(
         fitted.places[good],
@@ -106,11 +109,9 @@ def _spots(grey: Picture, radius: float, smear: float) -> Array:
     return np.asarray(middles[fits], dtype=np.float64)
 
 
-def _nearest(spots: Array, predicted: Array, smears: Array) -> Array:
-    if not len(predicted) or not len(spots):
-        return np.zeros_like(spots)
+def _nearest(spots: Array, predicted: Array) -> NDArray[np.intp]:
     apart = np.hypot(*(spots[:, None] - predicted).transpose(2, 0, 1))
-    return np.asarray(smears[np.argmin(apart, axis=1)])
+    return np.asarray(np.argmin(apart, axis=1))
 
 
 def _are_dots(fitted: FittedDots, spots: Array, ways: Array) -> NDArray[np.bool_]:

@@ -64,7 +64,7 @@ class FrameMarkers:
         self._places = np.full((len(self._points), 2), np.nan)
         self._noise = _HIDDEN
         self._pictures = self._missing_for = 0
-        self._detector = _detector(opencv())
+        self._detector = marker_detector(opencv())
 
     @property
     def places(self) -> Array:
@@ -150,14 +150,15 @@ class FrameMarkers:
         self, grey: Grey, plane: ChainPlane, starts: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Centres of dots near places [pixels], and which are to be seen."""
-        scale = float(np.median(plane.pixels_per_metre(self._points)))
-        radius = self._layout.dot_radius * scale
-        fitted = fit_dots(grey, starts, radius, radius / DOT_SHARE, np.zeros_like(starts))
+        radius = self._layout.dot_radius
+        outlines = plane.metres_per_pixel(starts) / radius
+        fitted = fit_dots(grey, starts, outlines, DOT_SHARE, np.zeros_like(starts))
         good = (fitted.contrasts > _LEAST_CONTRAST) & (
             fitted.misfits < _LARGEST_MISFIT * fitted.contrasts + 2.0
         )
-        good &= np.hypot(*(fitted.places - starts).T) < 2 * radius
-        return plane.centred(fitted.places, self._layout.dot_radius), good
+        moved = outlines @ (fitted.places - starts)[..., None]
+        good &= np.hypot(moved[:, 0, 0], moved[:, 1, 0]) < 2
+        return plane.centred(fitted.places, radius), good
 
     def _fit(self) -> None:
         points, places = self._points[self._known], self._places[self._known]
@@ -177,7 +178,7 @@ class FrameMarkers:
         }
 
 
-def _detector(cv2: Any) -> Any:
+def marker_detector(cv2: Any) -> Any:
     """What finds corners and numbers of markers in a picture, of OpenCV 4.6 and of later ones."""
     aruco = cv2.aruco
     dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))

@@ -70,6 +70,16 @@ class RotorTracks:
             self._colours,
         )
 
+    def length_errors(self, lengths: Array) -> Array:
+        """By how much lengths [m] are off the mean of those before, shape (N,) each.
+
+        It is NaN where few were seen. The mean of n has an error of its own, which is taken off:
+        that of the difference is sqrt(1 + 1 / n) times that of a length.
+        """
+        counts = np.maximum(self._length_counts, 1.0)
+        errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
+        return np.where(self._length_counts < _FEWEST, np.nan, errors)
+
     def predicted(self, times: Array) -> tuple[Array, Array]:
         """Angles at times [s] and their standard deviations [rad], shape (N,) each."""
         since = np.minimum(times - self._times[0], 1e3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration by pictures that nobody here has made: OpenCV's own, in Debian's opencv-doc."""
+"""Calibration and markers in pictures of others: OpenCV's own, in Debian's opencv-doc."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from soliton_linkage.vision.frame_markers import marker_detector
 from soliton_linkage.vision.lens.calibration import calibrated
+from soliton_linkage.vision.lens.camera import uncalibrated
+from soliton_linkage.vision.lens.plane import fitted_plane
 
-SAMPLES = Path(os.environ.get('OPENCV_DOC', '/usr/share/doc/opencv-doc')) / 'examples/data'
+DOC = Path(os.environ.get('OPENCV_DOC', '/usr/share/doc/opencv-doc'))
+SAMPLES, TUTORIALS = DOC / 'examples/data', DOC / 'opencv4/html'
 FOCAL, MIDDLE, LENS = 535.9, (342.3, 235.6), (-0.266, -0.0386, 0.2384)
 """Of this camera as left_intrinsics.yml beside the pictures in OpenCV's sources has it."""
 
@@ -30,3 +34,18 @@ def test_the_camera_of_the_samples_of_opencv_is_found() -> None:
         powers = [square, square**2, square**3]
         theirs = np.dot(LENS, powers)
         assert np.dot((k1, k2, k3), powers) == pytest.approx(theirs, abs=0.01)
+
+
+@pytest.mark.skipif(not TUTORIALS.is_dir(), reason='the pictures are in the package opencv-doc')
+def test_markers_of_a_photo_are_where_its_drawing_has_them() -> None:
+    cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+    found = []
+    for name in ('charuco_board.png', 'screen_charuco.jpg'):
+        grey = cv2.imread(str(TUTORIALS / name), cv2.IMREAD_GRAYSCALE)
+        corners, numbers = marker_detector(cv2)(grey)
+        found.append(dict(zip(np.ravel(numbers).tolist(), corners, strict=True)))
+    both = sorted(found[0].keys() & found[1].keys())
+    assert len(both) >= 12
+    points, pixels = (np.concatenate([each[n].reshape(4, 2) for n in both]) for each in found)
+    _, misfit = fitted_plane(uncalibrated(800, 450), points.astype(float), pixels.astype(float))
+    assert misfit < 1.5

@@ -44,7 +44,7 @@ def _tasks(settings: Section, quick: bool) -> dict[str, FilmedTask]:
     kicks = settings.section('kicks')
     tasks = {}
     for title, film in settings.section('films').sections().items():
-        film.allow('noise', 'quality')
+        film.allow('noise', 'quality', 'h264')
         light = FilmSettings(
             noise=film.number('noise', 0.0, 50.0), quality=film.whole_number('quality', 0, 100)
         )
@@ -54,6 +54,7 @@ def _tasks(settings: Section, quick: bool) -> dict[str, FilmedTask]:
                 kicks.number(name, 1e-6, 10.0),
                 min(frames, _QUICK_FRAMES) if quick else frames,
                 light,
+                film.whole_number('h264', 0, 51),
             )
             tasks[f'{name}, {title}'] = task
     return tasks

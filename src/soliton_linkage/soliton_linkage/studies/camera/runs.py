@@ -4,14 +4,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from soliton_linkage.linkage.chain import Array, Chain, wrapped
+from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.studies.experiments import kicked
 from soliton_linkage.vision.angle_camera import AngleCamera
+from soliton_linkage.vision.films.footage import Shot, read_film, write_film
 from soliton_linkage.vision.films.renderer import FilmSettings, Hand, Motion, Renderer
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.lens.camera import Camera
@@ -28,9 +33,9 @@ CAMERA = Camera(
     exposure=0.004,
 )
 """A camera of 1280 x 720 pixels with the lens and the rolling shutter of a phone [pixels, s]."""
-_PERIOD = 1 / 60
+PERIOD = 1 / 60
 """Of the pictures [s]."""
-_SIMULATED = 0.002
+SIMULATED = 0.002
 """Period of the simulated motion between whose frames cubics lead [s]."""
 _TILTS = (0.06, -0.09, 0.01)
 """Of the camera, from looking squarely [rad]."""
@@ -55,21 +60,22 @@ class FilmedTask:
     """Speed of the masses, in units of a sqrt(k_e / M) [1]."""
     frames: int
     settings: FilmSettings
+    h264: int = 0
+    """Quality of a film of H.264, of which lower ones are better; 0 for pictures as they are."""
 
     def __call__(self) -> FilmedRun:
         """Make the film, picture by picture, and look at it."""
-        duration = _PERIOD * (self.frames + 2)
-        motion = _motion(self.chain, self.kick, duration)
+        duration = PERIOD * (self.frames + 2)
+        frames = round(duration / SIMULATED)
+        whole = frames * SIMULATED / self.chain.time_unit
+        motion = motion_of(kicked(self.chain, self.kick, whole, frames))
         layout = MarkerLayout(self.chain)
-        plane = _plane(layout)
+        plane = plane_of(layout)
         hands = _hands(duration)
         film = Renderer(layout, plane, motion, self.settings, hands)
         eye = AngleCamera(layout, CAMERA)
-        begin = 2 * _PERIOD
         seen, truth, busy = [], [], 0.0
-        for frame in range(self.frames):
-            taken = begin + frame * _PERIOD
-            picture = film.picture(taken)
+        for taken, picture in self._pictures(film):
             before = time.process_time()
             seen.append(eye.look(taken, picture))
             busy += time.process_time() - before
@@ -78,6 +84,19 @@ class FilmedTask:
         stated = np.array([frame.deviations for frame in seen])
         bound = _pixel_bound(self, layout, plane)
         return FilmedRun(angles - np.array(truth), stated, bound, busy / self.frames)
+
+    def _pictures(self, film: Renderer) -> Iterator[Shot]:
+        begin = 2 * PERIOD
+        times = begin + PERIOD * np.arange(self.frames)
+        shots = (Shot(taken, film.picture(taken)) for taken in times.tolist())
+        if not self.h264:
+            yield from shots
+            return
+        with TemporaryDirectory() as folder:
+            path = Path(folder, 'film.mp4')
+            write_film(path, shots, self.h264)
+            for taken, picture in read_film(path).pictures:
+                yield Shot(begin + taken, picture)
 
 
 @dataclass(frozen=True)
@@ -140,16 +159,14 @@ def _changes(errors: Array) -> int:
     )
 
 
-def _motion(chain: Chain, kick: float, duration: float) -> Motion:
-    """Simulated motion of a kicked chain, a cubic from frame to frame."""
-    frames = round(duration / _SIMULATED)
-    recording = kicked(chain, kick, frames * _SIMULATED / chain.time_unit, frames)
+def motion_of(recording: Recording) -> Motion:
+    """Motion of a recording, a cubic from frame to frame."""
     angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
     rates, accelerations = angles.derivative(1), angles.derivative(2)
     return lambda times: (angles(times), rates(times), accelerations(times))
 
 
-def _plane(layout: MarkerLayout) -> ChainPlane:
+def plane_of(layout: MarkerLayout) -> ChainPlane:
     """Plane of a chain that fills the picture."""
     length = float(layout.chain.pivots[-1])
     distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filmed experiment: from a film of a chain that nobody has measured to its soliton."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.estimation.analyser import Analyser, Analysis
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.quantities import described_fields, quantity
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage.studies.camera.filmed_bench import BenchParameters, FilmedBench
+from soliton_linkage.studies.camera.runs import CAMERA
+from soliton_linkage.vision.films.footage import Shot, read_film, write_film
+from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
+from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
+from soliton_linkage_nodes.camera_encoders.sight import Sight
+from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.programs.analyse_bag import analyse
+from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.experiment.film_page import write_film_page
+from soliton_linkage_nodes.programs.film.film_encoders import Account, film_to_bag
+from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
+from soliton_linkage_nodes.programs.identify_chain.program import identify_bag, summary
+from soliton_linkage_nodes.programs.linkage_bags import read_recording
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND
+
+_DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
+_FROM_EDGES = 4.0
+"""Of places that are judged, at least [rotor spacings]: at an edge a wall waits."""
+
+
+@dataclass(frozen=True)
+class PlaceErrors:
+    """Of the soliton's places, where it is not near an edge."""
+
+    angle_noise: float
+    """Standard deviation of the angles that were seen, about their own means [rad]."""
+    stated_angle_noise: float
+    """Median of what is stated of them [rad]."""
+    places: int
+    """Frames that were judged."""
+    error: float
+    """Root mean square of the places [rotor spacings]."""
+    stated: float
+    """Root mean square of what is stated of them [rotor spacings]."""
+    allowed: float
+    """What the noise of the angles allows by one frame alone [rotor spacings]: its standard
+    deviation over the arc from rotor to rotor, root mean square."""
+    with_true_chain: float
+    """Error of an analyser that was told the true chain [rotor spacings]."""
+
+
+@dataclass(frozen=True)
+class FilmedExperimentParameters(BenchParameters):
+    """Parameters of the experiment."""
+
+    scenario: str = quantity('filmed', 'name of the experiment')
+
+
+def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
+    """Run the experiment of a configuration file, and return what it has shown.
+
+    Raises ValueError for parameters that there are not, or out of their range.
+    """
+    known = described_fields(FilmedExperimentParameters)
+    for name, value in given.items():
+        if name not in known:
+            raise ValueError(f'{configuration}: {name} is none of {", ".join(known)}')
+        complaint = known[name].complaint(value)
+        if complaint is not None:
+            raise ValueError(f'{configuration}: {name} = {value!r} {complaint}')
+    parameters = FilmedExperimentParameters(**given)
+    errors = FilmedExperiment(configuration, parameters, folder).run()
+    return in_words(errors, parameters.spread)
+
+
+class FilmedExperiment:
+    """Films a chain, sees its angles, identifies it, and follows its soliton."""
+
+    def __init__(self, configuration: Path, parameters: BenchParameters, output: Path) -> None:
+        """Make the chain that a configuration describes; results go to a folder."""
+        self._plan = chain_of_file(configuration)
+        self._markers = markers_of_file(configuration)
+        self._bench = FilmedBench(self._plan.chain, self._markers, parameters)
+        self._folder = output
+
+    def run(self) -> PlaceErrors:
+        """Do it all, and write the page and summary.json."""
+        film, lens = self._folder / 'film.mp4', self._folder / 'camera.yaml'
+        self._film(film)
+        write_camera(lens, CAMERA)
+        seen = self._seen(film, lens, self._plan, 'seen')
+        _say(
+            f'{seen.pictures} pictures show {seen.shares:.1%} of the rotors to '
+            f'{1e3 * seen.deviation:.2g} mrad.'
+        )
+        _say('Identifying the chain, which nobody has measured; this takes longest.')
+        found = identify_bag(seen.bag, self._folder)
+        _say(summary(found))
+        identified = chain_of_file(self._folder / 'chain.yaml')
+        overlay = self._folder / 'overlay.mp4'
+        again = self._seen(film, lens, identified, 'identified', overlay)
+        analyse(again.bag, self._folder)
+        errors = self._errors(again.bag)
+        write_film_page(self._folder, in_words(errors, self._bench.parameters.spread))
+        text = json.dumps(asdict(errors), indent=2) + '\n'
+        (self._folder / 'summary.json').write_text(text, encoding='utf-8')
+        return errors
+
+    def _film(self, path: Path) -> None:
+        pictures = self._bench.pictures
+        _say(
+            f'Filming a chain of {self._plan.rotors} rotors, whose lengths all differ by '
+            f'{self._bench.parameters.spread:.0%}.'
+        )
+        progress = ProgressLine('filming', pictures)
+
+        def shown() -> Iterator[Shot]:
+            for count, shot in enumerate(self._bench.film(), start=1):
+                progress.show(count, f'{count} pictures')
+                yield shot
+
+        write_film(path, shown())
+        progress.clear()
+
+    def _seen(
+        self, film: Path, lens: Path, named: NamedChain, name: str, overlay: Path | None = None
+    ) -> Account:
+        told = SightParameters(CAMERA.row_time, CAMERA.exposure)
+        sight = Sight(named, self._markers, told, read_camera(lens))
+        for earlier in self._folder.glob(f'{name}_*'):
+            shutil.rmtree(earlier)
+        return film_to_bag(read_film(film), named, sight, self._folder / name, overlay)
+
+    def _errors(self, bag: Path) -> PlaceErrors:
+        """Compare what a bag shows with what only the filmed chain knows."""
+        with open_bag(bag) as reader:
+            _, recording = read_recording(reader)
+            deviations = np.array(
+                [message.position for _, message in read_topic(reader, _DEVIATIONS)]
+            )
+            found = np.array([_place(analysis) for _, analysis in analysed(reader)])
+        exact = self._bench.angles(recording.times)
+        true = _places(self._bench.chain, recording.times, exact)[:, 0]
+        informed = _places(self._bench.chain, recording.times, recording.angles)[:, 0]
+        last = self._bench.chain.number_of_rotors - 1
+        inside = np.isfinite(true) & np.isfinite(found[:, 0]) & np.isfinite(informed)
+        inside &= (true > _FROM_EDGES) & (true < last - _FROM_EDGES)
+        if not inside.any():
+            raise ValueError('no soliton was followed in the film; kick harder, or film longer')
+        errors = recording.angles - exact
+        noise = float(np.nanstd(errors - np.nanmean(errors, axis=0)))
+        orbit = orbit_of(self._bench.chain)
+        arcs = [orbit.site_arc_at(orbit.arc_at(float(place), 0)) for place in true[inside]]
+        return PlaceErrors(
+            noise,
+            float(np.nanmedian(deviations)),
+            int(inside.sum()),
+            _rms(found[inside, 0] - true[inside]),
+            _rms(found[inside, 1] / self._bench.chain.spacing),
+            _rms(noise / np.array(arcs)),
+            _rms(informed[inside] - true[inside]),
+        )
+
+
+def in_words(errors: PlaceErrors, spread: float) -> str:
+    """What the experiment has shown."""
+    return (
+        f'Angles were seen to {1e3 * errors.angle_noise:.2g} mrad. In {errors.places} pictures '
+        f'the soliton is placed to {errors.error:.2g} rotor spacings on the chain that the film '
+        f'itself has shown, and to {errors.with_true_chain:.2g} on the true one, whose lengths '
+        f'all differ by {spread:.0%}; angles of that noise allow {errors.allowed:.2g} by a '
+        'picture alone.'
+    )
+
+
+def _places(chain: Chain, times: Array, angles: Array) -> Array:
+    """Places of the soliton and their deviations, those of an analyser, shape (T, 2)."""
+    analyser = Analyser(chain)
+    return np.array(
+        [
+            _place(analyser.analyse(round(time * SECOND), of_frame))
+            for time, of_frame in zip(times, angles, strict=True)
+        ]
+    )
+
+
+def _place(analysis: Analysis | None) -> tuple[float, float]:
+    """Place [rotor spacings] and its deviation [m] where there is one soliton, else NaN."""
+    if analysis is None or len(analysis.solitons) != 1:
+        return math.nan, math.nan
+    (soliton,) = analysis.solitons
+    return soliton.rotor, soliton.position_deviation
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
