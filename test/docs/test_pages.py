@@ -87,8 +87,7 @@ def test_the_table_of_topics_is_that_of_the_nodes() -> None:
         type_name = re.findall(r'`(.*?)`', kind)[0]
         told[name.strip('`')] = (type_name, 'latched' in kind)
         assert meaning
-    others = interfaces.IDENTIFIED_CHAIN, interfaces.CLOCK
-    topics = [*interfaces.SUITE, *interfaces.DRAWN, *interfaces.SEEN, *others]
+    topics = [*interfaces.SUITE, *interfaces.DRAWN, *interfaces.SEEN, interfaces.CLOCK]
     assert told == {
         topic.name: (
             f'{topic.type.__module__.partition(".")[0]}/{topic.type.__name__}',

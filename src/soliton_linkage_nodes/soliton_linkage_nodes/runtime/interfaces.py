@@ -132,7 +132,9 @@ MOVE_SOLITON = 'move_soliton'
 
 SUITE = (
     CHAIN,
+    IDENTIFIED_CHAIN,
     JOINT_STATES,
+    JOINT_STATE_DEVIATIONS,
     NUDGE,
     EDGE_COMMAND,
     JOINT_COMMANDS,
@@ -151,5 +153,5 @@ SUITE = (
 """What the nodes say and hear, and bags hold."""
 DRAWN = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """What is drawn of that for viewers; bags need not hold it."""
-SEEN = (JOINT_STATE_DEVIATIONS, IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
+SEEN = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Of cameras in place of encoders."""

@@ -39,6 +39,8 @@ _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
 """Of an analyser that is to agree with another to the last digit, however busy the machine is."""
 _UNUSED = (
+    interfaces.IDENTIFIED_CHAIN,
+    interfaces.JOINT_STATE_DEVIATIONS,
     interfaces.EDGE_COMMAND,
     interfaces.JOINT_COMMANDS,
     interfaces.EFFORT_COMMANDS,
