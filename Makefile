@@ -11,7 +11,7 @@ help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile | expand -t 30
 
-demo: scenario build
+demo: scenario build $(if $(filter filmed%,$(SCENARIO)),develop)
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo --page
 
 live: scenario build  ## a chain in the browser to push, carry and record, until Ctrl-C; SCENARIO=spinner

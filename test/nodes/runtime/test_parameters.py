@@ -45,6 +45,9 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
+from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
+    FilmedExperimentParameters,
+)
 from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
@@ -113,6 +116,7 @@ OF_NODE = {
         'source': ChainSourceParameters,
     },
     'experiment': {'': ExperimentParameters},
+    'filmed_experiment': {'': FilmedExperimentParameters},
 }
 
 

@@ -8,7 +8,7 @@ corner: the markers tell which dots these are, and the dots tell the plane.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -137,6 +137,17 @@ class MarkerLayout:
     def paper_size(self) -> float:
         """Side of the white square with a frame marker and its dots [m]."""
         return self.frame_marker_size + 4 * self.label_radius
+
+    @cached_property
+    def as_printed(self) -> MarkerSettings:
+        """Settings with every size and place told: the paper stays as it is for another chain."""
+        return replace(
+            self.settings,
+            label_diameter=2 * self.label_radius,
+            frame_marker_size=self.frame_marker_size,
+            frame_x=tuple(self.frame_centres[:, 0].tolist()),
+            frame_z=tuple(self.frame_centres[:, 1].tolist()),
+        )
 
     def _about_centres(self, half: float) -> Array:
         corners = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])

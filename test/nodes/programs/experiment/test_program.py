@@ -48,7 +48,7 @@ def test_the_end_is_said_in_words(changed: dict[str, Any], said: str) -> None:
 
 def test_what_was_not_run_is_suggested() -> None:
     others = [path.stem for path in other_scenarios(CONFIG / 'wobbler.yaml')]
-    assert others == ['flipper', 'spinner']
+    assert others == ['filmed', 'filmed_spinner', 'filmed_wobbler', 'flipper', 'spinner']
 
 
 def test_files_that_are_no_scenario_are_not_suggested(tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ sys.path.append(str(Path(__file__).parents[3] / 'physics'))
 from filmed_chains import CAMERA, renderer
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.vision.films.footage import Shot, write_film
+from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.vision.films.footage import Shot, read_film, write_film
+from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
 from soliton_linkage_nodes.programs.film.film_encoders import main
@@ -40,7 +42,7 @@ def test_a_film_becomes_a_bag_with_its_own_times(tmp_path: Path) -> None:
     given = ['--chain', str(tmp_path / 'chain.yaml'), '--output', str(tmp_path / 'bag')]
     given += ['--camera-info', str(tmp_path / 'camera.yaml')]
     given += ['--row-time', str(CAMERA.row_time), '--exposure', str(CAMERA.exposure)]
-    main([str(tmp_path / 'film.mp4'), *given])
+    main([str(tmp_path / 'film.mp4'), *given, '--overlay', str(tmp_path / 'overlay.mp4')])
     with open_bag(tmp_path / 'bag_0') as reader:
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         deviations = [message for _, message in read_topic(reader, 'joint_state_deviations')]
@@ -51,6 +53,8 @@ def test_a_film_becomes_a_bag_with_its_own_times(tmp_path: Path) -> None:
     angles = np.array([frame.position for frame in frames])
     assert np.abs(angles - truth).max() < 0.02
     assert len(deviations) == len(frames)
+    overlay = list(read_film(tmp_path / 'overlay.mp4').pictures)
+    assert [shot.time for shot in overlay] == pytest.approx(TIMES.tolist(), abs=1e-4)
 
 
 def test_a_file_of_another_kind_is_refused_in_one_line(
@@ -72,6 +76,16 @@ def test_markers_are_those_of_the_file(tmp_path: Path) -> None:
     path.write_text(CHAIN.replace('frame_columns', 'columns'))
     with pytest.raises(ValueError, match=r'markers.columns is unknown; known: .*frame_columns'):
         markers_of_file(path)
+
+
+def test_markers_stay_where_they_were_printed_for_another_chain(tmp_path: Path) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(CHAIN)
+    printed = markers_of_file(path)
+    longer = Chain(6, deviations=Deviations(rotor_length=(0.1,) * 6, spacing=(0.1,) * 5))
+    one, other = (MarkerLayout(chain, printed) for chain in (Chain(6), longer))
+    assert other.frame_dots == pytest.approx(one.frame_dots)
+    assert other.dot_radius == pytest.approx(one.dot_radius)
 
 
 def test_a_calibration_comes_back_from_its_file(tmp_path: Path) -> None:

@@ -98,13 +98,21 @@ def camera_pictures(number: int) -> Iterator[Shot]:
             yield Shot(now - begun, picture)
 
 
-def write_film(path: Path, pictures: Iterable[Shot], quality: int = 18) -> int:
-    """Write pictures with their times as H.264; return how many. Lower qualities are better."""
+def write_film(
+    path: Path, pictures: Iterable[Shot], quality: int = 18, alone: bool = False
+) -> int:
+    """Write pictures with their times as H.264; return how many. Lower qualities are better.
+
+    Pictures that are kept `alone`, not by what has changed since the last, take more bytes and
+    keep the smallest motions.
+    """
     av: Any = pyav_to_write()
     count = 0
     with av.open(str(path), 'w') as container:
         stream = container.add_stream('libx264', rate=Fraction(60))
         stream.options = {'crf': str(quality), 'preset': 'veryfast'}
+        if alone:
+            stream.gop_size = 1
         stream.pix_fmt = 'yuv420p'
         stream.codec_context.time_base = Fraction(1, _TICKS)
         for taken in pictures:

@@ -133,7 +133,7 @@ class FilmedExperiment:
                 progress.show(count, f'{count} pictures')
                 yield shot
 
-        write_film(path, shown())
+        write_film(path, shown(), alone=True)
         progress.clear()
 
     def _seen(

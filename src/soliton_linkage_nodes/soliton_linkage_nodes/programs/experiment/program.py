@@ -2,7 +2,9 @@
 """The experiment: nudge the chain, watch a soliton cross it and come back, record and replay.
 
 It starts the simulator, the actuator, the analyser and the recorder on a private domain of this
-machine, and leaves a bag of the run, two pictures and a summary.
+machine, and leaves a bag of the run, two pictures and a summary. With a configuration of a
+filmed_experiment it films a chain that nobody has measured, identifies it by the film and follows
+its soliton, and leaves a page with film, overlay, report and track.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import fcntl
 import os
 import sys
 import threading
+import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -21,17 +24,25 @@ from typing import Any
 import rclpy
 import yaml
 
-from soliton_linkage_nodes.programs.child_processes import private_domain
+from soliton_linkage_nodes.programs.child_processes import has_display, private_domain
 from soliton_linkage_nodes.programs.command_line import ProgramParser, reason
 from soliton_linkage_nodes.programs.experiment.experiment import Experiment
 from soliton_linkage_nodes.programs.experiment.observer import Observer
-from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
+from soliton_linkage_nodes.runtime.process import (
+    initialise,
+    interrupt_on_signals,
+    stop_on_signals,
+)
 from soliton_linkage_nodes.start import INTERRUPTED
+
+_FILMED = 'filmed_experiment'
 
 
 def main() -> None:
     """Run the experiment of a configuration file."""
     options = _options()
+    if _named(parameters_of(options.configuration), _FILMED):
+        sys.exit(_run_filmed(options))
     # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
     stopping = stop_on_signals()
     with private_domain():
@@ -57,6 +68,30 @@ def _run(options: argparse.Namespace, stopping: threading.Event) -> int:
         return 1
     finally:
         rclpy.try_shutdown()
+    return 0
+
+
+def _run_filmed(options: argparse.Namespace) -> int:
+    # Other experiments need neither scipy's fits nor OpenCV.
+    from soliton_linkage_nodes.programs.experiment import filmed_experiment
+
+    configuration = options.configuration
+    try:
+        interrupt_on_signals()
+        given = _named(parameters_of(configuration), _FILMED)
+        with claimed(options.output) as folder:
+            said = filmed_experiment.run(configuration, given, folder)
+        page = folder / 'index.html'
+        print(said, f'\n  {page}   film, overlay, report and track\n')
+        print(*_suggestions(configuration), sep='\n', flush=True)
+        if options.page and has_display():
+            webbrowser.open(page.resolve().as_uri())
+    except KeyboardInterrupt:
+        print('Stopped.', flush=True)
+        return INTERRUPTED
+    except (RuntimeError, ValueError, OSError) as error:
+        print(f'\nThe experiment failed: {reason(error)}', file=sys.stderr)
+        return 1
     return 0
 
 
@@ -139,10 +174,14 @@ def other_scenarios(configuration: Path) -> list[Path]:
 def _scenario(configuration: Path) -> object:
     try:
         nodes = parameters_of(configuration)
-        (given,) = (nodes[name] for name in nodes if name.split('/')[-1] == 'experiment')
     except ValueError:
         return None
-    return given.get('scenario')
+    return (_named(nodes, 'experiment') or _named(nodes, _FILMED)).get('scenario')
+
+
+def _named(nodes: dict[str, dict[str, Any]], node: str) -> dict[str, Any]:
+    """Parameters of a node, none where a file has none."""
+    return next((nodes[name] for name in nodes if name.split('/')[-1] == node), {})
 
 
 def parameters_of(path: Path) -> dict[str, dict[str, Any]]:

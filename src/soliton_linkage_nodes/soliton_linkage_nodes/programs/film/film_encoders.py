@@ -2,7 +2,8 @@
 """See the angles of a chain in a film, and write them into a bag that analyse_bag takes.
 
 The bag has the topics chain, joint_states and joint_state_deviations: the standard deviation of
-each angle. The stamps are those of the film, which may have any rate of pictures.
+each angle. The stamps are those of the film, which may have any rate of pictures. With --overlay
+it also writes the film with the markers that were found and the walls drawn over it.
 """
 
 from __future__ import annotations
@@ -10,20 +11,30 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.serialization import serialize_message
 
+from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.vision.films.footage import Footage, camera_pictures, read_film
+from soliton_linkage.vision.films.footage import (
+    Footage,
+    Shot,
+    camera_pictures,
+    read_film,
+    write_film,
+)
+from soliton_linkage.vision.overlay import overlaid
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.camera_encoders.camera_file import read_camera
+from soliton_linkage_nodes.camera_encoders.overlay import placed
 from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
 from soliton_linkage_nodes.camera_encoders.sight import (
     Seen,
@@ -41,6 +52,9 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
+_OVERLAY_QUALITY = 23
+"""Of H.264 [1]: that of players, for who looks at it."""
+
 
 class Account(NamedTuple):
     """What was seen in a film."""
@@ -56,35 +70,58 @@ class Account(NamedTuple):
     """What the last picture showed, and what happened before."""
 
 
-def film_to_bag(footage: Footage, named: NamedChain, sight: Sight, output: Path) -> Account:
-    """Write what a film shows into a bag; raises ValueError where it shows no angle.
+def film_to_bag(
+    footage: Footage,
+    named: NamedChain,
+    sight: Sight,
+    output: Path,
+    overlay: Path | None = None,
+) -> Account:
+    """Write what a film shows into a bag, and an overlay; ValueError where it shows no angle.
 
     What was seen until Ctrl-C is in the bag.
     """
     bag = _AngleBag(output, named)
-    deviations, shares, last = [], [], 'it has no pictures'
+    seen: list[tuple[float, float]] = []
+    last = 'it has no pictures'
     progress = ProgressLine('seeing', footage.frames)
-    try:
-        for count, seen in enumerate(_seen(footage, sight), start=1):
-            last = in_words(sight, seen)
+
+    def looked() -> Iterator[tuple[Shot, Seen]]:
+        nonlocal last
+        start = round(footage.start * SECOND)
+        for count, taken in enumerate(footage.pictures, start=1):
+            shown = sight.look(start + round(taken.time * SECOND), taken.picture)
+            last = in_words(sight, shown)
             progress.show(count, f'{count} pictures, {last}')
-            if seen.frame.seen:
-                bag.write(seen)
-                deviations.append(median_deviation(seen.frame))
-                shares.append(seen.frame.seen / named.rotors)
+            if shown.frame.seen:
+                bag.write(shown)
+                share = shown.frame.seen / named.rotors
+                seen.append((share, median_deviation(shown.frame)))
+            yield taken, shown
+
+    try:
+        if overlay is None:
+            deque(looked(), maxlen=0)
+        else:
+            overlay.parent.mkdir(parents=True, exist_ok=True)
+            write_film(overlay, _drawn(looked(), named), _OVERLAY_QUALITY)
     finally:
         progress.clear()
         bag.close()
-    if not shares:
+    if not seen:
         raise ValueError(f'the film shows no angle: {last}')
-    middle, share = float(np.median(deviations)), float(np.mean(shares))
-    return Account(bag.path, len(shares), share, middle, last)
+    shares, deviations = np.array(seen).T
+    return Account(bag.path, len(seen), float(np.mean(shares)), float(np.median(deviations)), last)
 
 
-def _seen(footage: Footage, sight: Sight) -> Iterator[Seen]:
-    start = round(footage.start * SECOND)
-    for taken in footage.pictures:
-        yield sight.look(start + round(taken.time * SECOND), taken.picture)
+def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[Shot]:
+    """Pictures with what was found in them, and the walls that the frames so far show."""
+    analyser = Analyser(named.chain)
+    for taken, seen in looked:
+        analysis = analyser.analyse(seen.stamp, seen.frame.angles) if seen.frame.seen else None
+        walls = placed(analysis.solitons, named.chain.spacing) if analysis else []
+        drawn = overlaid(taken.picture, seen.frame, named.joint_names, walls)
+        yield Shot(taken.time, drawn)
 
 
 class _AngleBag:
@@ -133,8 +170,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         named = chain_of_file(options.chain)
         lens = read_camera(options.camera_info) if options.camera_info else None
         parameters = SightParameters(options.row_time, options.exposure, not options.unmarked)
-        sight = Sight(named, markers_of_file(options.chain), parameters, lens)
-        account = film_to_bag(_footage(options), named, sight, options.output)
+        sight = Sight(named, markers_of_file(options.markers or options.chain), parameters, lens)
+        account = film_to_bag(_footage(options), named, sight, options.output, options.overlay)
         print(
             f'{account.pictures} pictures, in which {account.shares:.1%} of the rotors are seen '
             f'to {1e3 * account.deviation:.2g} mrad; {account.last}\n{account.bag} has the '
@@ -162,6 +199,16 @@ def _parser() -> ProgramParser:
         required=True,
         metavar='FILE',
         help='parameter file with chain.* and markers.*, such as config/flipper.yaml',
+    )
+    parser.add_argument(
+        '--markers',
+        type=Path,
+        metavar='FILE',
+        help='parameter file that the markers were printed for, where --chain is another one, as '
+        'of identify_chain',
+    )
+    parser.add_argument(
+        '--overlay', type=Path, metavar='FILM', help='film to write, such as out/overlay.mp4'
     )
     parser.add_argument(
         '--camera-info', type=Path, metavar='FILE', help='calibration by calibrate_camera'

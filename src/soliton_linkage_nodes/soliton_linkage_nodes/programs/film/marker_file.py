@@ -7,14 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from soliton_linkage.linkage.quantities import described_fields
-from soliton_linkage.vision.layout import MarkerSettings
+from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
+from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
 
 _PREFIX = 'markers.'
 
 
 def markers_of_file(path: Path) -> MarkerSettings:
-    """Settings of markers.* of a parameter file; raises ValueError for what there is not."""
+    """Markers that are printed for a parameter file, every size and place told.
+
+    Raises ValueError for markers.* that there is not.
+    """
     given: dict[str, Any] = {
         name.removeprefix(_PREFIX): value
         for held in read_sections(path).values()
@@ -30,4 +34,4 @@ def markers_of_file(path: Path) -> MarkerSettings:
     values: dict[str, Any] = {
         name: tuple(v) if isinstance(v, list) else v for name, v in given.items()
     }
-    return MarkerSettings(**values)
+    return MarkerLayout(chain_of_file(path).chain, MarkerSettings(**values)).as_printed

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filmed experiment refuses what it does not know, and its page has all that it made."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from soliton_linkage_nodes.programs.experiment.film_page import write_film_page
+from soliton_linkage_nodes.programs.experiment.filmed_experiment import run
+
+CONFIG = Path(__file__).resolve().parents[4] / 'config/filmed.yaml'
+
+
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        ({'kicks': 3.0}, 'kicks is none of'),
+        ({'duration': 0.0}, 'duration = 0.0 must lie in the range 1 to 3600 s'),
+    ],
+)
+def test_parameters_that_there_are_not_are_refused(
+    given: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=said):
+        run(CONFIG, given, tmp_path)
+
+
+def test_the_page_shows_films_report_and_track_beside_each_other(tmp_path: Path) -> None:
+    write_film_page(tmp_path, 'placed to < 0.01')
+    page = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    shown = re.findall(r'src="(.*?)"', page)
+    assert shown == ['film.mp4', 'overlay.mp4', 'identification.png', 'track.png']
+    assert 'placed to &lt; 0.01' in page
