@@ -36,7 +36,7 @@ def test_a_film_becomes_a_bag_with_its_own_times(tmp_path: Path) -> None:
     pytest.importorskip('av', reason='films need PyAV')
     _, film, motion = renderer(Chain(number_of_rotors=6))
     shots = [Shot(time, film.picture(time)) for time in TIMES]
-    assert write_film(tmp_path / 'film.mp4', shots, quality=10) == len(TIMES)
+    assert write_film(tmp_path / 'film.mp4', shots, quality=10, alone=True) == len(TIMES)
     (tmp_path / 'chain.yaml').write_text(CHAIN.replace('columns: 2', 'columns: 3'))
     write_camera(tmp_path / 'camera.yaml', CAMERA)
     given = ['--chain', str(tmp_path / 'chain.yaml'), '--output', str(tmp_path / 'bag')]
