@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from soliton_linkage.estimation.analyser import Analyser, Analysis
+from soliton_linkage.estimation import Analyser, Analysis
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
