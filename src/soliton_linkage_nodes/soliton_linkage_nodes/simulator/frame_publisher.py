@@ -68,13 +68,12 @@ class FramePublisher:
         interfaces.let_be_heard(self._joint_states)
 
     def tell(self, frame: int, impulses: Array) -> None:
-        """Tell of impulses [N m s] that act at a frame, and wait, not for long, until it is heard.
+        """Tell of impulses [N m s] that act at a frame, ahead of it.
 
-        Topics come in no order of each other: who needs both is to have the impulses first.
+        What one process publishes comes in its order, but for what has to be sent again.
         """
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
-        interfaces.let_be_heard(self._impulses)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
         """Publish the frame of a number, that a simulation is at."""
