@@ -33,7 +33,6 @@ from soliton_linkage_nodes.programs.experiment.film_page import write_film_page
 from soliton_linkage_nodes.programs.film.film_encoders import Account, film_to_bag
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
 from soliton_linkage_nodes.programs.identify_chain.program import identify_bag, summary
-from soliton_linkage_nodes.programs.linkage_bags import read_recording
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -148,20 +147,23 @@ class FilmedExperiment:
     def _errors(self, bag: Path) -> PlaceErrors:
         """Compare what a bag shows with what only the filmed chain knows."""
         with open_bag(bag) as reader:
-            _, recording = read_recording(reader)
             deviations = np.array(
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
             )
-            found = np.array([_place(analysis) for _, analysis in analysed(reader)])
-        exact = self._bench.angles(recording.times)
-        true = _places(self._bench.chain, recording.times, exact)[:, 0]
-        informed = _places(self._bench.chain, recording.times, recording.angles)[:, 0]
+            frames = list(analysed(reader))
+        found = np.array([_place(analysis) for _, analysis in frames])
+        angles = np.array([joints.position for joints, _ in frames])
+        stamps = np.array([joints.stamp for joints, _ in frames])
+        times = (stamps - stamps[0]) / SECOND
+        exact = self._bench.angles(times)
+        true = _places(self._bench.chain, times, exact)[:, 0]
+        informed = _places(self._bench.chain, times, angles)[:, 0]
         last = self._bench.chain.number_of_rotors - 1
         inside = np.isfinite(true) & np.isfinite(found[:, 0]) & np.isfinite(informed)
         inside &= (true > _FROM_EDGES) & (true < last - _FROM_EDGES)
         if not inside.any():
             raise ValueError('no soliton was followed in the film; kick harder, or film longer')
-        errors = recording.angles - exact
+        errors = angles - exact
         noise = float(np.nanstd(errors - np.nanmean(errors, axis=0)))
         orbit = orbit_of(self._bench.chain)
         arcs = [orbit.site_arc_at(orbit.arc_at(float(place), 0)) for place in true[inside]]
