@@ -144,6 +144,7 @@ def test_reset_to_angles_and_refuse_what_is_none(visit: Visit, stage: Stage) -> 
     visit.told("'rotor_99', which is none of 'rotor_0' to 'rotor_11'")
     listening = stage.listen(interfaces.JOINT_STATES)
     heard = stage.hear(interfaces.JOINT_STATES)
+    until(lambda: heard, 'frames')
     visit.fill('angles [rad]', 'rotor_0: 1.25, rotor_11: -0.5')
     visit.click('reset')
     until(lambda: any(abs(frame.position[0] - 1.25) < 1e-3 for frame in list(heard)), 'the angles')

@@ -12,6 +12,7 @@ from soliton_linkage.estimation.places.pushes import WaitingPushes
 from soliton_linkage.linkage.chain import Array
 
 SECOND = 10**9
+DAY = 24 * 3600 * SECOND
 ONE, OTHER, LAST = (np.full(3, float(number)) for number in range(3))
 
 
@@ -42,13 +43,22 @@ def test_one_that_comes_after_its_frame_is_counted_and_does_nothing(stamp: int) 
     assert waiting.late == 1
 
 
-@pytest.mark.parametrize('stamp', [None, 0, 100 * SECOND])
+@pytest.mark.parametrize('stamp', [None, 0, 2 * DAY])
 def test_one_of_no_clock_or_another_acts_from_the_next_frame(stamp: int | None) -> None:
     waiting = WaitingPushes()
-    waiting.due(50 * SECOND)
+    waiting.due(DAY)
     waiting.add(stamp, ONE)
-    assert due(waiting, 50 * SECOND + 1) == [(ONE, 0)]
+    assert due(waiting, DAY + 1) == [(ONE, 0)]
     assert waiting.late == 0
+
+
+@pytest.mark.parametrize('behind', [1, 5 * SECOND, 600 * SECOND])
+def test_one_is_no_earlier_for_who_is_behind(behind: int) -> None:
+    waiting = WaitingPushes()
+    waiting.due(DAY)
+    waiting.add(DAY + behind + 1, ONE)
+    assert waiting.due(DAY + behind) == []
+    assert due(waiting, DAY + behind + 1) == [(ONE, 0)]
 
 
 def test_none_outlives_a_clock_that_is_set_back() -> None:

@@ -9,9 +9,9 @@ from soliton_linkage.linkage.chain import Array
 
 _NANOSECOND = 1e-9
 """Unit of stamps [s]."""
-_NEAR = 10**9
-"""Farthest that a stamp may be from that of the latest frame to be of the same clock [ns]: walls
-are followed for seconds, and clocks that differ do so by more."""
+_NEAR = 3600 * 10**9
+"""Farthest that a stamp may be from that of the latest frame to be of the same clock [ns]: who
+analyses is behind by seconds or minutes, and clocks of another beginning differ by years."""
 
 
 class Push(NamedTuple):
