@@ -26,6 +26,10 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
 
+_LAST_STAMP = 2.0**31
+"""Where the stamps of ROS end [s]."""
+
+
 @dataclass(frozen=True)
 class BagRecorderParameters:
     """Parameters of the recorder."""
@@ -42,7 +46,7 @@ class BagRecorderParameters:
     exclude_regex: str = quantity('', 'do not record topics whose full names contain this pattern')
     max_bag_size: int = quantity(0, 'size from which on a new file is begun, 0 for never', 'B', 0)
     max_bag_duration: float = quantity(
-        0.0, 'time after which a new file is begun, 0 for never', 's', 0.0
+        0.0, 'time after which a new file is begun, 0 for never', 's', 0.0, _LAST_STAMP
     )
     snapshot_duration: float = quantity(
         0.0,
