@@ -25,7 +25,6 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
-
 _LAST_STAMP = 2.0**31
 """Where the stamps of ROS end [s]."""
 
