@@ -19,6 +19,16 @@ from soliton_linkage.studies.drawing import lean_norm
 PANELS = ('chain', 'lean', 'kymograph', 'dial', 'energy', 'topology')
 
 
+def wait_for_place(visit: Visit, note: str, told: str) -> None:
+    """The wall goes on settling while the page is read."""
+
+    def there() -> bool:
+        place = re.search(rf'{told}([0-9.]+)', visit.text(note))
+        return place is not None and abs(float(place[1]) - PLACE) < 0.1
+
+    until(there, f'the place in {note}')
+
+
 def test_every_panel_shows_what_was_published(at_rest: Visit, view: Any) -> None:
     visit = at_rest
     model = view.finder.chains['/'].model
@@ -35,9 +45,7 @@ def test_every_panel_shows_what_was_published(at_rest: Visit, view: Any) -> None
         ('topology', 'zero mode at '),
         ('lean', 'wall at '),
     ):
-        place = re.search(rf'{told}([0-9.]+)', visit.text(f'{note}-note'))
-        assert place, note
-        assert abs(float(place[1]) - PLACE) < 0.1
+        wait_for_place(visit, f'{note}-note', told)
     for canvas in PANELS:
         assert visit.painted(canvas) > 5, canvas
     column = visit.js(

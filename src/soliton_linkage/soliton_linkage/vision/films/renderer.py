@@ -230,11 +230,11 @@ class Renderer:
             if left >= right or top >= bottom:
                 continue
             fine = 8
-            columns = left + (np.arange((right - left) * fine) + 0.5) / fine - 0.5
-            rows = top + (np.arange((bottom - top) * fine) + 0.5) / fine - 0.5
-            places = (
-                self._plane.points(np.stack(np.meshgrid(columns, rows), axis=-1)) - centre
-            ) / size
+            columns = np.arange(left, right + 1) - 0.5
+            rows = np.arange(top, bottom + 1) - 0.5
+            corners = self._plane.points(np.stack(np.meshgrid(columns, rows), axis=-1))
+            across = _between(corners.swapaxes(0, 1), fine).swapaxes(0, 1)
+            places = (_between(across, fine) - centre) / size
             paper = np.abs(places).max(axis=-1) < half
             from_dot = np.hypot(*(np.abs(places) * size - size / 2 - layout.label_radius).T).T
             cells = np.floor((places * [1, -1] + 0.5) * MODULES).astype(int)
@@ -242,12 +242,14 @@ class Renderer:
             inside = np.clip(cells, 0, MODULES - 1)
             black = on & (bits[inside[..., 1], inside[..., 0]] == 0)
             black |= from_dot < layout.dot_radius
-            patch = np.where(
-                black[..., None], 14.0, np.where(paper[..., None], _WHITE[::-1], _BOARD[::-1])
-            ).astype(np.float32)
-            shape = (bottom - top, fine, right - left, fine, 3)
-            mean = patch.reshape(shape).mean(axis=(1, 3))
-            canvas[top:bottom, left:right] = mean
+            shape = (bottom - top, fine, right - left, fine)
+            of_black, of_white = (
+                each.reshape(shape).mean(axis=(1, 3))[..., None]
+                for each in (black, paper & ~black)
+            )
+            board, white = np.array(_BOARD[::-1]), np.array(_WHITE[::-1])
+            rest = 1 - of_black - of_white
+            canvas[top:bottom, left:right] = 14.0 * of_black + white * of_white + board * rest
         return np.asarray(cv2.GaussianBlur(canvas, (0, 0), self._settings.blur), dtype=np.float32)
 
     def _paint_hands(self, picture: Picture, time: float) -> None:
@@ -276,3 +278,10 @@ class Renderer:
         cv2 = opencv()
         _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, self._settings.quality])
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
+
+
+def _between(edges: Array, parts: int) -> Array:
+    """Middles of equal parts between edges along the first axis, by lines: lenses bend little."""
+    share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
+    middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share
+    return np.asarray(middles.reshape(-1, *edges.shape[1:]))
