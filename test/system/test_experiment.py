@@ -98,10 +98,11 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
 
 
 def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(start: Start, tmp_path: Path) -> None:
-    process = start(CONFIGURATION / 'flipper.yaml', tmp_path)
+    output = tmp_path / 'out'
+    process = start(flipper_with(tmp_path, nudge=25.0), output)
     wait_for_line(process, 'replaying [')
-    assert_it_stops(process, tmp_path, signal.SIGINT, to_group=True)
-    assert frames_in(tmp_path / 'flipper_0') > 100
+    assert_it_stops(process, output, signal.SIGINT, to_group=True)
+    assert frames_in(output / 'flipper_0') > 100
 
 
 def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
