@@ -90,6 +90,12 @@ def passage(orbit: Orbit, speed: float) -> Array:
     return np.array([orbit.configuration(arc) for arc in np.linspace(begin, end, frames)])
 
 
+def read(angles: Array, random: np.random.Generator) -> tuple[Array, Array]:
+    """Offsets of encoders [rad], shape (N,), and what they read with noise, shape (T, N)."""
+    offsets = OFFSET * random.standard_normal(angles.shape[1])
+    return offsets, angles + offsets + NOISE * random.standard_normal(angles.shape)
+
+
 def made(name: str, number: int) -> Draw:
     """Make a chain, record a passage, and identify it."""
     nominal, speed = CHAINS[name]
@@ -97,8 +103,7 @@ def made(name: str, number: int) -> Draw:
     random = np.random.default_rng([number, 7])
     orbit = orbit_of(chain)
     angles = passage(orbit, speed)
-    offsets = OFFSET * random.standard_normal(nominal.number_of_rotors)
-    readings = angles + offsets + NOISE * random.standard_normal(angles.shape)
+    offsets, readings = read(angles, random)
     found = adjusted(readings, equal_rotors(readings))
     true = replace(lengths_of(chain).scaled(1.0), offsets=offsets)
     tolerances = Tolerances(SPREAD, OFFSET)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 from comparison import Figure
-from identification_draws import CHAINS, NOISE, OFFSET, RATE, SPREAD, chain_of, passage
+from identification_draws import CHAINS, NOISE, RATE, SPREAD, chain_of, passage, read
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning
@@ -89,8 +89,7 @@ def _uses(name: str, count: int) -> Iterator[tuple[float, float, float, float]]:
         random = np.random.default_rng([number, 9])
         orbit = orbit_of(chain)
         angles = passage(orbit, speed)
-        offsets = OFFSET * random.standard_normal(nominal.number_of_rotors)
-        readings = angles + offsets + NOISE * random.standard_normal(angles.shape)
+        offsets, readings = read(angles, random)
         lengths = adjusted(readings, equal_rotors(readings)).lengths
         used = lengths.scaled(float(chain.spacings.mean())).chain(nominal)
         again = angles + offsets + NOISE * random.standard_normal(angles.shape)
@@ -149,8 +148,7 @@ def _springs(name: str, number: int) -> tuple[Chain, Identification]:
     start = leaning(chain, -1).angles
     rates = KICKS[name] * edge_mode(chain, start, Edge.FIRST)
     record = simulate(chain, start, rates, 1.3 * ROTORS / speed, 1 / RATE)
-    offsets = OFFSET * random.standard_normal(ROTORS)
-    readings = record.angles + offsets + NOISE * random.standard_normal(record.angles.shape)
+    _, readings = read(record.angles, random)
     return chain, identify(Readings(record.times, readings), Chain())
 
 
