@@ -114,6 +114,16 @@ def test_what_overrides_what_is_told(
     assert all(told is not None and told in text and str(path) in text for text in said)
 
 
+def test_a_file_for_a_node_of_the_same_process_is_no_mistake(graph: Graph, tmp_path: Path) -> None:
+    path = tmp_path / 'file.yaml'
+    path.write_text(MINE)
+    arguments = ['--ros-args', '--params-file', str(path)]
+    simulator = graph.start(Simulator, cli_args=arguments)
+    actuator = graph.start(EdgeActuator, cli_args=arguments)
+    assert list(notices(actuator, arguments, [simulator, actuator])) == []
+    assert [notice.warning for notice in notices(actuator, arguments)] == [True]
+
+
 @pytest.mark.parametrize('create', [Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering])
 def test_each_node_that_reads_the_chain_refuses_what_is_no_parameter_of_it(
     graph: Graph, create: Callable[..., Node]

@@ -61,9 +61,13 @@ def concerns(pattern: str, node: str) -> bool:
     return re.fullmatch(expression, node) is not None
 
 
-def notices(node: Node, arguments: Sequence[str]) -> Iterator[Notice]:
-    """What is to be said of the files and the `-p` that a node was started with."""
+def notices(node: Node, arguments: Sequence[str], beside: Sequence[Node] = ()) -> Iterator[Notice]:
+    """What is to be said of the files and the `-p` that a node was started with.
+
+    Files may be for the nodes beside it alone, which have been started with the same arguments.
+    """
     name = node.get_fully_qualified_name()
+    started = [name, *(other.get_fully_qualified_name() for other in beside)]
     by_hand = dict(_rules(arguments, node.get_name()))
     for path in map(Path, _values_of(arguments, '--params-file')):
         try:
@@ -71,7 +75,7 @@ def notices(node: Node, arguments: Sequence[str]) -> Iterator[Notice]:
         except (OSError, ValueError):
             continue
         named = [held for pattern, held in sections.items() if concerns(pattern, name)]
-        if not named:
+        if not any(concerns(pattern, one) for pattern in sections for one in started):
             others = ', '.join(sections)
             remedy = f'begin its section with /**/{node.get_name()}:'
             yield Notice(f'{path} has parameters for {others}, not for {name}; {remedy}', True)

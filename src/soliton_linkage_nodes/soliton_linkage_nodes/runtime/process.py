@@ -126,7 +126,9 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         # In Jazzy its spin() hangs; spin_once() does not, at half the cost of others.
         executor = EventsExecutor()
         with ExitStack() as stack:
-            nodes = [_created(component, stack, arguments) for component in components]
+            nodes = [_created(component, stack) for component in components]
+            for node in nodes:
+                _tell_notices(node, arguments, nodes)
             # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
@@ -170,10 +172,9 @@ def _is_of_limits(error: Exception) -> bool:
     return isinstance(error, MemoryError) or any(said in str(error) for said in _LIMITS)
 
 
-def _created(component: Component, stack: ExitStack, arguments: Sequence[str]) -> Node:
+def _created(component: Component, stack: ExitStack) -> Node:
     node = component.create()
     stack.callback(node.destroy_node)
-    _tell_notices(node, arguments)
     return node
 
 
@@ -217,9 +218,9 @@ class _AddressSpace:
                 raise MemoryError(f'{taken} of {allowed} bytes of address space are taken')
 
 
-def _tell_notices(node: Node, arguments: Sequence[str]) -> None:
+def _tell_notices(node: Node, arguments: Sequence[str], beside: Sequence[Node]) -> None:
     """Say what is to be said of the files and parameters that a node was started with."""
-    for notice in notices(node, arguments):
+    for notice in notices(node, arguments, beside):
         if notice.warning:
             node.get_logger().warning(notice.text)
         else:
