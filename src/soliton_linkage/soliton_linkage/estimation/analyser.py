@@ -25,6 +25,7 @@ from soliton_linkage.estimation.motion_class import MotionClass, MotionObserver
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus, lost
 from soliton_linkage.estimation.places.pushes import Push, WaitingPushes
+from soliton_linkage.estimation.places.reading_scales import check_deviations
 from soliton_linkage.estimation.rate_noise import RateNoise
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.state_report import (
@@ -131,13 +132,21 @@ class Analyser:
         """How often the chain was found anew on its orbit."""
         return 0 if self._filter is None else self._filter.starts
 
-    def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
+    def analyse(
+        self,
+        stamp: int,
+        angles: Array,
+        rates: Array | None = None,
+        deviations: Array | None = None,
+    ) -> Analysis | None:
         """Analyse a frame of an instant [ns]; None where it is not later than the one before.
 
         Angles [rad] and rates [rad/s] are of shape (N,), NaN or infinite where they are not
-        known; angles may be wrapped. A stamp that goes back by more than a second is that of a
+        known; angles may be wrapped. Where standard deviations of the angles [rad], shape (N,),
+        NaN where unknown, are told, one wall is placed by angles that count by them, and the
+        noise is that of a usual one. A stamp that goes back by more than a second is that of a
         clock that was set anew, and begins a new record. Raises ValueError for arrays of another
-        shape.
+        shape, and for deviations that are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)
@@ -145,6 +154,8 @@ class Analyser:
         if rates is not None:
             rates = np.ascontiguousarray(rates, dtype=np.float64)
             check_shape(rates, rotors, 'rate')
+        if deviations is not None:
+            deviations = check_deviations(deviations, rotors)
         if not self._clock.advance(stamp):
             return None
         if self._clock.restarted:
@@ -152,7 +163,7 @@ class Analyser:
             self._rate_noise.restart()
             self._walls.restart()
             self._unwrapper = Unwrapper(rotors)
-        estimate, frame = self._read(angles, rates, self._pushes.due(stamp))
+        estimate, frame = self._read(angles, rates, deviations, self._pushes.due(stamp))
         errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         state = None if unknown else FrameState(self.chain, frame.angles)
@@ -174,7 +185,11 @@ class Analyser:
         )
 
     def _read(
-        self, angles: Array, rates: Array | None, pushes: list[Push]
+        self,
+        angles: Array,
+        rates: Array | None,
+        deviations: Array | None,
+        pushes: list[Push],
     ) -> tuple[OrbitEstimate, CompletedFrame]:
         """Estimate where the chain is after pushes, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
@@ -186,7 +201,7 @@ class Analyser:
         if self._filter is None:
             estimate = lost(self._clock.time, self._noise)
             return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
-        self._filter.update(self._clock.time, seen)
+        self._filter.update(self._clock.time, seen, deviations)
         for push in pushes:
             self._filter.push(push)
         estimate, view = self._filter.estimate, self._filter.view

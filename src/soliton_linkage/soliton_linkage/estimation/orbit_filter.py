@@ -23,6 +23,7 @@ from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, Trac
 from soliton_linkage.estimation.places.place_hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.places.place_search import Place, PlaceSearch, ScanBudget
 from soliton_linkage.estimation.places.pushes import Push
+from soliton_linkage.estimation.places.reading_scales import ReadingScales
 from soliton_linkage.estimation.places.rotor_variance import RotorVariance
 from soliton_linkage.estimation.places.yielding import Yielding
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
@@ -70,6 +71,7 @@ class OrbitFilter:
         self._deviates = chain.deviations != NO_DEVIATIONS
         swing = swing_of(chain)
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
+        self._scales = ReadingScales(noise)
         self._variance = RotorVariance(swing, noise, settings)
         self._beside = FrameComparison(orbit, self._likelihood, self._variance.elastic, settings)
         self._trust = FrameTrust(chain.number_of_rotors, self._likelihood, settings)
@@ -90,10 +92,12 @@ class OrbitFilter:
         """The latest frame beside the orbit; None while lost, and for an empty frame."""
         return self._seen_as
 
-    def update(self, time: float, angles: Array) -> OrbitEstimate:
+    def update(self, time: float, angles: Array, deviations: Array | None = None) -> OrbitEstimate:
         """Estimate at an instant [s] from its angles [rad], shape (N,), NaN where unknown.
 
-        Raises ValueError for angles that are not one a rotor; all else it takes as it comes.
+        Readings count by their standard deviations [rad], shape (N,), above 0, where these are
+        told and not NaN. Raises ValueError for angles that are not one a rotor; all else it takes
+        as it comes.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self._estimate.time
@@ -106,6 +110,7 @@ class OrbitFilter:
         seen = np.ascontiguousarray(angles, dtype=np.float64)
         if not frame_loops.all_within(seen, math.inf):
             seen = np.where(np.isfinite(seen), seen, np.nan)
+        self._likelihood.scales = self._scales.of_frame(deviations)
         if self._places.all:
             self._follow(time, elapsed, seen)
         elif not self._acquire(time, seen):
@@ -155,7 +160,9 @@ class OrbitFilter:
     def _found(self, seen: Array) -> list[Place]:
         """Places of a frame that compete, none where it does not tell any."""
         angles = seen - self.offsets.corrections
-        competition = self._search.find(angles, self._given_noise or 0.0)
+        competition = self._search.find(
+            angles, self._given_noise or 0.0, scales=self._likelihood.scales
+        )
         if competition.told < self._settings.scan.told:
             return []
         best = competition.places[0]

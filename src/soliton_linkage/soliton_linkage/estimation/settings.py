@@ -98,6 +98,9 @@ class OffsetSettings(_Part):
     least_error: float = quantity(3e-4, 'error that is the same in all frames, at least', 'rad')
     least_doubted: float = quantity(0.01, 'least distance from the orbit to be doubted', 'rad')
     stuck_share: float = quantity(0.2, 'share of rotors that cannot be stuck at once')
+    largest_scale: float = quantity(
+        1.5, 'stated deviation, in usual ones, of readings that tell of offsets'
+    )
     wall_shifts: tuple[float, float] = quantity(
         (1.0, 2.4),
         'arc that uneven rotors shift walls of flippers and of spinners by, over typical residuals'

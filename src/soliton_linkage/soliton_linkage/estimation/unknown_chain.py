@@ -38,8 +38,14 @@ class UnknownChainAnalyser:
         """Number of frames that were not later than the one before."""
         return self._clock.late
 
-    def analyse(self, stamp: int, angles: Array, rates: Array | None = None) -> Analysis | None:
-        """Analyse a frame, as `Analyser.analyse`; rates say nothing here."""
+    def analyse(
+        self,
+        stamp: int,
+        angles: Array,
+        rates: Array | None = None,
+        deviations: Array | None = None,
+    ) -> Analysis | None:
+        """Analyse a frame, as `Analyser.analyse`; rates and deviations say nothing here."""
         check_shape(angles, len(self.offsets), 'angle')
         if not self._clock.advance(stamp):
             return None

@@ -36,6 +36,7 @@ class FrameComparison:
         self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
         margin = 1 + settings.offsets.depths_beside * penetration_depth(chain) / chain.spacing
         self.far = FarRotors(self.offsets, margin, chain.time_unit, elastic)
+        self._largest_scale = settings.offsets.largest_scale
         shifts = settings.offsets.wall_shifts
         self._shift = shifts[1] if chain.motion is Motion.SPINNER else shifts[0]
         self._doubts = False
@@ -103,7 +104,11 @@ class FrameComparison:
         """
         outlying = view.outlying if view.unbelieved else None
         place = self._orbit.place(view.arc)
-        if not self.far.add(view.residuals, outlying, place, elapsed):
+        residuals = view.residuals
+        if self._likelihood.scales is not None:
+            unsure = self._likelihood.scales > self._largest_scale
+            residuals = np.where(unsure, np.nan, residuals)
+        if not self.far.add(residuals, outlying, place, elapsed):
             return False
         known = np.count_nonzero(self.offsets.corrections)
         self.far.learn(-1 if upside_down else 1, variance)

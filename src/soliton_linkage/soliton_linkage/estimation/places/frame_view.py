@@ -34,13 +34,13 @@ class FrameView(NamedTuple):
     first: int
     """Number of the first rotor about the wall."""
     tangent: Array
-    """Change of the angles of the rotors about the wall with the arc [1], shape (n,)."""
+    """Change of the angles of the rotors about the wall with the arc, over scales [1], (n,)."""
     residuals: Array
     """Angles less those of that point [rad], shape (N,), NaN where unknown."""
     weights: Array
     """How much each rotor is believed, 0 to 1, shape (N,)."""
     left: Array
-    """Residuals of the rotors about the wall that are believed, else 0 [rad], shape (n,)."""
+    """Residuals of rotors about the wall that are believed, over scales, else 0 [rad], (n,)."""
     information: float
     """Information on the arc in units of that of a noise of 1 rad [1]."""
     information_of_all: float
@@ -91,6 +91,9 @@ class FrameLikelihood:
         self._known = math.nan, math.nan
         self._log_wrong = math.log(settings.wrong)
         self._most_off: dict[int, int] = {}
+        self.scales: Array | None = None
+        """Deviations of the readings of the frame that is seen, in usual ones [1], shape (N,);
+        None where all are 1."""
 
     def floor(self, variance: float) -> float:
         """Logarithm of the density of what tells nothing, over that of the core's top [1]."""
@@ -116,6 +119,9 @@ class FrameLikelihood:
         """
         bound, floor = self._settings.bound, self.floor(variance)
         weights, left = np.empty(len(differences)), np.empty(len(tangent))
+        if self.scales is not None:
+            tangent = tangent / self.scales[first : first + len(tangent)]
+            differences /= self.scales
         (information, ahead, whole), counts, sums = likelihood_loops.view(
             differences,
             first,
@@ -132,6 +138,11 @@ class FrameLikelihood:
         )
         used, known, off, run, unbelieved = counts
         squares, likelihood, largest = sums
+        nothing = known * (floor - self._log_wrong)
+        if self.scales is not None:
+            differences *= self.scales
+            largest = float(np.abs(differences).max()) if math.isfinite(largest) else largest
+            nothing += self._log_scales(differences)
         return FrameView(
             arc + ahead,
             first,
@@ -145,7 +156,7 @@ class FrameLikelihood:
             max(used - 1, 1),
             likelihood,
             known,
-            known * (floor - self._log_wrong),
+            nothing,
             off,
             run,
             unbelieved,
@@ -154,8 +165,9 @@ class FrameLikelihood:
 
     def of_residuals(self, view: FrameView, variance: float) -> float:
         """Logarithm of the likelihood of a view with another variance of a rotor [rad^2]."""
+        residuals = view.residuals if self.scales is None else view.residuals / self.scales
         return likelihood_loops.frame_likelihood(
-            view.residuals, variance, self._settings.bound, self.floor(variance)
+            residuals, variance, self._settings.bound, self.floor(variance)
         )
 
     def explains(self, view: FrameView, largest: float) -> bool:
@@ -169,6 +181,7 @@ class FrameLikelihood:
             return False
         if view.likelihood < view.nothing:
             nothing = view.known * (self.floor(largest) - self._log_wrong)
+            nothing += self._log_scales(view.residuals)
             if self.of_residuals(view, largest) < nothing:
                 return False
         if view.off <= 1:
@@ -176,6 +189,12 @@ class FrameLikelihood:
         if view.known not in self._most_off:
             self._most_off[view.known] = _most(view.known, self._settings)
         return view.off <= self._most_off[view.known]
+
+    def _log_scales(self, residuals: Array) -> float:
+        """Logarithm of the product of the scales of what is known: densities are over these."""
+        if self.scales is None:
+            return 0.0
+        return float(np.log(self.scales[np.isfinite(residuals)]).sum())
 
 
 def _most(known: int, settings: LikelihoodSettings) -> int:
