@@ -18,19 +18,20 @@ from launch_ros.actions import Node
 from launch import LaunchDescription
 from soliton_linkage_nodes.bags.play.excerpt import full_name
 from soliton_linkage_nodes.bags.read.reading import open_bag
-from soliton_linkage_nodes.runtime.interfaces import DELIVERED_IMPULSES
+from soliton_linkage_nodes.runtime.interfaces import DELIVERED_IMPULSES, JOINT_STATE_DEVIATIONS
 from soliton_linkage_nodes.runtime.parameter_files import path_of
 
 PACKAGE = 'soliton_linkage_nodes'
 BAGS = Path(get_package_share_directory(PACKAGE), 'bags')
-IMPULSES = DELIVERED_IMPULSES.name
+BESIDE = DELIVERED_IMPULSES.name, JOINT_STATE_DEVIATIONS.name
 NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
 def heard_of(bag):
-    """Return the topics of a bag that the analyser hears: impulses are in some."""
+    """Return the topics of a bag that the analyser hears: impulses and deviations are in some."""
     with open_bag(bag) as reader:
-        return ['chain', 'joint_states', *filter(None, [full_name(reader, IMPULSES)])]
+        found = [full_name(reader, name) for name in BESIDE]
+        return ['chain', 'joint_states', *filter(None, found)]
 
 
 def nodes(context):

@@ -16,6 +16,7 @@ from matplotlib.image import imread
 from rclpy.duration import Duration
 from recordings import START, write_bag
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
@@ -124,10 +125,23 @@ def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
 
 
 KICKS = (14, 23, 30)
+SURENESS = np.where(np.arange(10) % 2, 0.1, 0.01)
+"""Standard deviations of the angles [rad]."""
+
+
+def sureness_of(stamp: int) -> JointState:
+    return JointState(
+        header=Header(stamp=time_to_msg(stamp)),
+        name=list(reversed(NAMED.joint_names)),
+        position=SURENESS[::-1].tolist(),
+    )
 
 
 def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
-    """A noisy wall that is kicked three times, each kick before the frame at which it acts."""
+    """A noisy wall that is kicked three times, each kick before the frame at which it acts.
+
+    Standard deviations come before their frames, and one in three does not come.
+    """
     chain = NAMED.chain
     start = chain.uniform_state(-1)
     rates = 10 * mode_towards_last(chain, start)
@@ -140,7 +154,11 @@ def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
             impulse = -0.2 * chain.moment_of_inertia * simulation.rates
             simulation.kick(impulse)
             sent.append((interfaces.DELIVERED_IMPULSES, impulses_to_msg(NAMED, impulse, stamp)))
-        seen = simulation.angles + 0.01 * generator.standard_normal(chain.number_of_rotors)
+        if number % 3:
+            sureness = sureness_of(START + number * PERIOD)
+            sent.append((interfaces.JOINT_STATE_DEVIATIONS, sureness))
+        noise = SURENESS if number % 3 else SURENESS.min()
+        seen = simulation.angles + noise * generator.standard_normal(chain.number_of_rotors)
         sent.append(
             (interfaces.JOINT_STATES, frame_to_msg(NAMED, Frame(seen, None), 0 * seen, stamp))
         )
@@ -148,23 +166,29 @@ def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
     return sent
 
 
-def test_a_node_and_a_bag_are_told_of_kicks_alike(graph: Graph, tmp_path: Path) -> None:
+def test_a_node_and_a_bag_are_told_of_kicks_and_deviations_alike(
+    graph: Graph, tmp_path: Path
+) -> None:
     sent, told = kicked(), chain_to_msg(NAMED, time_to_msg(START))
     entries: list[Any] = [(interfaces.CHAIN, START - 1, told)]
     entries += [(topic, START + number, message) for number, (topic, message) in enumerate(sent)]
     offline = states_of(write_bag(tmp_path / 'bag', entries))
     frames_alone = [entry for entry in entries if entry[0] is not interfaces.DELIVERED_IMPULSES]
     untold = states_of(write_bag(tmp_path / 'frames', frames_alone))
+    without = [entry for entry in entries if entry[0] is not interfaces.JOINT_STATE_DEVIATIONS]
+    unweighed = states_of(write_bag(tmp_path / 'alike', without))
     states = graph.hear(interfaces.SOLITON_STATE)
     graph.start(SolitonAnalyser, {'longest_lag': 0.0})
-    heard = (interfaces.JOINT_STATES, interfaces.DELIVERED_IMPULSES)
+    first_of_frame = (interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATE_DEVIATIONS)
+    heard = (interfaces.JOINT_STATES, *first_of_frame)
     speakers = {topic.name: graph.speak(topic) for topic in heard}
+    begun = time_to_msg(START + 20 * PERIOD)
     # Kicks that came before the chain wait for it, as frames do.
     for topic, message in sent:
         speakers[topic.name].publish(message)
-        if topic is interfaces.DELIVERED_IMPULSES:
+        if topic in first_of_frame:
             assert speakers[topic.name].wait_for_all_acked(Duration(seconds=10))
-        if message is sent[20][1]:
+        if topic is interfaces.JOINT_STATES and message.header.stamp == begun:
             interfaces.CHAIN.publisher(graph.user).publish(told)
             graph.until(lambda: states, 'the chain')
     graph.until(lambda: len(states) == len(offline), 'all states')
@@ -176,6 +200,8 @@ def test_a_node_and_a_bag_are_told_of_kicks_alike(graph: Graph, tmp_path: Path) 
     )
     assert wall.velocity == pytest.approx(0.8 * before.velocity, rel=0.1)
     assert unaware.velocity > 0.95 * before.velocity
+    (weighed,), (alike,) = offline[-1].solitons, unweighed[-1].solitons
+    assert weighed.position_deviation < 0.5 * alike.position_deviation
 
 
 def cells_of(message: Any, prefix: str = '') -> dict[str, Any]:

@@ -22,7 +22,7 @@ ENDPOINTS = {
     'chain': (1, 4),
     'identified_chain': (0, 1),
     'joint_states': (1, 3),
-    'joint_state_deviations': (0, 1),
+    'joint_state_deviations': (0, 2),
     'nudge': (1, 2),
     'edge_command': (0, 2),
     'joint_commands': (0, 2),

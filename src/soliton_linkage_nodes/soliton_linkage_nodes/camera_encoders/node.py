@@ -121,8 +121,9 @@ class CameraEncoders(ManagedNode):
         begin = time.perf_counter()
         seen = self._seen = self._sight.look(stamp, picture)
         if seen.frame.seen:
-            self._angles.publish(angles_to_msg(self._named, seen))
+            # Who takes the angles is to know by then how sure they are.
             self._deviations.publish(deviations_to_msg(self._named, seen))
+            self._angles.publish(angles_to_msg(self._named, seen))
         self._overlay.draw(self._named, picture, seen)
         self._pictures += 1
         self._busy += time.perf_counter() - begin

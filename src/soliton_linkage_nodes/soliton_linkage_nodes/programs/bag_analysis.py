@@ -52,15 +52,21 @@ def analysed(
         analysis.learn(given)
     decode_joints = _decoder(joints)
     chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
-    pushes = _impulses_beside(reader, joints)
+    pushes = _beside(reader, joints, interfaces.DELIVERED_IMPULSES)
+    deviations = _beside(reader, joints, interfaces.JOINT_STATE_DEVIATIONS)
+    deviation_decoders = {each.id: _decoder(each) for each in deviations}
     refusals: Counter[str] = Counter()
-    for connection, _, serialized in read_messages(reader, [*connections, *pushes]):
+    wanted = [*connections, *pushes, *deviations]
+    for connection, _, serialized in read_messages(reader, wanted):
         if connection.id in chain_decoders:
             analysis.learn(chain_from_msg(chain_decoders[connection.id](serialized)))
             continue
         try:
             if connection in pushes:
                 analysis.push(serialized)
+                continue
+            if connection.id in deviation_decoders:
+                analysis.weigh(deviation_decoders[connection.id](serialized))
                 continue
             frame = decode_joints(serialized)
             found = analysis.analyse(frame)
@@ -76,11 +82,10 @@ def analysed(
             print(f'refused {topic}: {count} in all', file=sys.stderr)
 
 
-def _impulses_beside(reader: Reader, joints: Connection) -> list[Connection]:
-    """Impulses that acted on the chain of joint states, where a bag has any."""
-    beside = joints.topic.rpartition('/')[0]
-    topic = f'{beside}/{interfaces.DELIVERED_IMPULSES.name}'
-    return [connection for connection in reader.connections if connection.topic == topic]
+def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
+    """Connections of a topic of the chain of joint states, where a bag has any."""
+    name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
+    return [connection for connection in reader.connections if connection.topic == name]
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:

@@ -8,10 +8,15 @@ from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.places.reading_scales import check_deviations
 from soliton_linkage.estimation.unknown_chain import UnknownChainAnalyser
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
+
+_MOST_WAITING = 1000
+"""Deviations that wait for their frames [1]: as many as frames may wait."""
 
 
 class JointStateAnalysis:
@@ -23,6 +28,8 @@ class JointStateAnalysis:
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
         self._impulses: ImpulseDecoder | None = None
+        self._sureness: FrameReader | None = None
+        self._deviations: dict[int, Array] = {}
         self.analyser: Analyser | UnknownChainAnalyser | None = None
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -46,12 +53,13 @@ class JointStateAnalysis:
             self.analyser = Analyser(named.chain, self._noise)
         self._named, self._reader = named, FrameReader(named.joint_names)
         self._impulses = ImpulseDecoder(named.numbers, math.inf)
+        self._sureness, self._deviations = FrameReader(named.joint_names), {}
 
     def learn_joints(self, joint_names: Sequence[str]) -> None:
         """Analyse the frames of joints of which nothing is known but their order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
-        self._impulses = None
+        self._impulses = self._sureness = None
 
     def push(self, serialized: bytes) -> None:
         """Take `delivered_impulses`, as CDR bytes, for what acts on a wall from their stamp on.
@@ -63,6 +71,18 @@ class JointStateAnalysis:
             impulses = self._impulses.decode(serialized)
             self.analyser.push(stamp_of(serialized) or None, impulses)
 
+    def weigh(self, deviations: JointStates) -> None:
+        """Take `joint_state_deviations` for those of the angles of that stamp, which come later.
+
+        Of a chain that is not known they tell nothing. Raises ValueError for what is refused.
+        """
+        if self._sureness is None:
+            return
+        by_rotor = self._sureness.read(deviations).angles
+        self._deviations[deviations.stamp] = check_deviations(by_rotor, len(by_rotor))
+        if len(self._deviations) > _MOST_WAITING:
+            del self._deviations[next(iter(self._deviations))]
+
     def analyse(self, joints: JointStates) -> Analysis | None:
         """What a frame shows, None for one that is not later than the one before.
 
@@ -71,7 +91,8 @@ class JointStateAnalysis:
         if self.analyser is None or self._reader is None:
             raise ValueError('joint_states came before the chain was known; tell it first')
         frame = self.frame = self._reader.read(joints)
-        analysis = self.analyser.analyse(joints.stamp, frame.angles, frame.rates)
+        deviations = self._deviations.pop(joints.stamp, None)
+        analysis = self.analyser.analyse(joints.stamp, frame.angles, frame.rates, deviations)
         if analysis is not None:
             self.latest = analysis
         return analysis

@@ -66,9 +66,10 @@ class AnalyserParameters:
 class SolitonAnalyser(ManagedNode):
     """Publishes what each frame of joint states shows, and where the chain is on its cycle.
 
-    Subscribes to `joint_states` [rad, rad/s], to `delivered_impulses` [N m s], which change the
-    rate of a wall, and, unless told the chain by parameters, to `chain`. Publishes
-    `soliton_state`, what happens to walls on `soliton_events`, and `/diagnostics`.
+    Subscribes to `joint_states` [rad, rad/s], to `joint_state_deviations` [rad], by which they
+    count, to `delivered_impulses` [N m s], which change the rate of a wall, and, unless told the
+    chain by parameters, to `chain`. Publishes `soliton_state`, what happens to walls on
+    `soliton_events`, and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -106,6 +107,11 @@ class SolitonAnalyser(ManagedNode):
         self._push = self.diagnostics.refusing(topic.name, self._analysis.push)
         push = self.while_active(partial(self._act_or_wait, self._push))
         self._impulses = CountedSubscription(self, topic, push, self.diagnostics, raw=True)
+        topic = interfaces.JOINT_STATE_DEVIATIONS
+        self._sureness_decoder = JointStateDecoder()
+        self._weigh = self.diagnostics.refusing(topic.name, self._weigh_decoded)
+        weigh = self.while_active(partial(self._act_or_wait, self._weigh))
+        self._deviations = CountedSubscription(self, topic, weigh, self.diagnostics, raw=True)
         take = self.while_active(self.take)
         AdaptiveSubscription(
             self,
@@ -134,6 +140,7 @@ class SolitonAnalyser(ManagedNode):
         """Analyse joint states and publish what they show, once the chain is known."""
         # Topics wait in no order of each other: what acts at a frame must be known before it.
         self._impulses.take_what_waits()
+        self._deviations.take_what_waits()
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
@@ -145,6 +152,9 @@ class SolitonAnalyser(ManagedNode):
                 self.waiting.popleft()
         else:
             act(serialized)
+
+    def _weigh_decoded(self, serialized: bytes) -> None:
+        self._analysis.weigh(self._sureness_decoder.decode(serialized))
 
     def _analyse(self, serialized: bytes) -> None:
         begin = time.perf_counter()

@@ -118,8 +118,11 @@ def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[S
     """Pictures with what was found in them, and the walls that the frames so far show."""
     analyser = Analyser(named.chain)
     for taken, seen in looked:
-        analysis = analyser.analyse(seen.stamp, seen.frame.angles) if seen.frame.seen else None
-        walls = placed(analysis.solitons, named.chain.spacing) if analysis else []
+        walls = []
+        if seen.frame.seen:
+            frame = seen.frame
+            analysis = analyser.analyse(seen.stamp, frame.angles, None, frame.deviations)
+            walls = placed(analysis.solitons, named.chain.spacing) if analysis else []
         drawn = overlaid(taken.picture, seen.frame, named.joint_names, walls)
         yield Shot(taken.time, drawn)
 
@@ -144,9 +147,9 @@ class _AngleBag:
             self._writer = BagWriter(self._output, 'mcap')
             chain = chain_to_msg(self._named, time_to_msg(seen.stamp))
             self._put(interfaces.CHAIN, seen.stamp, chain)
-        self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
         deviations = deviations_to_msg(self._named, seen)
         self._put(interfaces.JOINT_STATE_DEVIATIONS, seen.stamp, deviations)
+        self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
 
     def close(self) -> None:
         """Finish the bag, where there is one."""
