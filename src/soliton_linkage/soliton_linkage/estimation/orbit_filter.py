@@ -110,7 +110,7 @@ class OrbitFilter:
         seen = np.ascontiguousarray(angles, dtype=np.float64)
         if not frame_loops.all_within(seen, math.inf):
             seen = np.where(np.isfinite(seen), seen, np.nan)
-        self._likelihood.scales = self._scales.of_frame(deviations)
+        self._scales.take(deviations)
         if self._places.all:
             self._follow(time, elapsed, seen)
         elif not self._acquire(time, seen):
@@ -160,9 +160,7 @@ class OrbitFilter:
     def _found(self, seen: Array) -> list[Place]:
         """Places of a frame that compete, none where it does not tell any."""
         angles = seen - self.offsets.corrections
-        competition = self._search.find(
-            angles, self._given_noise or 0.0, scales=self._likelihood.scales
-        )
+        competition = self._search.find(angles, self._given_noise or 0.0)
         if competition.told < self._settings.scan.told:
             return []
         best = competition.places[0]
@@ -251,6 +249,8 @@ class OrbitFilter:
     def _see(self, seen: Array, pushed: float) -> float:
         """See a frame from places that pushes may have moved by a variance [rad^2]."""
         variance = self._variance.of_rotor()
+        noise = self._variance.noise.variance
+        self._likelihood.scales = self._scales.of_frame(noise, variance)
         for each in self._places.all:
             each.view = self._beside.recognised(
                 each.motion, seen, variance, pushed, each.upside_down

@@ -99,7 +99,7 @@ class OffsetSettings(_Part):
     least_doubted: float = quantity(0.01, 'least distance from the orbit to be doubted', 'rad')
     stuck_share: float = quantity(0.2, 'share of rotors that cannot be stuck at once')
     largest_scale: float = quantity(
-        1.5, 'stated deviation, in usual ones, of readings that tell of offsets'
+        1.5, 'deviation from the orbit, in usual ones, up to which readings tell of offsets'
     )
     wall_shifts: tuple[float, float] = quantity(
         (1.0, 2.4),

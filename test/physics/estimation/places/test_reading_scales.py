@@ -48,7 +48,9 @@ def test_errors_are_as_stated_and_smaller_where_half_the_readings_have_ten_times
     untold = runs(told=False)[1]
     assert np.sqrt(np.mean(untold**2)) > 2 * np.sqrt(np.mean(errors**2))
     usual = noise or 1 / math.sqrt(np.mean(DEVIATIONS**-2))
-    np.testing.assert_allclose(noises, usual, rtol=0.1)
+    # What may be beside the orbit at first has all readings count alike.
+    assert (noises > 0.9 * usual).all()
+    assert (noises < 0.5 * np.sqrt(np.mean(DEVIATIONS**2))).all()
 
 
 def test_equal_deviations_and_those_that_are_not_known_change_nothing() -> None:
@@ -73,15 +75,27 @@ def test_equal_deviations_and_those_that_are_not_known_change_nothing() -> None:
 
 def test_a_usual_deviation_is_that_with_which_readings_would_tell_as_much() -> None:
     scales = ReadingScales()
-    scaled = scales.of_frame(np.array([0.01, 0.02, np.nan]))
+    scales.take(np.array([0.01, 0.02, np.nan]))
+    scaled = scales.of_frame(1e-4, 1e-4)
     assert scaled is not None
     assert np.mean(scaled[:2] ** -2) == pytest.approx(1.0)
     assert scaled[2] == 1.0
-    later = scales.of_frame(np.array([0.1, np.nan, np.nan]))
+    scales.take(np.array([0.1, np.nan, np.nan]))
+    later = scales.of_frame(1e-4, 1e-4)
     assert later is not None
     assert later[0] == pytest.approx(10 * scaled[0])
-    assert scales.of_frame(np.full(3, np.nan)) is None
-    assert scales.of_frame(None) is None
+    for none in (np.full(3, np.nan), None):
+        scales.take(none)
+        assert scales.of_frame(1e-4, 1e-4) is None
+
+
+def test_what_is_beside_the_orbit_makes_readings_alike() -> None:
+    scales = ReadingScales(0.01)
+    scales.take(np.array([0.01, 0.1]))
+    noise, beside = 0.01**2, 0.2**2
+    scaled = scales.of_frame(noise, noise + beside)
+    assert scaled is not None
+    np.testing.assert_allclose(scaled**2 * (noise + beside), [noise + beside, 0.1**2 + beside])
 
 
 @pytest.mark.parametrize('wrong', [0.0, -0.1, np.inf])

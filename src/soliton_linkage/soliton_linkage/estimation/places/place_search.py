@@ -117,18 +117,12 @@ class PlaceSearch:
             self._all = samples_of(orbit, np.arange(0.0, orbit.length, self._step))
 
     def find(
-        self,
-        angles: Array,
-        noise: float,
-        upside_down: tuple[bool, ...] = (False, True),
-        scales: Array | None = None,
+        self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> Competition:
         """Places of a frame of angles [rad], shape (N,), NaN where unknown.
 
-        The noise is its standard deviation [rad] where it is known, else 0. By scales [1], shape
-        (N,), readings are weighed at the places, which are found without.
+        The noise is its standard deviation [rad] where it is known, else 0.
         """
-        self._likelihood.scales = scales
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (self._settings.times_noise * noise) ** 2)
         peaks: list[tuple[float, float, bool]] = []
