@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One long film of a chain, and the errors of the angles that are seen in it."""
+"""A film of a chain, and the errors of the angles that are seen in it."""
 
 from __future__ import annotations
 
@@ -113,42 +113,44 @@ class FilmedRun:
     """Time of one processor for a picture [s]."""
 
     @property
-    def row(self) -> list[str]:
-        """Cells of the table."""
+    def figures(self) -> tuple[float, ...]:
+        """What `FIGURES` names."""
         known = np.isfinite(self.errors[_SETTLING:])
         errors, stated = self.errors[_SETTLING:], self.stated[_SETTLING:]
         near = wrapped(errors)
         swapped = known & (np.abs(near) > _SWAPPED)
         right = np.where(swapped, np.nan, near)
         own = right - np.nanmean(right, axis=0)
-        noise = float(np.nanstd(own))
-        return [
-            f'{len(self.errors)}',
-            f'{1 - known.mean():.2%}',
-            f'{int(swapped.sum())}',
-            f'{_changes(errors)}',
-            f'{1e3 * self.bound:.3f}',
-            f'{1e3 * noise:.3f}',
-            f'{1e3 * float(np.sqrt(np.nanmean(stated**2))):.3f}',
-            f'{float(np.nanstd(own / stated)):.2f}',
-            f'{float(np.nanmean(right)) / noise:+.3f}',
-            f'{1e3 * self.busy:.1f}',
-        ]
+        return (
+            len(self.errors),
+            known.size,
+            known.size - int(known.sum()),
+            int(swapped.sum()),
+            _changes(errors),
+            self.bound,
+            float(np.nanstd(own)),
+            float(np.sqrt(np.nanmean(stated**2))),
+            float(np.nanstd(own / stated)),
+            float(np.nanmean(right)),
+            self.busy,
+        )
 
 
-COLUMNS = (
+FIGURES = (
     'pictures',
+    'angles',
     'hidden',
     'swapped',
-    'turns lost',
-    'bound of the pixels [mrad]',
-    'noise [mrad]',
-    'stated [mrad]',
-    'noise over stated',
-    'bias over noise',
-    'a picture [ms]',
+    'turns_lost',
+    'bound',
+    'noise',
+    'stated',
+    'normalised',
+    'bias',
+    'busy',
 )
-"""Heads of the cells of `FilmedRun.row`."""
+"""Of a film: counts; the bound of the pixels, noise and what is stated of it, bias [rad]; errors
+over what is stated, root mean square [1]; time of one processor for a picture [s]."""
 
 
 def _changes(errors: Array) -> int:
