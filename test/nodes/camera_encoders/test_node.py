@@ -20,6 +20,7 @@ from filmed_chains import CAMERA, PERIOD, renderer
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.camera_encoders.node import CameraEncoders
+from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.messages.picture_conversions import picture_from_compressed_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
@@ -59,6 +60,7 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
         'row_time': CAMERA.row_time,
         'exposure': CAMERA.exposure,
     }
+    chains = graph.hear(interfaces.CHAIN)
     node = graph.start(CameraEncoders, parameters)
     angles = graph.hear(interfaces.JOINT_STATES)
     deviations = graph.hear(interfaces.JOINT_STATE_DEVIATIONS)
@@ -70,13 +72,16 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
     for frame in range(4):
         time = frame * PERIOD
         images.publish(image(START + round(time * SECOND), film.picture(time)))
-        graph.until(lambda count=frame + 1: len(deviations) == count, 'angles of a picture')
+        graph.until(lambda count=frame + 1: len(angles) == count, 'angles of a picture')
+    graph.until(lambda: len(deviations) == len(angles), 'their deviations')
     last: JointState = angles[-1]
     truth = motion(np.array([(time_from_msg(last.header.stamp) - START) / SECOND]))[0][0]
     assert list(last.name) == [f'rotor_{rotor}' for rotor in range(6)]
     assert np.abs(np.array(last.position) - truth).max() < 0.01
     assert deviations[-1].header.stamp == last.header.stamp
     assert (np.array(deviations[-1].position) < 0.01).all()
+    graph.until(lambda: bool(chains), 'the chain of the parameters')
+    assert chain_from_msg(chains[0]).chain == CHAIN
     graph.until(lambda: bool(overlays), 'a picture with what was found')
     drawn = picture_from_compressed_msg(cv2, overlays[-1])
     assert drawn.shape == (CAMERA.height, CAMERA.width, 3)

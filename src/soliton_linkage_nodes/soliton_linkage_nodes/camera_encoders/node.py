@@ -33,7 +33,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSource,
     ChainSourceParameters,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.messages.picture_conversions import (
     picture_from_compressed_msg,
     picture_from_msg,
@@ -55,7 +55,8 @@ class CameraEncoders(ManagedNode):
     and, unless told the chain by parameters, to `chain`. Publishes `joint_states` [rad], NaN for
     rotors that are not seen, with the stamp of their exposure, `joint_state_deviations`, standard
     deviations of these angles in the place of positions [rad], `camera_overlay`, the pictures
-    with what was found in them, while somebody subscribes to it, and `/diagnostics`.
+    with what was found in them, while somebody subscribes to it, `/diagnostics` and, where it is
+    told the chain by parameters, `chain` (latched).
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -95,6 +96,9 @@ class CameraEncoders(ManagedNode):
         self._deviations = interfaces.JOINT_STATE_DEVIATIONS.publisher(self)
         self._overlay = Overlay(self, self.diagnostics, self.settings.overlay_rate)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
+        if self._source.parameters.chain_from == 'parameters' and self._named is not None:
+            stamp = self.get_clock().now().to_msg()
+            interfaces.CHAIN.publisher(self).publish(chain_to_msg(self._named, stamp))
         self._listen()
         self.get_logger().info(f'seeing {self._source.in_words} in {self._whence()}')
 
