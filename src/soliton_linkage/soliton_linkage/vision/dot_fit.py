@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import NUMBER, READ_PICTURE, ROW, TABLE, compiled
+from soliton_linkage.compiling import NUMBER, READ_PICTURE, ROW, TABLE, YES, compiled
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
@@ -57,27 +57,28 @@ def begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array
     for row in range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 2, height)):
         for column in range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 2, width)):
             value = float(grey[row, column])
-            if math.hypot(column - start[0], row - start[1]) <= reach:
+            if (column - start[0]) ** 2 + (row - start[1]) ** 2 <= reach * reach:
                 low, high = min(low, value), max(high, value)
     state[0], state[1] = high, max(high - low, 1.0)
     state[2] = state[3] = 0.0
     state[4], state[5] = start[0], start[1]
 
 
-@compiled(READ_PICTURE, ROW, NUMBER, ROW, ROW, NUMBER, TABLE, ROW)
+@compiled(READ_PICTURE, ROW, NUMBER, ROW, ROW, TABLE, ROW, TABLE, YES)
 def normal_loop(
     grey: NDArray[np.uint8],
     state: Array,
     reach: float,
     shape: Array,
     way: Array,
-    power: float,
     normal: Array,
     right: Array,
+    squared: Array,
+    last: bool,
 ) -> tuple[float, float]:
     """Fill the normal equations; return the sum of squares that is left, and of the weights.
 
-    The shape is S: xx, xy, yx, yy. Weights of pixels are raised to a power.
+    The shape is S: xx, xy, yx, yy. The last time the matrix with squared weights is filled too.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
@@ -89,22 +90,23 @@ def normal_loop(
     derivatives = np.empty(_PARAMETERS)
     normal[:] = 0.0
     right[:] = 0.0
+    if last:
+        squared[:] = 0.0
     squares = count = 0.0
     for row in range(max(int(y0 - box), 0), min(int(y0 + box) + 2, height)):
         for column in range(max(int(x0 - box), 0), min(int(x0 + box) + 2, width)):
             x, y = column - x0, row - y0
-            away = math.hypot(sxx * x + sxy * y, syx * x + syy * y)
+            away = math.sqrt((sxx * x + sxy * y) ** 2 + (syx * x + syy * y) ** 2)
             weight = min(max(reach - away + 0.5, 0.0), 1.0)
             if weight == 0.0:
                 continue
-            weight = weight**power
             cover = by_x = by_y = by_radius = by_blur = 0.0
             for k in range(places):
                 share = (k - (places - 1) / 2) / places
                 right_of, below = x - share * way[0], y - share * way[1]
                 across = sxx * right_of + sxy * below
                 up = syx * right_of + syy * below
-                distance = max(math.hypot(across, up), 1e-9)
+                distance = max(math.sqrt(across * across + up * up), 1e-9)
                 beyond = (distance - radius) / blur
                 if beyond < -4.0:
                     cover += 1.0
@@ -133,10 +135,14 @@ def normal_loop(
                 right[i] += weighted * left
                 for j in range(i + 1):
                     normal[i, j] += weighted * derivatives[j]
+                if last:
+                    for j in range(i + 1):
+                        squared[i, j] += weight * weighted * derivatives[j]
     for i in range(_PARAMETERS):
         normal[i, i] *= 1.0 + 1e-9
         for j in range(i):
             normal[j, i] = normal[i, j]
+            squared[j, i] = squared[i, j]
     return squares, count
 
 
@@ -170,13 +176,14 @@ def fit_loop(
     """Fill rows of place, white, contrast, covariance (xx, xy, yy) and misfit."""
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
-    scratch, columns = np.empty_like(normal), np.empty((2, _PARAMETERS))
+    squared, scratch = np.empty_like(normal), np.empty_like(normal)
+    columns = np.empty((2, _PARAMETERS))
     for dot in range(len(starts)):
         radius, reach = radii[dot], reaches[dot]
         begin_loop(grey, starts[dot], reach, state)
         state[6], state[7] = radius, _BLUR
         for _ in range(_ITERATIONS):
-            normal_loop(grey, state, reach, shapes[dot], ways[dot], 1.0, normal, right)
+            normal_loop(grey, state, reach, shapes[dot], ways[dot], normal, right, squared, False)
             solve_loop(normal, right)
             length = math.hypot(right[4], right[5])
             share = min(1.0, _LONGEST_STEP / max(length, 1e-12))
@@ -191,7 +198,7 @@ def fit_loop(
             if length < _SETTLED or not math.isfinite(length):
                 break
         squares, count = normal_loop(
-            grey, state, reach, shapes[dot], ways[dot], 1.0, normal, right
+            grey, state, reach, shapes[dot], ways[dot], normal, right, squared, True
         )
         variance = squares / max(count - _PARAMETERS, 1.0)
         found[dot, 0], found[dot, 1] = state[4], state[5]
@@ -202,13 +209,12 @@ def fit_loop(
             columns[n] = 0.0
             columns[n, 4 + n] = 1.0
             solve_loop(scratch, columns[n])
-        normal_loop(grey, state, reach, shapes[dot], ways[dot], 2.0, normal, right)
         for n in range(3):
             one, other = columns[n // 2], columns[(n + 1) // 2]
             total = 0.0
             for i in range(_PARAMETERS):
                 for j in range(_PARAMETERS):
-                    total += one[i] * normal[i, j] * other[j]
+                    total += one[i] * squared[i, j] * other[j]
             found[dot, 4 + n] = variance * total
         found[dot, 7] = math.sqrt(variance)
 
