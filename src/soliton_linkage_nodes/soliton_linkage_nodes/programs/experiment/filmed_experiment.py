@@ -60,6 +60,12 @@ class PlaceErrors:
     deviation over the arc from rotor to rotor, root mean square."""
     with_true_chain: float
     """Error of an analyser that was told the true chain [rotor spacings]."""
+    hidden: float
+    """Share of the angles that were hidden [1]."""
+    by_hidden: float
+    """Error of an analyser that was told the true chain and the true angles, but not of the rotors
+    that were hidden [rotor spacings]: where springs have these beside the chain's cycle, the
+    others alone are nearest to another place on it."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,8 @@ class FilmedExperiment:
         exact = self._bench.angles(times)
         true = _places(self._bench.chain, times, exact)[:, 0]
         informed = _places(self._bench.chain, times, angles)[:, 0]
+        shown = np.where(np.isnan(angles), np.nan, exact)
+        partly = _places(self._bench.chain, times, shown)[:, 0]
         last = self._bench.chain.number_of_rotors - 1
         inside = np.isfinite(true) & np.isfinite(found[:, 0]) & np.isfinite(informed)
         inside &= (true > _FROM_EDGES) & (true < last - _FROM_EDGES)
@@ -175,6 +183,8 @@ class FilmedExperiment:
             _rms(found[inside, 1] / self._bench.chain.spacing),
             _rms(noise / np.array(arcs)),
             _rms(informed[inside] - true[inside]),
+            float(np.isnan(angles[inside]).mean()),
+            _rms((partly - true)[inside & np.isfinite(partly)]),
         )
 
 
@@ -185,7 +195,8 @@ def in_words(errors: PlaceErrors, spread: float) -> str:
         f'the soliton is placed to {errors.error:.2g} rotor spacings on the chain that the film '
         f'itself has shown, and to {errors.with_true_chain:.2g} on the true one, whose lengths '
         f'all differ by {spread:.0%}; angles of that noise allow {errors.allowed:.2g} by a '
-        'picture alone.'
+        f'picture alone in which all rotors are seen. {errors.hidden:.1%} were hidden, which by '
+        f'itself makes an error of {errors.by_hidden:.2g}.'
     )
 
 
