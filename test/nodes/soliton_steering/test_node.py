@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from soliton_linkage.estimation.nearest_point import fit_anywhere
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.linkage.deviations import Deviations, Disorder
+from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.messages.conversions import (
@@ -32,20 +34,29 @@ from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
+from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
+from soliton_linkage_nodes.soliton_steering.steered_chain import SteeredChain
 
 pytestmark = pytest.mark.usefixtures('often')
 
 ROTORS = 8
 CHAIN = Chain(number_of_rotors=ROTORS)
-CYCLE = UniformOrbit(CHAIN)
+EVEN = Disorder()
+UNEVEN = Disorder(spacing=0.05, rotor_length=0.05, rest_length=0.02, mass=0.05, seed=1)
 Result = MoveSoliton.Result
 
 
 class Bench:
     """A simulated chain with a steering, and a user who sends goals."""
 
-    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        parameters: dict[str, Any] | None = None,
+        disorder: Disorder = EVEN,
+    ) -> None:
         self.graph = graph
+        self.orbit = orbit_of(replace(CHAIN, deviations=disorder.drawn(ROTORS)))
         self.reports = graph.reports('soliton_steering')
         self.frames = graph.hear(interfaces.JOINT_STATES)
         self.torques = graph.hear(interfaces.ROTOR_TORQUES)
@@ -54,6 +65,7 @@ class Bench:
             Simulator,
             {
                 'chain.number_of_rotors': ROTORS,
+                **{f'chain.disorder.{key}': value for key, value in asdict(disorder).items()},
                 'publish_rate': 250.0,
                 'real_time_factor': 0.25,
                 'tolerance': 1e-8,
@@ -72,7 +84,8 @@ class Bench:
     @property
     def place(self) -> float:
         """Where the wall is by the last frame [rotor spacings]."""
-        return CYCLE.place(fit_anywhere(CYCLE, np.array(self.frames[-1].position)).arc)
+        angles = np.array(self.frames[-1].position)
+        return self.orbit.place(fit_anywhere(self.orbit, angles).arc)
 
     def send(self, rotor: float, speed: float = 0.0) -> Any:
         """Return the handle of a goal that was accepted."""
@@ -116,7 +129,7 @@ def test_the_wall_is_drawn_out_of_its_edge_to_a_place_and_held_there(graph: Grap
 
 
 def test_a_goal_on_the_way_takes_the_place_of_the_one_before(graph: Graph) -> None:
-    bench = Bench(graph)
+    bench = Bench(graph, disorder=UNEVEN)
     first = bench.send(6.0)
     graph.until(lambda: len(bench.feedback) > 3, 'feedback')
     second = bench.send(2.0)
@@ -124,7 +137,8 @@ def test_a_goal_on_the_way_takes_the_place_of_the_one_before(graph: Graph) -> No
     assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_ABORTED, Result.PREEMPTED)
     assert 'another goal, rotor 2, has taken its place' in ended.result.message
     assert bench.result(second).result.outcome == Result.REACHED
-    assert bench.place == pytest.approx(2.0, abs=0.1)
+    # On the orbit of the chain with its deviations.
+    assert bench.place == pytest.approx(2.0, abs=0.05)
 
 
 def test_cancelled_it_stops_and_holds_and_let_go_it_is_free(graph: Graph) -> None:
@@ -245,6 +259,18 @@ def test_a_joint_that_the_chain_has_not_is_refused(graph: Graph) -> None:
     graph.until(
         lambda: reports and "'rotor_9'" in values(reports[-1])['last refusal'], 'the refusal'
     )
+
+
+def test_deviations_that_block_the_way_are_left_out_and_that_is_told() -> None:
+    shortened = (*7 * (0.0,), -0.5, *4 * (0.0,))
+    chain = Chain(12, rotor_length=0.2, rest_angle=1.18)
+    blocked = replace(chain, deviations=Deviations(rotor_length=shortened))
+    for each, left_out in ((chain, False), (blocked, True)):
+        steered = SteeredChain(
+            NamedChain(each, default_joint_names(12)), SolitonSteeringParameters()
+        )
+        assert steered.steering.orbit.chain == chain
+        assert ('does not get past' in steered.limitation) is left_out
 
 
 def test_a_steering_that_goes_lets_go(graph: Graph) -> None:

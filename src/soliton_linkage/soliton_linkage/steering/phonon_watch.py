@@ -19,7 +19,7 @@ import numpy as np
 
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
@@ -29,7 +29,7 @@ _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
 class PhononWatch:
     """Running mean of the phonons' energy over the last few periods of the slowest."""
 
-    def __init__(self, orbit: UniformOrbit, settings: SteeringSettings = DEFAULTS) -> None:
+    def __init__(self, orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> None:
         """Know of no frame yet."""
         self._orbit = orbit
         self._memory = settings.phonon_periods * 2 * math.pi / gap(orbit.chain)

@@ -15,7 +15,7 @@ import numpy as np
 
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
@@ -93,7 +93,7 @@ class ReferenceTrajectory:
         return np.polyder(highest_first, order) if order else highest_first
 
 
-def gentle_rate(orbit: UniformOrbit, settings: SteeringSettings = DEFAULTS) -> float:
+def gentle_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Rate of the arc at which a wall radiates next to nothing [rad/s].
 
     The `gentle_share` of the largest at which a rotor in the middle takes less than the
@@ -120,7 +120,7 @@ def gentle_rate(orbit: UniformOrbit, settings: SteeringSettings = DEFAULTS) -> f
     return settings.gentle_share * gap(orbit.chain) / float(numbers[first_quiet])
 
 
-def bandwidth(orbit: UniformOrbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
+def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
     """Bandwidth of the feedback [rad/s] for frames that come every period [s], NaN if not known.
 
     So far below the gap that what noise makes of it wakes no phonons, and so far below the rate

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.reference_trajectory import (
     ReferencePoint,
     ReferenceTrajectory,
@@ -96,7 +96,7 @@ class Steering:
 
     def __init__(
         self,
-        orbit: UniformOrbit,
+        orbit: Orbit,
         allocation: TorqueAllocation,
         settings: SteeringSettings = DEFAULTS,
     ) -> None:
@@ -128,7 +128,7 @@ class Steering:
         place = self.orbit.place(estimate.arc)
         inside = 0 < place < self.orbit.chain.number_of_rotors - 1
         way = (1 if self.orbit.leg(estimate.arc) % 2 == 0 else -1) if inside else 0
-        return WallState(place, way * estimate.rate / self.orbit.site_arc)
+        return WallState(place, way * estimate.rate / self.orbit.site_arc_at(estimate.arc))
 
     @property
     def estimate(self) -> WallEstimate | None:
@@ -151,9 +151,8 @@ class Steering:
         self._period, self._quiet = math.nan, 1.0
         self._gap_until = self._last = None
         self._sent.extend([0.0] * len(self._sent))
-        self._observer = WallObserver(
-            self.orbit, self.settings.observer_ratio * self._bandwidth, self.settings
-        )
+        self._observer.forget()
+        self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
     def observe(self, time: float, angles: Array) -> Ended | None:
         """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""

@@ -21,7 +21,7 @@ from scipy.linalg import solveh_banded
 from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linear.statics import banded_products, smallest_change
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.orbit.orbit import Orbit
 
 _STEPS_A_SITE = 4
 """How often the way of a wall is looked at [1/site]: on it t_n^2 changes smoothly."""
@@ -60,7 +60,7 @@ class TorqueAllocation:
 
     def __init__(
         self,
-        orbit: UniformOrbit,
+        orbit: Orbit,
         rotors: tuple[int, ...] = (),
         torque_limit: float = math.inf,
         strain_limit: float = 0.1,
@@ -157,4 +157,4 @@ class TorqueAllocation:
         first, second = rigidity_bands(chain, angles)
         work = first * torques[:-1] + second * torques[1:]
         tensions = solveh_banded(banded_products(first, second), work)
-        return float(np.abs(smallest_change(chain, angles, tensions / chain.stiffness)).max())
+        return float(np.abs(smallest_change(chain, angles, tensions / chain.stiffnesses)).max())

@@ -33,6 +33,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         'moves begun': server.begun,
         'move from rotor': math.nan if goal is None else server.start,
         'move to rotor': math.nan if goal is None else goal.request.rotor,
+        'deviations left out': '' if chain is None else chain.limitation,
         'last move': '' if ended is None else f'{ended.outcome.value}: {ended.message}',
         'gentle speed [rotor spacings/s]': (
             math.nan if chain is None else chain.steering.gentle_speed

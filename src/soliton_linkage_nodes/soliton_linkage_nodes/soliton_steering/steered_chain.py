@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.steering.phonon_watch import PhononWatch
 from soliton_linkage.steering.settings import SteeringSettings
 from soliton_linkage.steering.steering import Ended, Steering, WallState
@@ -23,7 +25,13 @@ class SteeredChain:
         """Steer with the given actuators; raises ValueError where the chain does not allow it."""
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
-        orbit = UniformOrbit(named.chain)
+        self.limitation = ''
+        """Why the deviations of the chain count for nothing, if they do."""
+        try:
+            orbit = orbit_of(named.chain)
+        except (ValueError, ArithmeticError) as error:
+            orbit = orbit_of(replace(named.chain, deviations=NO_DEVIATIONS))
+            self.limitation = str(error)
         allocation = TorqueAllocation(orbit, rotors, settings.torque_limit, settings.strain_limit)
         self.steering = Steering(orbit, allocation, SteeringSettings(tolerance=settings.tolerance))
         self._phonons = PhononWatch(orbit)
