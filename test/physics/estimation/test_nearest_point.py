@@ -24,9 +24,6 @@ from soliton_linkage.estimation.nearest_point import (
     NearestPoint,
     fit_anywhere,
     fit_near,
-    misfit_of_all,
-    recognise,
-    righted,
 )
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Motion
@@ -384,32 +381,3 @@ def test_infinite_angles_are_refused(
 def test_an_arc_that_is_no_number_is_refused(arc: float) -> None:
     with pytest.raises(ValueError, match=r'arc = .* rad must be a finite number'):
         fit_near(cycle_of(FLIPPER), np.zeros(40), arc)
-
-
-@pytest.mark.parametrize('upside_down', [False, True])
-@pytest.mark.parametrize('example', CLASSES)
-def test_a_chain_is_recognised_whichever_way_up_it_was_assembled(
-    example: Example, upside_down: bool
-) -> None:
-    orbit = cycle_of(example)
-    arc = inner_arc(orbit, 0.4, 1)
-    frame = righted(orbit.configuration(arc), upside_down) + noise(orbit, 0.01, 4, 1)[0]
-    frame[[3, 17]] = math.nan
-    found = recognise(orbit, frame)
-    shown = righted(frame, found.upside_down)
-    assert found.misfit == misfit_of_all(orbit, shown, found.arc)
-    left = np.sin((shown - orbit.configuration(found.arc)) / 2)
-    assert found.misfit == pytest.approx(2 * math.sqrt(np.nanmean(left**2)), rel=1e-3)
-    assert found.misfit < 2 * 0.01
-    # A spinner upside down is one on its other leg as well, a flipper is not.
-    if orbit.chain.motion is not Motion.SPINNER:
-        assert found.upside_down is upside_down
-    only = recognise(orbit, frame, (upside_down,))
-    assert only.upside_down is upside_down
-    assert apart(orbit, only.arc, arc) < 0.1
-
-
-def test_nothing_is_recognised_where_no_angle_is_known() -> None:
-    found = recognise(cycle_of(FLIPPER), np.full(40, math.nan))
-    assert math.isnan(found.arc)
-    assert found.misfit == math.inf

@@ -58,7 +58,7 @@ def test_known_torques_leave_no_error_and_unknown_ones_none_that_lasts(
 def test_noise_is_averaged_as_by_a_memory_that_fades() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     theta, sigma = math.exp(-BANDWIDTH * PERIOD), 0.02
-    arcs = np.full(6000, middle(orbit) + 0.1)
+    arcs = np.full(3000, middle(orbit) + 0.1)
     arc, rate, disturbance = watched(WallObserver(orbit, BANDWIDTH), arcs, noise=sigma)
     settled = slice(300, None)
     # N. Morrison, ch. 13: variances of a memory of degree two, the noise of the arc being sigma.
@@ -99,6 +99,22 @@ def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
     estimate = observer.update(0.9, orbit.configuration(last + 1.5 * (0.9 - times[-1])), 0.0)
     assert estimate is not None
     assert estimate.seen == 0.9
+
+
+@pytest.mark.parametrize('example', CLASSES)
+@pytest.mark.parametrize('off', [0.3, 3.0])
+def test_one_wrong_reading_moves_it_by_less_than_noise_does(
+    example: tuple[float, float], off: float
+) -> None:
+    orbit = orbit_of_example(example, 12)
+    observer = WallObserver(orbit, BANDWIDTH)
+    arcs = np.full(50, middle(orbit) + 0.3)
+    watched(observer, arcs, noise=0.01)
+    frame = orbit.configuration(arcs[-1])
+    frame[np.argmax(np.abs(orbit.tangent(arcs[-1])))] += off
+    estimate = observer.update(50 * PERIOD, frame, 0.0)
+    assert estimate is not None
+    assert estimate.arc == pytest.approx(arcs[-1], abs=0.01)
 
 
 def test_what_stays_unseen_is_lost_and_found_again_where_it_is() -> None:

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from soliton_linkage.estimation.settings import DEFAULTS, SearchSettings
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, check_shape, wrapped
+from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, Stretch
 
 
@@ -43,19 +42,6 @@ class NearestPoint:
     information: float
     misfit: float
     lead: float = math.nan
-
-
-class Recognition(NamedTuple):
-    """Which point of the orbit, or of its image upside down, a frame shows.
-
-    arc: arc length from the start of the orbit [rad]; NaN where no rotor tells it.
-    upside_down: whether it is the image phi -> pi - phi.
-    misfit: root mean square of what is left of all rotors that are known [rad]; else infinite.
-    """
-
-    arc: float
-    upside_down: bool
-    misfit: float
 
 
 def fit_near(
@@ -101,41 +87,6 @@ def fit_anywhere(
     best = int(np.argmax(likeness))
     lead = abs(likeness[0] - likeness[1]) if len(fits) == 2 else math.inf
     return replace(fits[best], arc=fits[best].arc % orbit.length, lead=lead)
-
-
-def recognise(
-    orbit: Orbit,
-    angles: Array,
-    upside_down: tuple[bool, ...] = (False, True),
-    settings: SearchSettings = DEFAULTS.search,
-) -> Recognition:
-    """Search the orbit and its image upside down, or one of them, for a frame as `fit_anywhere`.
-
-    Angles [rad], shape (N,), NaN where unknown.
-    """
-    found = [_searched(orbit, angles, each, settings) for each in upside_down]
-    return min(found, key=lambda each: each.misfit)
-
-
-def misfit_of_all(orbit: Orbit, angles: Array, arc: float) -> float:
-    """Root mean square of what the orbit leaves of all rotors that are known [rad]."""
-    left = wrapped(angles - orbit.configuration(arc))
-    return math.sqrt(float(np.nanmean(left**2)))
-
-
-def righted(angles: Array, upside_down: bool) -> Array:
-    """Angles of the chain as it would be if assembled as its orbit is [rad], shape (N,)."""
-    return math.pi - angles if upside_down else angles
-
-
-def _searched(
-    orbit: Orbit, angles: Array, upside_down: bool, settings: SearchSettings
-) -> Recognition:
-    shown = righted(angles, upside_down)
-    fit = fit_anywhere(orbit, shown, settings)
-    if fit.information == 0:
-        return Recognition(math.nan, upside_down, math.inf)
-    return Recognition(fit.arc, upside_down, misfit_of_all(orbit, shown, fit.arc))
 
 
 def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:

@@ -130,6 +130,11 @@ class OrbitFilter:
         if self._places.all:
             self._report(self._estimate.time, self._estimate.status)
 
+    def forget(self) -> None:
+        """Know of no frame, as at first, but for the offsets of encoders."""
+        self._forget(math.nan)
+        self._budget.restart()
+
     def _pushed_by(self, impulses: Array, hypothesis: Hypothesis) -> float:
         """Change of the rate by impulses, were bars rigid, t . J / sum(I t^2) [rad/s]."""
         about = self.orbit.stretch(hypothesis.motion.arc)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A soliton carried to a place and held there, by feedback along the zero mode.
 
-`Steering` observes the wall frame by frame (`WallObserver`), leads it along a
-`ReferenceTrajectory`, and has `TorqueAllocation` make torques of the force that this takes.
+`Steering` observes the wall frame by frame (`WallObserver`, by the analyser's estimator), leads it
+along a `ReferenceTrajectory`, and has `TorqueAllocation` make torques of the force that it takes.
 """
 
 from soliton_linkage.steering.phonon_watch import PhononWatch

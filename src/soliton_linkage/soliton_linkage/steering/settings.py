@@ -121,12 +121,6 @@ class SteeringSettings:
     """How long frames may be missing: / 2 a gap of 0.15 s loses the wall, x 2 one of 0.35 s does
     not and its error stays the same."""
 
-    largest_misfit: float = quantity(
-        0.6, 'root mean square that the orbit may leave of a frame', 'rad', 1e-3
-    )
-    """It tells a wall from angles at random, of which the nearest point leaves 1.0 to 1.7 rad.
-    / 2: nothing, x 2: some of those are taken for a wall."""
-
     least_information: float = quantity(
         0.3, 'information on the arc that a frame must have, of that of all rotors', '', 1e-6, 1.0
     )
