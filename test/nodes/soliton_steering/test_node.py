@@ -71,7 +71,7 @@ class Bench:
                 'tolerance': 1e-8,
             },
         )
-        self.node = graph.start(SolitonSteering, {'state_timeout': 5.0, **(parameters or {})})
+        self.node = graph.start(SolitonSteering, {'state_timeout': 60.0, **(parameters or {})})
         self._client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON)
         graph.until(self._client.server_is_ready, 'the action server')
         graph.until(lambda: self.message == 'ready', 'a steering that sees the wall')
@@ -193,7 +193,7 @@ def test_actuators_at_the_edge_carry_the_wall_as_far_as_they_reach(graph: Graph)
 
 
 def test_a_wall_is_lost_when_the_joint_states_stop(graph: Graph) -> None:
-    bench = Bench(graph, {'state_timeout': 0.3})
+    bench = Bench(graph, {'state_timeout': 2.0})
     handle = bench.send(6.0)
     graph.until(lambda: len(bench.feedback) > 3, 'feedback')
     assert graph.call(SetBool, 'simulator/pause', data=True).success
