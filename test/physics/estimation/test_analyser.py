@@ -78,6 +78,18 @@ def exact(name: str) -> tuple[Analysis, ...]:
     return tuple(analysed(CHAINS[name], record(name).angles, record(name).rates))
 
 
+@lru_cache
+def seen(name: str) -> tuple[Analysis, ...]:
+    """Analyses of the frames with noise."""
+    return tuple(analysed(CHAINS[name], noisy(name)))
+
+
+@lru_cache
+def seen_with_rates(name: str) -> tuple[Analysis, ...]:
+    """Analyses of the frames with noise, and of velocities without."""
+    return tuple(analysed(CHAINS[name], noisy(name), record(name).rates))
+
+
 def phases(found: Sequence[Analysis]) -> Array:
     """Phase of the cycle that counts cycles [rad], shape (T,)."""
     return np.array([each.cycle.phase + 2 * math.pi * each.cycle.completed for each in found])
@@ -130,17 +142,16 @@ def test_the_phase_grows_evenly_through_the_reflections(name: str) -> None:
 
 @pytest.mark.parametrize('name', CHAINS)
 def test_noise_is_no_more_than_what_is_stated(name: str) -> None:
-    assert_true(name, analysed(CHAINS[name], noisy(name), record(name).rates))
+    assert_true(name, seen_with_rates(name))
 
 
 @pytest.mark.parametrize('name', CHAINS)
 def test_velocities_are_not_needed(name: str) -> None:
-    with_rates = analysed(CHAINS[name], noisy(name), record(name).rates)
-    without = analysed(CHAINS[name], noisy(name))
-    for one, other in zip(with_rates, without, strict=True):
+    both = list(zip(seen_with_rates(name), seen(name), strict=True))
+    for one, other in both:
         assert str(one.estimate) == str(other.estimate)
         assert str(one.solitons) == str(other.solitons)
-    for one, other in zip(with_rates[50:], without[50:], strict=True):
+    for one, other in both[50:]:
         assert one.energies is not None
         assert other.energies is not None
         assert other.energies.kinetic == pytest.approx(one.energies.kinetic, rel=0.25)
@@ -158,7 +169,7 @@ def test_frames_may_be_views_that_cannot_be_written() -> None:
 
 @pytest.mark.parametrize('name', CHAINS)
 def test_wrapped_angles_are_as_good(name: str) -> None:
-    whole = analysed(CHAINS[name], noisy(name))
+    whole = seen(name)
     wound = analysed(CHAINS[name], wrapped(noisy(name)))
     for one, other in zip(whole, wound, strict=True):
         assert only_difference(one, other) < 1e-9
@@ -187,7 +198,7 @@ def test_missing_rotors_leave_a_larger_uncertainty(name: str, share: float) -> N
     found = analysed(CHAINS[name], angles, rates)
     assert_true(name, found)
     assert [each.unseen for each in found] == missing.sum(axis=1).tolist()
-    whole = analysed(CHAINS[name], noisy(name))
+    whole = seen(name)
     for of in (arc_deviation, elastic_deviation):
         larger = [of(one) / of(other) for one, other in zip(found, whole, strict=True)]
         assert np.mean(larger[BEGUN:]) > 1
@@ -300,17 +311,24 @@ def test_an_encoder_that_is_stuck_does_no_harm(name: str) -> None:
         assert len(one.solitons) <= 1
 
 
-@pytest.mark.parametrize('rotor', [10, 11, 12, 13])
-@pytest.mark.parametrize('size', [0.1, 1.0, 3.0])
-def test_one_wrong_reading_does_not_move_a_wall(rotor: int, size: float) -> None:
-    chain = Chain(40, rotor_length=0.1, rest_angle=0.77)
+@lru_cache
+def approached(chain: Chain) -> tuple[Array, Analysis]:
+    """Frames of a wall that comes to rotor 11.8, and what the last of them shows."""
     orbit, generator = UniformOrbit(chain), np.random.default_rng(5)
     places = 11.8 - 0.04 * np.arange(40)[::-1]
     frames = np.array([orbit.configuration(orbit.arc_at(each, 0)) for each in places.tolist()])
     frames += NOISE * generator.standard_normal(frames.shape)
+    return frames, analysed(chain, frames)[-1]
+
+
+@pytest.mark.parametrize('rotor', [10, 11, 12, 13])
+@pytest.mark.parametrize('size', [0.1, 1.0, 3.0])
+def test_one_wrong_reading_does_not_move_a_wall(rotor: int, size: float) -> None:
+    chain = Chain(40, rotor_length=0.1, rest_angle=0.77)
+    frames, shown = approached(chain)
     wrong = frames.copy()
     wrong[-1, rotor] += size
-    one, other = (analysed(chain, each)[-1].estimate for each in (frames, wrong))
+    one, other = shown.estimate, analysed(chain, wrong)[-1].estimate
     assert abs(one.place - other.place) < 3 * other.place_deviation
     assert other.place_deviation < 2 * one.place_deviation
 
@@ -351,7 +369,7 @@ def test_frames_that_are_no_wall_are_told_and_searched_on_a_budget() -> None:
 @pytest.mark.parametrize('name', CHAINS)
 def test_a_chain_assembled_upside_down_shows_the_same(name: str) -> None:
     chain = CHAINS[name]
-    upright = analysed(chain, noisy(name))
+    upright = seen(name)
     turned = analysed(chain, math.pi - noisy(name))
     for one, other in zip(upright, turned, strict=True):
         assert only_difference(one, other) < 1e-6
@@ -367,7 +385,7 @@ def test_energies_are_those_of_the_simulation(name: str) -> None:
         assert each.energies is not None
         assert each.energies.whole == pytest.approx(whole, rel=5e-3)
         assert each.energies.wall + each.energies.wake == pytest.approx(each.energies.whole)
-    noisy_energies = [each.energies for each in analysed(chain, noisy(name), states.rates)]
+    noisy_energies = [each.energies for each in seen_with_rates(name)]
     errors = [
         (each.elastic - float(chain.elastic_energy(angles))) / each.elastic_deviation
         for each, angles in zip(noisy_energies, states.angles, strict=True)
@@ -391,7 +409,7 @@ def test_topology_tells_the_wall(name: str) -> None:
 
 @pytest.mark.parametrize('name', CHAINS)
 def test_the_class_is_that_of_the_angles_and_of_the_parameters(name: str) -> None:
-    last = analysed(CHAINS[name], noisy(name))[-1]
+    last = seen(name)[-1]
     assert last.motion is CHAINS[name].motion
     if name != 'flipper':
         assert last.measured_motion.motion is CHAINS[name].motion

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import DOP853, DenseOutput
@@ -67,7 +68,7 @@ class UniformOrbit(Orbit):
         self.site_arc = site_arc(chain)
         self._short = _short_chain(self.chain)
         self._repeats = (chain.number_of_rotors - self._short.number_of_rotors) // 2
-        self._orbit = _ShortOrbit(self._short, self.number_of_legs)
+        self._orbit = _short_orbit(self._short, self.number_of_legs)
         self._middles: list[float] = self._orbit.middles[:-1]
         turning = self._orbit.reflections
         self._begins: list[float] = [turning[-1] - self._orbit.length, *turning[:-1]]
@@ -280,6 +281,11 @@ class _ShortOrbit:
             return float(np.cos(angles) @ tangent)
         first, second = rigidity_bands(self._chain, angles)
         return float(second[-1] if leg % 2 == 0 else first[0])
+
+
+_short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
+"""Orbits of short chains as they were last followed [1]: who filters, shapes walls and steers, and
+chains that differ in their length alone or in what deviates, take the same one."""
 
 
 def _short_chain(chain: Chain) -> Chain:
