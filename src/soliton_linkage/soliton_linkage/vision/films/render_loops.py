@@ -9,7 +9,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import compile_loop
+from soliton_linkage.compiling import (
+    COUNT,
+    NUMBER,
+    PAINTED,
+    READ,
+    READ_PAINT,
+    READ_PAINTS,
+    READ_PLACES,
+    READ_TABLE,
+    TABLE,
+    compile_loop,
+    compiled,
+    named_tuple,
+)
 from soliton_linkage.linkage.chain import Array
 
 Canvas = NDArray[np.float32]
@@ -25,6 +38,9 @@ class Pixels(NamedTuple):
     """Upwards."""
     spread: Array
     """Standard deviation of the places that it takes light from."""
+
+
+_PIXELS = named_tuple(Pixels, TABLE, TABLE, TABLE)
 
 
 def _covered(distance: float, spread: float) -> float:
@@ -48,7 +64,11 @@ covered = compile_loop(_covered, inlined=True)
 from_arm = compile_loop(_from_arm, inlined=True)
 
 
-def _paint_rotors(
+@compiled(
+    *(PAINTED, _PIXELS, COUNT, READ_TABLE, READ, READ),
+    *(READ_PLACES, READ_PAINTS, READ, READ, READ),
+)
+def paint_rotors(
     canvas: Canvas,
     pixels: Pixels,
     parity: int,
@@ -111,7 +131,11 @@ def _paint_rotors(
                     )
 
 
-def _paint_bonds(
+@compiled(
+    *(PAINTED, _PIXELS, READ_TABLE, READ, READ),
+    *(READ_PLACES, READ_PAINT, NUMBER, READ, READ),
+)
+def paint_bonds(
     canvas: Canvas,
     pixels: Pixels,
     motion: Array,
@@ -160,7 +184,3 @@ def _paint_bonds(
                 share /= samples
                 for c in range(3):
                     canvas[row, column, c] += share * (paint[c] - canvas[row, column, c])
-
-
-paint_rotors = compile_loop(_paint_rotors)
-paint_bonds = compile_loop(_paint_bonds)
