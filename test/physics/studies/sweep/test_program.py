@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,6 +35,15 @@ LONG = SMALL.replace('points: 8', 'points: 30').replace('points: 7', 'points: 15
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
     return written(tmp_path / 'small.yaml', SMALL)
+
+
+@pytest.fixture(scope='module')
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one process makes of the small study."""
+    folder = tmp_path_factory.mktemp('swept')
+    config = written(folder / 'small.yaml', SMALL)
+    assert main([str(config), '--output', str(folder / 'out'), '--workers', '1']) == 0
+    return folder / 'out'
 
 
 def written(path: Path, content: str) -> Path:
@@ -76,30 +86,28 @@ def is_empty(group: int) -> bool:
 
 
 def test_the_table_does_not_depend_on_the_number_of_processes(
-    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tables = []
-    for workers in (1, 3):
-        folder = tmp_path / str(workers)
-        assert main([str(config), '--output', str(folder), '--workers', str(workers)]) == 0
-        tables.append((folder / 'small.csv').read_bytes())
-        assert imread(folder / 'small.png').shape[2] == 4
-        assert (folder / 'small.pdf').read_bytes().startswith(b'%PDF')
-    assert tables[0] == tables[1]
-    assert tables[0].count(b'\n') == 1 + 8 * 7 * 3
+    assert main([str(config), '--output', str(tmp_path), '--workers', '3']) == 0
+    table = (tmp_path / 'small.csv').read_bytes()
+    assert table == (swept / 'small.csv').read_bytes()
+    assert table.count(b'\n') == 1 + 8 * 7 * 3
+    assert imread(tmp_path / 'small.png').shape[2] == 4
+    assert (tmp_path / 'small.pdf').read_bytes().startswith(b'%PDF')
     written_out = capsys.readouterr()
     assert '168 rows in' in written_out.out
     assert '168 points in' in written_out.err
 
 
-def test_the_same_command_on_a_whole_table_draws_it_again(config: Path, tmp_path: Path) -> None:
-    command = [str(config), '--output', str(tmp_path / 'out'), '--workers', '1']
-    assert main(command) == 0
-    table = (tmp_path / 'out/small.csv').read_bytes()
-    (tmp_path / 'out/small.png').unlink()
-    assert main(command) == 0
-    assert (tmp_path / 'out/small.csv').read_bytes() == table
-    assert (tmp_path / 'out/small.png').exists()
+def test_the_same_command_on_a_whole_table_draws_it_again(
+    config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = shutil.copytree(swept, tmp_path / 'out')
+    (output / 'small.png').unlink()
+    assert main([str(config), '--output', str(output), '--workers', '1']) == 0
+    assert 'points in' not in capsys.readouterr().err
+    assert (output / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
+    assert (output / 'small.png').exists()
 
 
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
@@ -143,18 +151,15 @@ def whole_table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / 'out/long.csv').read_bytes()
 
 
-def test_a_cluster_gives_the_same_table(config: Path, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip('distributed')
-    assert main([str(config), '--output', str(tmp_path / 'here'), '--workers', '1']) == 0
     cluster = distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=':0'
     )
     with cluster:
-        there = str(tmp_path / 'there')
         address = cluster.scheduler_address
-        assert main([str(config), '--output', there, '--scheduler', address]) == 0
-    tables = [(tmp_path / name / 'small.csv').read_bytes() for name in ('here', 'there')]
-    assert tables[0] == tables[1]
+        assert main([str(config), '--output', str(tmp_path), '--scheduler', address]) == 0
+    assert (tmp_path / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
 
 
 def test_a_quick_look_is_a_table_of_its_own(
@@ -173,16 +178,13 @@ def test_rows_that_fail_are_counted(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_what_is_wrong_is_one_line(
-    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong = written(tmp_path / 'wrong.yaml', SMALL.replace('motion', 'colour'))
     assert main([str(wrong)]) == 1
     assert capsys.readouterr().err.startswith(f"sweep: {wrong}: measure = 'colour' must be one of")
-    command = ['--output', str(tmp_path / 'out'), '--workers', '1']
-    assert main([str(config), *command]) == 0
-    config.write_text(SMALL.replace('seeds: 3', 'seeds: 4'), encoding='utf-8')
-    capsys.readouterr()
-    assert main([str(config), *command]) == 1
+    other = written(tmp_path / 'small.yaml', SMALL.replace('seeds: 3', 'seeds: 4'))
+    assert main([str(other), '--output', str(swept), '--workers', '1']) == 1
     error = capsys.readouterr().err
     assert 'holds rows of another configuration, which differs in seeds' in error
     assert error.count('\n') == 1
