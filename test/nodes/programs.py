@@ -20,14 +20,15 @@ _SIGNALLED = """
 import os, runpy, sys
 
 moment, number, *sys.argv = sys.argv[1:]
+place, _, function = moment.rpartition(':')
 
 def send(frame, event, argument):
     code = frame.f_code
-    if event == 'call' and f'{code.co_filename}:{code.co_name}'.endswith(moment):
-        sys.setprofile(None)
+    if code.co_name == function and code.co_filename.endswith(place):
+        sys.settrace(None)
         os.kill(os.getpid(), int(number))
 
-sys.setprofile(send)
+sys.settrace(send)
 runpy.run_path(sys.argv[0], run_name='__main__')
 """
 

@@ -14,7 +14,9 @@ from graphs import Graph
 from programs import Program
 from recordings import run_of, write_bag
 
+from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime.process import initialise
 
 NODES = (
     'simulator',
@@ -77,33 +79,23 @@ def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Progr
         assert closed == (nodes[gap] == 'bag_recorder'), gap
 
 
-@pytest.mark.parametrize('content', ['simulator:\n  ros__parameters: [', '\x00'])
+@pytest.mark.parametrize('content', ['simulator:\n  ros__parameters: [', '\x00', None])
 def test_parameters_that_cannot_be_read_are_said_in_one_line(
-    start: Callable[..., Program], tmp_path: Path, content: str
+    tmp_path: Path, content: str | None
 ) -> None:
     path = tmp_path / 'wrong.yaml'
-    path.write_text(content)
-    program = start('simulator', '--ros-args', '--params-file', str(path))
-    assert program.wait() == 1
-    (line,) = [line for line in program.said if 'FATAL' in line]
-    assert 'wrong ROS arguments' in line
-    assert str(path) in line
-    assert 'Traceback' not in ''.join(program.said)
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(ValueError, match='wrong ROS arguments: ') as refusal:
+        initialise(['--ros-args', '--params-file', str(path)])
+    assert str(path) in str(refusal.value)
+    assert '\n' not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
     ('arguments', 'complaint'),
     [
         (['--unknown'], "wrong ROS arguments: ['--unknown']"),
-        (['--params-file', '/nowhere.yaml'], 'wrong ROS arguments: '),
-        (
-            ['-p', 'publish_rate:=fast'],
-            "parameter publish_rate of simulator = 'fast' must be a number such as 1.0",
-        ),
-        (
-            ['-p', 'publsh_rate:=500.0'],
-            "parameter 'publsh_rate' of simulator is unknown; did you mean 'publish_rate'?",
-        ),
         (
             ['-p', 'chain.mass:=0.0'],
             'parameter chain.mass of simulator = 0.0 must lie in the range 1e-09 to 1e+06 kg',
@@ -138,20 +130,9 @@ def test_parameters_for_all_nodes_may_hold_the_chain(
 
 @pytest.mark.parametrize('output', ['file/run', 'file/deep/run'])
 def test_an_output_that_cannot_be_written_is_said_in_one_line(
-    start: Callable[..., Program], tmp_path: Path, output: str
+    graph: Graph, tmp_path: Path, output: str
 ) -> None:
     (tmp_path / 'file').write_text('not a directory')
-    program = start('bag_recorder', '--ros-args', '-p', f'output:={tmp_path / output}')
-    assert program.wait() == 1
-    (line,) = program.said
-    assert f"bag '{tmp_path / output}_0' cannot be written: " in line
-    assert line.endswith('; choose another output')
-
-
-def test_a_bag_that_cannot_be_read_is_said_in_one_line(
-    start: Callable[..., Program], tmp_path: Path
-) -> None:
-    program = start('bag_player', '--ros-args', '-p', f'bag:={tmp_path}')
-    assert program.wait() == 1
-    (line,) = program.said
-    assert f"bag '{tmp_path}' cannot be read: " in line
+    said = rf"bag '{tmp_path / output}_0' cannot be written: .*; choose another output$"
+    with pytest.raises(OSError, match=said):
+        graph.start(BagRecorder, {'output': str(tmp_path / output)})
