@@ -8,8 +8,9 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 
-from live_stage import PLACE, SIMULATED, Stage, Visit, until
+from live_stage import PLACE, SIMULATED, Browser, Stage, Visit, until
 
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -31,22 +32,48 @@ from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
 BAGS = Path(__file__).parents[4] / 'bags'
 COMMANDS = (interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT)
+FAILED = pytest.StashKey[bool]()
 _domains = itertools.count(101 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]), 20)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed:
+        item.session.stash[FAILED] = True
+    return report
+
+
 @pytest.fixture(scope='package')
-def browser() -> Iterator[Any]:
+def browser() -> Iterator[Browser]:
     pytest.importorskip('nicegui', reason='NiceGUI is not installed')
     sync = pytest.importorskip('playwright.sync_api', reason='Playwright is not installed')
     path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if path is None:
         pytest.skip(f'no browser for the page: none of {", ".join(BROWSERS)} is installed')
     with sync.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=path, args=['--no-sandbox', '--disable-gpu']
+        launch = partial(
+            playwright.chromium.launch,
+            executable_path=path,
+            args=['--no-sandbox', '--disable-gpu'],
         )
-        yield started
-        started.close()
+        opened = Browser(launch)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope='package')
+def fresh_nicegui(browser: Browser) -> Iterator[None]:
+    """Let a page begin though an earlier one has been served by this process."""
+    from nicegui import Client
+    from nicegui.testing.general import nicegui_reset_globals
+
+    with nicegui_reset_globals():
+        yield
+        # Else it has Python forget the modules of pages, which others have imported.
+        Client.page_routes.clear()
 
 
 @pytest.fixture(scope='package')
@@ -58,7 +85,7 @@ def domains() -> Iterator[Callable[[], int]]:
 
 @pytest.fixture(scope='package')
 def stage(
-    browser: Any, domains: Callable[[], int], tmp_path_factory: pytest.TempPathFactory
+    fresh_nicegui: None, domains: Callable[[], int], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Stage]:
     made = Stage(domains(), tmp_path_factory.mktemp('live'))
     yield made
@@ -84,7 +111,7 @@ def view(stage: Stage) -> Any:
 
 
 @pytest.fixture(scope='package')
-def open_page(browser: Any, view: Any) -> Iterator[Callable[..., Visit]]:
+def open_page(browser: Browser, view: Any) -> Iterator[Callable[..., Visit]]:
     visits: list[Visit] = []
 
     def visit(address: str = '', **options: Any) -> Visit:
@@ -102,10 +129,21 @@ def shared(open_page: Callable[..., Visit]) -> Visit:
 
 
 @pytest.fixture
-def visit(shared: Visit, stage: Stage, monkeypatch: pytest.MonkeyPatch) -> Iterator[Visit]:
+def visit(
+    shared: Visit,
+    stage: Stage,
+    browser: Browser,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> Iterator[Visit]:
     """The page of all tests, which shows all of its chain and says nothing in the console."""
     # That of the programs which the page starts.
     monkeypatch.setenv('ROS_DOMAIN_ID', str(stage.domain))
+    if request.session.stash.get(FAILED, False):
+        # A browser that hangs would fail all other tests.
+        request.session.stash[FAILED] = False
+        browser.reopen()
+        shared.open(browser)
     shared.page.bring_to_front()
     if shared.js('live.watched') != '/':
         # What an earlier test left that failed.

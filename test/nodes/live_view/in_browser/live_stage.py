@@ -110,18 +110,43 @@ class Stage:
             self.executor.spin_once(timeout_sec=0.05)
 
 
+class Browser:
+    """A browser that is closed and opened anew where it hangs."""
+
+    def __init__(self, launch: Callable[[], Any]) -> None:
+        self._launch = launch
+        self._opened = launch()
+
+    def new_context(self, **options: Any) -> Any:
+        return self._opened.new_context(**options)
+
+    def reopen(self) -> None:
+        self.close()
+        self._opened = self._launch()
+
+    def close(self) -> None:
+        self._opened.close()
+
+
 class Visit:
     """A person at a browser."""
 
-    def __init__(self, browser: Any, address: str, **options: Any) -> None:
+    def __init__(self, browser: Browser, address: str, **options: Any) -> None:
+        self.address = address
+        self._options = options
+        self.open(browser)
+
+    def open(self, browser: Browser) -> None:
+        """Open the page in a browser."""
         self.console: list[str] = []
-        self._context = browser.new_context(viewport={'width': 1400, 'height': 1000}, **options)
+        self._context = browser.new_context(
+            viewport={'width': 1400, 'height': 1000}, **self._options
+        )
         self._context.set_default_timeout(60_000)
         self.page = self._context.new_page()
         self.page.on('console', lambda message: self.console.append(message.text))
         self.page.on('pageerror', lambda error: self.console.append(str(error)))
         self.page.on('request', self._check)
-        self.address = address
         self.begin()
 
     def begin(self) -> None:

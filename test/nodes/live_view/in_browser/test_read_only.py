@@ -12,10 +12,9 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from live_stage import Rig, Stage, Visit, until
+from live_stage import Browser, Rig, Stage, Visit, until
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
 
@@ -94,7 +93,7 @@ def test_a_host_that_others_reach_needs_the_token_that_it_prints(served: Served)
 
 
 def test_a_page_that_is_read_only_shows_and_changes_nothing(
-    served: Served, browser: Any, domain: int, tmp_path: Path
+    served: Served, browser: Browser, domain: int, tmp_path: Path
 ) -> None:
     stage = Stage(domain, tmp_path)
     rig = Rig(stage, '/')
