@@ -21,7 +21,7 @@ from soliton_linkage_nodes.bags.read.reading import message_class, open_bag, rea
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 
-SIZE = 200_000
+SIZE = 100_000
 LIMITS = BagLimits(most_unpacked=2 * MEBIBYTE, most_unpacked_file=8 * MEBIBYTE)
 MOST_MEMORY = 40 * MEBIBYTE
 LONGEST = 30.0
@@ -141,11 +141,11 @@ def test_a_bag_that_is_itself_a_link_is_followed(named: NamedChain, tmp_path: Pa
 def test_many_definitions_take_time_in_proportion(
     case: str, named: NamedChain, tmp_path: Path
 ) -> None:
-    sizes = (400_000, 1_600_000)
+    sizes = (200_000, 800_000)
     bags = [write_hostile(case, tmp_path / f'hostile{size}', named, size) for size in sizes]
     took: list[list[float]] = [[], []]
     # The least of several: other processes only add to it.
-    for _ in range(3):
+    for _ in range(2):
         for bag, times in zip(bags, took, strict=True):
             begin = time.process_time()
             recover_bag(bag, tmp_path / 'new')
