@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +15,22 @@ from soliton_linkage.studies.figures import program as figures
 from soliton_linkage.studies.figures.registry import FIGURES
 from soliton_linkage.studies.formulas import Formula, read_formula
 from soliton_linkage.studies.plates import Comparison, write_table
-from soliton_linkage.studies.settings import load_settings
+from soliton_linkage.studies.settings import Section, load_settings
 
 CONFIG = Path(__file__).parents[4] / 'config/studies/figures.yaml'
-SETTINGS = load_settings(CONFIG)
+
+
+def small_settings() -> Section:
+    """Those of the suite, but for chains that few walls are lost in: each is waited for long."""
+    settings = load_settings(CONFIG)
+    disorder: Any = settings.values['disorder_against_passage']
+    disorder['fractions'] = [0.01, 0.02, 0.03, 0.05, 0.1]
+    for each in disorder['chains'].values():
+        each['chain']['number_of_rotors'] = 8
+    return settings
+
+
+SETTINGS = small_settings()
 
 # What a quick figure may be off by, from what limits it: rounding, the differences of a curve
 # in 1000 steps (1 %), the sound of 100 rotors (1e-3), the transient of a kick or a theory that

@@ -19,7 +19,7 @@ from soliton_linkage.studies.sweep import program as sweep
 from soliton_linkage.studies.sweep.config import SweepStudy
 from soliton_linkage.studies.sweep.program import main
 
-LONGEST_WAIT = 60.0
+LONGEST_WAIT = 300.0
 SMALL = """
 measure: motion
 chain: {number_of_rotors: 12}
