@@ -51,6 +51,17 @@ def pytest_runtest_setup() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """What a module has kept for its tests goes with them: garbage would be searched for in it."""
+    module = getattr(item, 'module', None)
+    if module is None or (nextitem is not None and nextitem.path == item.path):
+        return
+    for kept in vars(module).values():
+        if hasattr(kept, 'cache_clear') and kept.__module__ == module.__name__:
+            kept.cache_clear()
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Side by side, what takes long begins, and nodes, which wait, run among what computes.
 
