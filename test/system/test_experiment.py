@@ -128,7 +128,8 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
 def test_a_nudge_that_sends_no_soliton_is_said_so(
     start: Start, tmp_path: Path, nudge: float, complaint: str
 ) -> None:
-    process = start(flipper_with(tmp_path, nudge=nudge, time_limit=2.0), tmp_path / 'out')
+    configuration = flipper_with(tmp_path, 50.0, nudge=nudge, time_limit=2.0)
+    process = start(configuration, tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
     assert complaint in said.splitlines()[-1]
@@ -185,9 +186,10 @@ def leave_an_earlier_run(output: Path, scenario: str) -> None:
         path.write_text('of an earlier run')
 
 
-def flipper_with(folder: Path, **parameters: float) -> Path:
-    """Return a configuration in which the experiment has other parameters."""
+def flipper_with(folder: Path, rate: float = 250.0, **parameters: float) -> Path:
+    """Return a configuration with a rate of frames [Hz] and other parameters of the experiment."""
     configuration = yaml.safe_load((CONFIGURATION / 'flipper.yaml').read_text(encoding='utf-8'))
+    configuration['/**/simulator']['ros__parameters']['publish_rate'] = rate
     configuration['/**/experiment']['ros__parameters'].update(parameters)
     path = folder / 'flipper.yaml'
     path.write_text(yaml.safe_dump(configuration), encoding='utf-8')

@@ -14,7 +14,7 @@ from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 
 PLAN = Chain(6, 0.1, 0.05, 0.97)
-BENCH = FilmedBench(PLAN, MarkerSettings(), BenchParameters(seed=3, duration=1.0))
+BENCH = FilmedBench(PLAN, MarkerSettings(), BenchParameters(seed=3, duration=0.5))
 
 
 def test_the_chain_differs_from_its_plan_and_lets_walls_pass() -> None:
