@@ -36,6 +36,8 @@ def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
     """SolitonEvents of a frame that was analysed, of a chain with a spacing [m]."""
+    if not analysis.events:
+        return []
     stamp = time_to_msg(joints.stamp)
     return [
         msg.SolitonEvent(
