@@ -279,7 +279,7 @@ class Analyser:
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...], TrackingStatus]:
         """Walls of a frame, of which one that is alone is placed on the orbit, events, status."""
-        seen = WallFrame(self.chain, self._walls.line, state, frame.rates, errors)
+        seen = WallFrame(self._reporter, self._walls.line, state, frame.rates, errors)
         if alone:
             tracks, events = self._walls.on_orbit(estimate, seen)
             found = [self._followed(estimate, frame, track.id) for track in tracks]

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from soliton_linkage.estimation.loops.frame_loops import Flags
-from soliton_linkage.estimation.state_report import FrameErrors, FrameState
+from soliton_linkage.estimation.state_report import FrameErrors, FrameState, StateReporter
 from soliton_linkage.estimation.walls.wall_line import WallLine
-from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
+from soliton_linkage.linkage.chain import Array, Motion, wrapped
 from soliton_linkage.solitons.tanh_fit import order_field
 
 
@@ -20,33 +19,24 @@ class WallFrame:
 
     def __init__(
         self,
-        chain: Chain,
+        reporter: StateReporter,
         line: WallLine,
         state: FrameState | None,
         rates: Array | None,
         errors: FrameErrors,
     ) -> None:
         """Take a state, None where rotors are not known, and its rates [rad/s], shape (N,)."""
-        self._chain, self._line = chain, line
+        self._reporter, self._chain, self._line = reporter, reporter.chain, line
         self._state, self._rates, self._errors = state, rates, errors
 
     def energy(self, places: Sequence[float]) -> float:
         """Energy within reach of walls at places [rotor spacings], less that of the noise [J].
 
-        Kinetic energy of the rotors and elastic energy of the springs, which count at n + 1/2;
         NaN where it cannot be told.
         """
-        state, chain = self._state, self._chain
-        if state is None or self._rates is None or not np.isfinite(self._rates).all():
+        if self._state is None or self._rates is None or not np.isfinite(self._rates).all():
             return math.nan
-        at_rotors: Array = np.arange(chain.number_of_rotors, dtype=np.float64)
-        at_springs: Array = np.arange(chain.number_of_springs, dtype=np.float64) + 0.5
-        extensions, first, second = state.springs
-        noise, rate_noise = self._errors.noise**2, self._errors.known_rate_noise**2
-        kinetic = 0.5 * chain.moments_of_inertia * (self._rates**2 - rate_noise)
-        elastic = 0.5 * chain.stiffnesses * (extensions**2 - noise * (first**2 + second**2))
-        moving, stretched = self._near(at_rotors, places), self._near(at_springs, places)
-        return float(kinetic[moving].sum() + elastic[stretched].sum())
+        return self._reporter.energies(self._state, places, self._rates, self._errors).wall
 
     def swing(self, place: float, lean: int) -> float:
         """Largest swing of a rotor near a place from a uniform state that leans so.
@@ -80,12 +70,6 @@ class WallFrame:
         rotors %= chain.number_of_rotors
         steps = np.diff((state.angles - chain.uniform_state(family))[rotors])
         return int(np.sign(np.sum(wrapped(steps))))
-
-    def _near(self, where: Array, places: Sequence[float]) -> Flags:
-        within = np.zeros(len(where), dtype=np.bool_)
-        for place in places:
-            within |= np.abs(self._ways(where, place)) <= self._line.reach
-        return within
 
     def _ways(self, where: Array, place: float) -> Array:
         ways = where - place
