@@ -29,6 +29,7 @@ from soliton_linkage.estimation.wall_width import (
     WallFamily,
     WidthReporter,
 )
+from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -53,7 +54,7 @@ def contracted(chain: Chain, place: float, leg: int, gamma: float) -> Array:
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_wall_at_rest_is_not_contracted(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
-    family = WallFamily(chain)
+    family = WallFamily(WallShapes(chain))
     for leg in LEGS[: 2 if chain.motion is Motion.SPINNER else 4]:
         for place in (23.0, 23.4, 24.9, 25.5):
             found = family.fit(static_wall(chain, place, leg), place + 0.05, leg, 1e-6, 0.03)
@@ -67,7 +68,7 @@ def test_a_contracted_wall_is_found_with_its_contraction(
     example: tuple[float, float], gamma: float
 ) -> None:
     chain = chain_of(example, ROTORS)
-    family = WallFamily(chain)
+    family = WallFamily(WallShapes(chain))
     angles = contracted(chain, 24.3, 0, gamma)
     found = family.fit(angles, 24.25, 0, 1e-6, math.log(gamma) / 2)
     assert found.factor == pytest.approx(gamma, rel=1e-4)
@@ -88,7 +89,7 @@ def test_contraction_in_the_continuum_is_that_of_lorentz(
     place = 99.4
     angles, _ = theory.state(place * chain.spacing, velocity)
     # In the theory rotors turn forwards, as they do on the cycle's way back.
-    found = WallFamily(chain).fit(angles, place, 1, 1e-3)
+    found = WallFamily(WallShapes(chain)).fit(angles, place, 1, 1e-3)
     order = min(chain.lean_ratio, 1 / chain.lean_ratio)
     assert found.factor == pytest.approx(theory.lorentz_factor(velocity), rel=order**2)
 
@@ -99,7 +100,7 @@ def test_one_frame_is_unbiased_with_the_deviation_that_it_states(
 ) -> None:
     random, noise, count = np.random.default_rng(5), 0.003, 600
     chain = chain_of(example, ROTORS)
-    family = WallFamily(chain)
+    family = WallFamily(WallShapes(chain))
     walls = [(place, static_wall(chain, place)) for place in random.uniform(23, 26, 30)]
     errors = []
     for number in range(count):
@@ -116,7 +117,7 @@ def test_rotors_that_are_not_seen_cost_certainty_but_no_truth(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
-    family, angles = WallFamily(chain), static_wall(chain, 24.3)
+    family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     whole = family.fit(angles, 24.3, 0, 1e-3)
     angles[::3] = math.nan
     holed = family.fit(angles, 24.3, 0, 1e-3)
@@ -128,7 +129,7 @@ def test_rotors_that_are_not_seen_cost_certainty_but_no_truth(
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_nothing_is_told_at_an_edge_or_in_too_much_noise(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
-    family, angles = WallFamily(chain), static_wall(chain, 24.3)
+    family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     near = 1.9 * chain.wall_width / chain.spacing
     for place in (0.0, near, ROTORS - 1 - near, ROTORS - 1.0, math.nan):
         assert family.fit(angles, place, 0, 1e-3) is UNTOLD
@@ -139,7 +140,7 @@ def test_nothing_is_told_at_an_edge_or_in_too_much_noise(example: tuple[float, f
 def test_the_mean_of_white_noise_states_its_true_deviation() -> None:
     random, noise, runs = np.random.default_rng(7), 0.01, 1000
     chain = chain_of(FLIPPER, 30)
-    family, places = WallFamily(chain), np.linspace(8.2, 15.4, 24)
+    family, places = WallFamily(WallShapes(chain)), np.linspace(8.2, 15.4, 24)
     walls = np.array([static_wall(chain, float(place)) for place in places])
     errors = []
     for _ in range(runs):
@@ -199,7 +200,7 @@ def test_simulated_walls_contract_as_an_independent_integrator_says(
     assert len(frames) > 40
     assert found_speed * chain.time_unit == pytest.approx(speed, rel=0.005)
     # Against the tanh of one place between two rotors; walls breathe by a hundredth.
-    measured = mean_logarithm(WallFamily(chain), frames, places, leg)
+    measured = mean_logarithm(WallFamily(WallShapes(chain)), frames, places, leg)
     assert math.exp(-measured) == pytest.approx(width, rel=0.008)
 
 
@@ -215,7 +216,7 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
     rates = speed * mode_towards_last(chain, start)
     duration = 18 * site_arc(chain) / speed
     frames, places, leg, _ = passage_of(chain, start, rates, duration, 360)
-    family = WallFamily(chain)
+    family = WallFamily(WallShapes(chain))
     whole = mean_logarithm(family, frames, places, leg)
     for noise in (0.0, 0.003, 0.01):
         mean, errors = ContractionMean(family), []
@@ -230,7 +231,7 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
 
 def test_a_new_leg_begins_anew_and_a_changed_wall_is_noticed() -> None:
     random, noise, chain = np.random.default_rng(13), 0.003, chain_of(FLIPPER, 40)
-    mean, places = ContractionMean(WallFamily(chain)), np.arange(10, 20, 0.1)
+    mean, places = ContractionMean(WallFamily(WallShapes(chain))), np.arange(10, 20, 0.1)
     for place in places:
         frame = static_wall(chain, float(place)) + noise * random.standard_normal(40)
         before = mean.update(frame, float(place), 0, noise)
@@ -284,7 +285,7 @@ def test_the_width_is_that_of_the_theory_for_a_wall_at_rest(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
-    reporter, theory = WidthReporter(chain), theory_of(chain)
+    reporter, theory = WidthReporter(WallShapes(chain)), theory_of(chain)
     angles = static_wall(chain, 24.3)
     found = reporter.update(angles, 24.3, 0, 0.0, 1e-4)
     assert found.contraction == pytest.approx(1, abs=1e-4)
@@ -303,7 +304,7 @@ def test_the_width_is_that_of_the_theory_for_a_wall_at_rest(
 
 def test_a_wall_at_an_edge_has_no_width() -> None:
     chain = chain_of(FLIPPER, ROTORS)
-    reporter = WidthReporter(chain)
+    reporter = WidthReporter(WallShapes(chain))
     found = reporter.update(chain.uniform_state(1), ROTORS - 1.0, 0, 0.0, 1e-3)
     assert np.isnan([found.measured, found.deviation, found.contraction]).all()
     assert math.isnan(found.contraction_deviation)

@@ -83,11 +83,11 @@ class Analyser:
             self.limitation = str(error)
         self._observer = MotionObserver(settings.motion)
         self._reporter = StateReporter(chain, settings.report)
+        self._walls = WallReporter(chain, self._filter.orbit if self._filter else None, settings)
         self._widths: WidthReporter | None = None
         if self._filter is not None and chain.deviations == NO_DEVIATIONS:
-            self._widths = WidthReporter(chain, settings.width)
+            self._widths = WidthReporter(self._walls.shapes, settings.width)
         self._wobbles = WobbleReporter(chain, settings.wobble)
-        self._walls = WallReporter(chain, self._filter.orbit if self._filter else None, settings)
         self._rate_noise = RateNoise(chain, settings.noise)
         self._theory = wall_theory(chain)
         self._unwrapper = Unwrapper(chain.number_of_rotors)

@@ -261,18 +261,10 @@ class WobbleSettings(_Part):
 class WidthSettings(_Part):
     """How the contraction of a moving wall is fitted and averaged."""
 
-    depths_beside: float = quantity(14, 'reach of the tables, ell / a')
-    rotors_beside: float = quantity(6, 'reach of the tables beside that', 'rotor spacings')
-    samples: int = quantity(32, 'walls at rest in a rotor spacing of a table')
-    steps: int = quantity(128, 'steps of a table in a spacing or ell / a')
-    degree: int = quantity(5, 'degree of the splines through the samples')
     span: float = quantity(6, 'rotors that are fitted on either side, in spacings or ell / a')
     clear: float = quantity(2, 'least distance from an edge, in widths or ell')
-    iterations: int = quantity(12, 'most steps of Gauss and Newton')
     close: float = quantity(0.02, 'step that is the last, in standard deviations')
     closest: float = quantity(1e-5, 'the same for exact angles')
-    longest_step: float = quantity(0.5, 'longest step of place and ln(gamma)')
-    strongest: float = quantity(math.log(8), 'largest ln(gamma) that is told')
     degenerate: float = quantity(1e-12, 'least determinant, over that of independent derivatives')
     coarsest: float = quantity(math.log(1.5), 'largest standard deviation of ln(gamma) told')
     rough: float = quantity(0.03, 'deviation of the mean above which each frame is fitted alone')

@@ -14,19 +14,14 @@ frames, and `WidthReporter` says w / gamma, where the continuum theory has a wid
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-from scipy.interpolate import make_interp_spline
-
-from soliton_linkage.estimation.loops.width_loops import contraction_sums
+from soliton_linkage.estimation.loops import wall_loops
 from soliton_linkage.estimation.settings import DEFAULTS, WidthSettings
+from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Chain, Motion
-from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.linkage.chain import Array, Motion, staggered
 from soliton_linkage.solitons.continuum import wall_theory
-from soliton_linkage.solitons.static_wall import static_wall
 
 
 class Contraction(NamedTuple):
@@ -47,6 +42,9 @@ class Contraction(NamedTuple):
         """Contraction gamma [1]."""
         return math.exp(self.logarithm)
 
+
+_Seen = tuple[Array, int, Array, float, float]
+"""Staggered angles about a wall, the first of their rotors, and the table of its shape."""
 
 UNTOLD = Contraction(math.nan, math.inf, math.nan)
 
@@ -70,23 +68,16 @@ class Width(NamedTuple):
 
 
 class WallFamily:
-    """The walls of a chain, contracted by any gamma, as tables of the angle of a rotor.
+    """The walls of a chain, contracted by any gamma."""
 
-    Deviations of the chain do not count. Raises ValueError as `static_wall` does.
-    """
-
-    def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
-        """Tabulate the wall at rest, for even and odd rotors and every way of turning over."""
-        self.chain = chain
+    def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
+        """Contract the shapes that walls have at rest."""
         self.settings = settings
+        self._shapes, chain = shapes, shapes.chain
         depth = penetration_depth(chain) / chain.spacing
         self._scale = max(depth, 1.0)
+        self._last = chain.number_of_rotors - 1
         self._clear = settings.clear * max(depth, chain.wall_width / chain.spacing)
-        self._step = self._scale / settings.steps
-        beside = settings.depths_beside * depth + settings.rotors_beside
-        self._half = math.floor(beside / self._step)
-        legs = 2 if chain.motion is Motion.SPINNER else 1
-        self._tables = [self._table(leg) for leg in range(legs)]
 
     def fit(
         self, angles: Array, place: float, leg: int, noise: float, logarithm: float = 0.0
@@ -99,84 +90,57 @@ class WallFamily:
         lengths, nor where the standard deviation would be more than a factor of 1.5.
         """
         settings = self.settings
-        centre, last, share, longest = place, 0.0, 1.0, settings.longest_step
-        for _ in range(settings.iterations):
-            step = self.step(angles, centre, leg, logarithm)
-            if not noise * step.deviation < settings.coarsest:
-                return UNTOLD
-            # Where steps go to and fro they are too long.
-            share *= 0.6 if step.contracted * last < -0.5 * last**2 else 1.0
-            last = step.contracted
-            centre += share * min(max(step.ahead, -longest), longest)
-            logarithm += share * min(max(step.contracted, -longest), longest)
-            if abs(centre - place) > 1 + self._scale or abs(logarithm) > settings.strongest:
-                return UNTOLD
-            close = max(settings.close * noise * step.deviation, settings.closest)
-            if abs(step.contracted) <= close:
-                return Contraction(logarithm, noise * step.deviation, centre)
+        if not self._clear <= place <= self._last - self._clear:
+            return UNTOLD
+        seen = self._seen(angles, place, leg)
+        centre, stretch, *_ = wall_loops.fit(
+            *seen, place, math.exp(-logarithm), 1.0, math.inf, True
+        )
+        logarithm = -math.log(stretch)
+        step = self._step(seen, centre, stretch)
+        deviation = noise * step.deviation
+        close = max(settings.close * deviation, settings.closest)
+        near = abs(centre - place) < 1 + self._scale and abs(step.contracted) < close
+        if near and deviation < settings.coarsest:
+            return Contraction(logarithm, deviation, centre)
         return UNTOLD
 
     def step(self, angles: Array, centre: float, leg: int, logarithm: float) -> ContractionStep:
-        """Step of Gauss and Newton's method from X and ln(gamma), arguments as `fit`.
-
-        Least squares with the derivatives gamma f' by X and u f' by ln(gamma), u = gamma (X - n).
-        """
-        last = self.chain.number_of_rotors - 1
-        if not self._clear <= centre <= last - self._clear:
+        """Step of Gauss and Newton's method from X and ln(gamma), arguments as `fit`."""
+        if not self._clear <= centre <= self._last - self._clear:
             return _NO_STEP
-        span = self.settings.span * self._scale + 2
-        gamma = math.exp(logarithm)
-        places, both, logs, of_place, of_log = contraction_sums(
-            np.ascontiguousarray(angles, dtype=np.float64),
-            self._tables[leg % len(self._tables)],
-            max(math.ceil(centre - span), 1),
-            min(math.floor(centre + span) + 1, last),
-            centre,
-            gamma,
-            self._step,
+        return self._step(self._seen(angles, centre, leg), centre, math.exp(-logarithm))
+
+    def _step(self, seen: _Seen, centre: float, stretch: float) -> ContractionStep:
+        places, stretches, both, ahead, wider = wall_loops.sums_of_fit(
+            *seen, centre, stretch, 1.0, math.inf, True
         )
-        determinant = places * logs - both * both
-        if not determinant > self.settings.degenerate * places * logs:
+        determinant = places * stretches - both * both
+        if not determinant > self.settings.degenerate * places * stretches:
             return _NO_STEP
         return ContractionStep(
-            ahead=(logs * of_place - both * of_log) / (determinant * gamma),
-            contracted=(places * of_log - both * of_place) / determinant,
-            deviation=math.sqrt(places / determinant),
+            contracted=(both * ahead - places * wider) / (determinant * stretch),
+            deviation=math.sqrt(places / determinant) / stretch,
         )
 
-    def _table(self, leg: int) -> Array:
-        """Angles f [rad] and two derivatives by X - n, of even and then odd rotors, (3, 2 K)."""
-        beside = 2 * math.ceil((self._half * self._step + 2) / 2)
-        window = replace(
-            self.chain, number_of_rotors=2 * beside + 6, periodic=False, deviations=NO_DEVIATIONS
-        )
-        count = max(round(2 * self.settings.samples / self._scale), 1)
-        places = beside + 2 + 2 * (np.arange(count) + 0.5) / count - 1
-        walls = np.array([static_wall(window, float(place), leg) for place in places])
-        grid = self._step * np.arange(-self._half, self._half + 1)
-        halves = []
-        for first in (2, 1):
-            rotors = np.arange(first, window.number_of_rotors - 1, 2)
-            distances = (places[:, None] - rotors).ravel()
-            order = np.argsort(distances)
-            angles = np.unwrap(walls[:, rotors].ravel()[order])
-            spline = make_interp_spline(distances[order], angles, k=self.settings.degree)
-            halves.append(np.array([spline(grid, nu=nu) for nu in range(3)]))
-        return np.ascontiguousarray(np.concatenate(halves, axis=1))
+    def _seen(self, angles: Array, centre: float, leg: int) -> _Seen:
+        """Staggered angles about a wall, the first of their rotors, and the table of its shape."""
+        span, shapes = self.settings.span * self._scale + 2, self._shapes
+        first = max(math.ceil(centre - span), 1)
+        theta = staggered(angles)[first : min(math.floor(centre + span) + 1, self._last)]
+        return theta, first, shapes.of_leg(leg).table, shapes.points, shapes.reach
 
 
 class ContractionStep(NamedTuple):
     """Step of Gauss and Newton's method towards the least squares."""
 
-    ahead: float
-    """Of the place [rotor spacings]."""
     contracted: float
     """Of the logarithm of gamma [1]."""
     deviation: float
     """Standard deviation of that logarithm for a noise of 1 rad [1/rad]."""
 
 
-_NO_STEP = ContractionStep(0.0, 0.0, math.inf)
+_NO_STEP = ContractionStep(0.0, math.inf)
 """Of a frame that tells nothing."""
 
 
@@ -421,11 +385,12 @@ class PassageScatter:
 class WidthReporter:
     """Reports the width of the wall of a chain, frame by frame, beside that of the theory."""
 
-    def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
-        """Tabulate the walls; raises ValueError as `static_wall` does."""
+    def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
+        """Begin without any frame of the chain of the shapes."""
+        chain = shapes.chain
         theory = wall_theory(chain)
         self._speed_of_sound = theory.speed_of_sound
-        self._mean = ContractionMean(WallFamily(chain, settings))
+        self._mean = ContractionMean(WallFamily(shapes, settings))
         undefined = chain.motion is not Motion.SPINNER
         undefined &= chain.lean_ratio >= settings.widest_lean_ratio
         self._at_rest = math.nan if undefined else theory.width()

@@ -26,6 +26,8 @@ _STEPS = 12
 """Of Gauss and Newton [1], which converges within half of them."""
 _LONGEST_STEP = 0.3
 """Of them [rotor spacings]."""
+_SHORTER = 0.6
+"""Of steps that go to and fro, over those before [1]."""
 _CLOSE = 1e-6
 """Step that is the last [rotor spacings]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
@@ -130,6 +132,44 @@ def scan(
 
 
 @compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+def sums_of_fit(
+    theta: Array,
+    first: int,
+    table: Array,
+    points: float,
+    reach: float,
+    place: float,
+    stretch: float,
+    variance: float,
+    bound: float,
+    free: bool,
+) -> tuple[float, float, float, float, float]:
+    """Sums over rotors of w p^2, w q^2, w p q, w p x and w q x; arguments as of `fit`.
+
+    What a wall leaves of a rotor is x [rad], with the derivatives p by the place [rad a spacing]
+    and q by the stretch [rad], 0 unless it is free, and the weight w.
+    """
+    of_place, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(theta.size):
+        n = first + k
+        x = (n - place) / stretch
+        shape, slope = _shape(table, points, reach, n % 2, x)
+        apart = wrapped(theta[k] - shape)
+        if not math.isfinite(apart):
+            continue
+        square = apart * apart / variance
+        weight = 1.0 if square < bound * bound else bound * bound / square
+        by_place = -slope / stretch
+        by_stretch = by_place * x if free else 0.0
+        of_place += weight * by_place * by_place
+        of_stretch += weight * by_stretch * by_stretch
+        both += weight * by_place * by_stretch
+        ahead += weight * by_place * apart
+        wider += weight * by_stretch * apart
+    return of_place, of_stretch, both, ahead, wider
+
+
+@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, YES)
 def fit(
     theta: Array,
     first: int,
@@ -147,25 +187,11 @@ def fit(
     A rotor of a variance [rad^2] counts in full up to a bound in deviations. Returns place,
     stretch and the information on each, in units of that of a noise of 1 rad.
     """
-    of_place, of_stretch = 0.0, 0.0
+    of_place, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
-        of_place, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(theta.size):
-            n = first + k
-            x = (n - place) / stretch
-            shape, slope = _shape(table, points, reach, n % 2, x)
-            apart = wrapped(theta[k] - shape)
-            if not math.isfinite(apart):
-                continue
-            square = apart * apart / variance
-            weight = 1.0 if square < bound * bound else bound * bound / square
-            by_place = -slope / stretch
-            by_stretch = by_place * x if free else 0.0
-            of_place += weight * by_place * by_place
-            of_stretch += weight * by_stretch * by_stretch
-            both += weight * by_place * by_stretch
-            ahead += weight * by_place * apart
-            wider += weight * by_stretch * apart
+        of_place, of_stretch, both, ahead, wider = sums_of_fit(
+            theta, first, table, points, reach, place, stretch, variance, bound, free
+        )
         determinant = of_place * of_stretch - both * both
         if of_place <= 0:
             break
@@ -173,7 +199,11 @@ def fit(
         if free and determinant > 1e-3 * of_place * of_stretch:
             step = (of_stretch * ahead - both * wider) / determinant
             change = (of_place * wider - both * ahead) / determinant
-        place += min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        # Where steps go to and fro they are too long.
+        share *= _SHORTER if change * last < -0.5 * last * last else 1.0
+        last = change
+        place += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        change = share * min(max(change, -_LONGEST_STEP), _LONGEST_STEP)
         stretch = min(max(stretch + change, _NARROWEST), _WIDEST)
         if abs(step) < _CLOSE and abs(change) < _CLOSE:
             break

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class WallReporter:
         self._opposite = settings.walls.opposite
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
-        self._settings, self._orbit = settings, orbit
+        self._settings = settings
         self._placer: WallPlacer | None = None
         self._has_shapes = True
         arc, swing = _site_arc(chain), 2 * self.line.width
@@ -50,6 +50,11 @@ class WallReporter:
         if chain.periodic:
             # All walls of a ring are placed by it: it is made before the first frame comes.
             self._shaped()
+
+    @cached_property
+    def shapes(self) -> WallShapes:
+        """Shapes of single walls, made where they are first asked for; errors as there."""
+        return WallShapes(self._chain)
 
     def restart(self) -> None:
         """Forget all walls, as where a new record begins."""
@@ -62,7 +67,7 @@ class WallReporter:
         if self._placer is None and self._has_shapes:
             settings = self._settings
             try:
-                shapes = WallShapes(self._chain, self._orbit)
+                shapes = self.shapes
             except (ValueError, ArithmeticError):
                 self._has_shapes = False
                 return None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of single walls at rest, as tables of staggered angles by the distance from the centre.
 
-That of a kink is the chain's own, from its orbit. An anti-kink has nearly the same, seen in a
+That of a kink is the chain's own. An anti-kink has nearly the same, seen in a
 mirror: exactly so in the continuum, and with the same centre, as flippers' walls are odd.
 """
 
@@ -11,12 +11,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.orbit import Orbit
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _POINTS = 16
@@ -25,6 +25,8 @@ _DEPTHS = 14.0
 """Reach of a table in penetration depths [1]: tails beyond are below 1e-6 rad."""
 _ROTORS = 5.0
 """And as many more [rotor spacings], for the core where the depth goes to 0."""
+_DEGREE = 5
+"""Of the splines through the samples [1], whose slopes are then exact to 1e-5 rad."""
 
 
 @dataclass(frozen=True)
@@ -40,31 +42,30 @@ class WallShape:
 class WallShapes:
     """Kinks and anti-kinks of a chain, whose rotors turn forwards or backwards."""
 
-    def __init__(self, chain: Chain, known: Orbit | None = None) -> None:
-        """Sample the orbit of the chain that is known, or of a shorter one that takes a while.
+    def __init__(self, chain: Chain) -> None:
+        """Sample static walls in the middle of a chain that is long enough, without deviations.
 
-        Raises ValueError and ArithmeticError where there is none.
+        Raises ValueError and ArithmeticError as `static_wall` does.
         """
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS * depth + _ROTORS)
-        fewest = 2 * (beside + 4)
-        if isinstance(known, UniformOrbit) and known.chain.number_of_rotors >= fewest:
-            orbit = known
-        else:
-            orbit = UniformOrbit(
-                replace(chain, number_of_rotors=fewest, periodic=False, deviations=NO_DEVIATIONS)
-            )
+        even = beside + beside % 2
+        window = replace(
+            chain, number_of_rotors=2 * even + 10, periodic=False, deviations=NO_DEVIATIONS
+        )
+        self.chain = chain
         self.points, self.reach = float(_POINTS), float(beside)
         self._shapes: dict[tuple[int, int], WallShape] = {}
-        for leg in range(orbit.number_of_legs if chain.motion is Motion.SPINNER else 1):
-            kink, turn = self._sampled(orbit, leg)
+        self._turns: list[int] = []
+        for leg in range(2 if chain.motion is Motion.SPINNER else 1):
+            kink, turn = self._sampled(window, even + 4, leg)
+            self._turns.append(turn)
             mirrored = kink[:, ::-1] * np.array([[1.0], [1.0], [-1.0], [-1.0]])
             for charge, table in ((1, kink), (-1, mirrored)):
                 table = np.ascontiguousarray(table)
                 sides = table[:2, [0, -1]]
                 self._shapes[charge, turn * charge] = WallShape(table, sides)
-        middle = orbit.configuration(orbit.arc_at(orbit.middle, 0))
-        found = find_solitons(orbit.chain, middle)
+        found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Of a wall at rest [m], NaN where it has no such profile."""
         spinner = chain.motion is Motion.SPINNER
@@ -75,34 +76,30 @@ class WallShapes:
         """The wall of a charge whose rotors turn forwards (+1) or backwards, 0 for flippers."""
         return self._shapes[charge, turn]
 
-    def _sampled(self, orbit: UniformOrbit, leg: int) -> tuple[Array, int]:
-        """Table of the kink of a leg, and the sense in which its rotors turn."""
-        chain, count = orbit.chain, int(2 * self.reach) * _POINTS + 1
-        table = np.empty((4, count))
-        centre = 2 * round(orbit.middle / 2)
-        for step in range(2 * _POINTS):
-            # The wall is at centre + step / points; even rotors show each other x by even steps.
-            place = centre + step / _POINTS
-            arc = orbit.arc_at(place, leg)
-            theta = staggered(orbit.configuration(arc))
-            slopes = -orbit.tangent(arc) * orbit.site_arc * (1 - 2 * (leg % 2))
-            slopes[1::2] *= -1
-            for parity in (0, 1):
-                self._enter(table, parity, place, theta, slopes)
-        angles = orbit.configuration(orbit.arc_at(orbit.middle, leg))
-        steps = wrapped(np.diff(angles - chain.uniform_state(1)))
-        turn = int(np.sign(steps[1:-1].sum())) if chain.motion is Motion.SPINNER else 0
-        for row in (0, 1):
-            table[row] = np.unwrap(table[row])
-        return table, turn
+    def of_leg(self, leg: int) -> WallShape:
+        """The kink of a leg of the orbit."""
+        return self._shapes[1, self._turns[leg % len(self._turns)]]
 
-    def _enter(self, table: Array, parity: int, place: float, theta: Array, slopes: Array) -> None:
-        """Enter rotors of a parity of a wall at a place into a table."""
-        near = math.floor(place - self.reach) - 1
-        for n in range(max(near + (near - parity) % 2, parity), len(theta), 2):
-            column = round((n - place + self.reach) * _POINTS)
-            if column >= table.shape[1]:
-                break
-            if column >= 0:
-                table[parity, column] = theta[n]
-                table[2 + parity, column] = slopes[n]
+    def _sampled(self, window: Chain, centre: int, leg: int) -> tuple[Array, int]:
+        """Table of the kink of a leg, and the sense in which its rotors turn.
+
+        A rotor shows the wall at steps of its place what rotors of its parity do two apart.
+        """
+        places = centre + np.arange(2 * _POINTS) / _POINTS
+        walls = np.array([static_wall(window, float(place), leg) for place in places])
+        rotors = np.arange(1, window.number_of_rotors - 1)
+        steps = np.rint((rotors - places[:, None]) * _POINTS).astype(np.int64)
+        theta = staggered(walls)[:, 1:-1]
+        most = round(self.reach) * _POINTS
+        grid = np.arange(-most, most + 1)
+        angles, slopes = [], []
+        for parity in (0, 1):
+            mine = rotors % 2 == parity
+            order = np.argsort(steps[:, mine].ravel())
+            at = steps[:, mine].ravel()[order] / _POINTS
+            curve = make_interp_spline(at, np.unwrap(theta[:, mine].ravel()[order]), k=_DEGREE)
+            angles.append(curve(grid / _POINTS))
+            slopes.append(curve(grid / _POINTS, nu=1))
+        turned = wrapped(np.diff(walls[0] - window.uniform_state(1)))
+        turn = int(np.sign(turned[1:-1].sum())) if window.motion is Motion.SPINNER else 0
+        return np.array([*angles, *slopes]), turn
