@@ -40,7 +40,13 @@ def expected_measurement(filters: Records) -> tuple[float, float]:
 
 
 def predict(
-    filters: Records, elapsed: float, kept: float, cubed: float, remembered: float, at_edge: bool
+    filters: Records,
+    elapsed: float,
+    kept: float,
+    cubed: float,
+    remembered: float,
+    at_edge: bool,
+    ratio: float,
 ) -> tuple[float, float]:
     states, covariances = taken(filters)
     step = np.array([[1, elapsed, 0], [0, 1, 0], [0, 0, kept]])
@@ -51,7 +57,9 @@ def predict(
     added[:, 1, 1] = wander * elapsed
     added[:, 2, 2] = filters['bias_variance'] * (1 - kept**2)
     filters['likelihood'] *= remembered
-    put(filters, states @ step.T, step @ covariances @ step.T + added)
+    states, covariances = states @ step.T, step @ covariances @ step.T + added
+    changed = np.diag([1.0, ratio, 1.0])
+    put(filters, states @ changed, changed @ covariances @ changed)
     return expected_measurement(filters)
 
 
@@ -112,18 +120,52 @@ def suppose_kick(
     filters['rate_rate'][base] += kick
 
 
-def weigh_and_mix(
+def begin_steady(filters: Records, base: int) -> None:
+    filters['weight'][0], filters['weight'][1:base] = 0.0, filters['share'][1:base]
+    arc, rate, of_arc, both, of_rate = mixture(filters, base, math.inf)
+    covariance = np.zeros((1, 3, 3))
+    covariance[0, :2, :2] = [[of_arc, both], [both, of_rate]]
+    put(filters[:1], np.array([[arc, rate, 0.0]]), covariance)
+
+
+def begin_kicked(filters: Records, base: int) -> None:
+    states, covariances = taken(filters)
+    likeliest = base + int(filters['odds'][base:].argmax())
+    all_alike, spread = np.zeros((base, 3)), np.zeros((base, 3, 3))
+    all_alike[:, :2] = states[likeliest, :2]
+    spread[:, :2, :2] = covariances[likeliest, :2, :2]
+    spread[:, 2, 2] = filters['bias_variance'][:base]
+    put(filters[:base], all_alike, spread)
+    filters['odds'][base:] = -math.inf
+
+
+def measure(
     filters: Records,
     settings: Records,
     base: int,
+    arc: float,
+    variance: float,
+    degrees_of_freedom: float,
     against: float,
-    older: int,
+    at_edge: bool,
+    frames: int,
     elapsed: float,
     least_kick: float,
-) -> tuple[float, float, float, float, float]:
+) -> tuple[tuple[float, int], tuple[float, float, float, float, float]]:
+    given = {name: float(settings[name][0]) for name in settings.dtype.names or ()}
+    more, most = update(filters, base, arc, variance, degrees_of_freedom)
+    against = max(against + more, given['least_odds_at_edges' if at_edge else 'least_odds'])
+    if against >= given['odds_of_doubt']:
+        begin_steady(filters, base)
+        against = given['odds_begun_anew']
+    if most > given['kick_beyond_chance']:
+        begin_kicked(filters, base)
+        against, frames = max(against, given['odds_begun_anew']), 0
+    frames += 1
+    halves = next(k for k in range(64) if frames % 2 ** (k + 1))
     set_weights(filters, settings, base, against)
-    suppose_kick(filters, base, older, elapsed, least_kick)
-    return mixture(filters, base, settings[0]['least_weight'])
+    suppose_kick(filters, base, min(halves, len(filters) - base - 1), elapsed, least_kick)
+    return (against, frames), mixture(filters, base, given['least_weight'])
 
 
 def add_residuals(encoders: Records, residuals: Array, sides: Array, variance: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Naive twins, in numpy, of the loops over a frame, a state and a wall's width: same arguments."""
+"""Naive twins, in numpy, of the loops over a frame and a state: same arguments."""
 
 from __future__ import annotations
 
@@ -51,11 +51,10 @@ def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
         np.cos(angles, out=cosines)
 
 
-def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
+def median_change(first: Array, second: Array, third: Array) -> float:
     differences = np.abs(first - 2 * second + third)
     known = differences[np.isfinite(differences)]
-    changes[: len(known)] = known
-    return len(known)
+    return float(np.median(known)) if len(known) else math.nan
 
 
 def products_in_time(
@@ -74,6 +73,18 @@ def products_in_time(
     share = tangent[begin:end] ** 2
     free = share - share**2
     return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
+
+
+def of_angles(
+    angles: Array,
+    parameters: Array,
+    periodic: bool,
+    sines: Array,
+    cosines: Array,
+    rows: Array,
+) -> tuple[float, float]:
+    sines_and_cosines(angles, sines, cosines)
+    return springs(sines, cosines, parameters, periodic, rows)
 
 
 def springs(
@@ -131,36 +142,6 @@ def topology(
     squares = np.exp(np.maximum(logarithms, LEAST_LOGARITHM))
     centre = float(np.arange(len(squares)) @ squares) / float(squares.sum())
     return float(strengths[:before].sum()), float(strengths[beyond:].sum()), *ends, centre
-
-
-def contraction_sums(
-    angles: Array,
-    table: Array,
-    begin: int,
-    end: int,
-    centre: float,
-    gamma: float,
-    step: float,
-) -> tuple[float, float, float, float, float]:
-    count = table.shape[1] // 2
-    half = count // 2
-    rotors = np.arange(begin, end)[np.isfinite(angles[begin:end])]
-    distances = np.clip(gamma * (centre - rotors), -half * step, half * step)
-    steps = distances * (1 / step)
-    nearest = np.rint(steps)
-    beyond = (steps - nearest) * step
-    values, slopes, curvatures = table[:, (nearest + half + count * (rotors % 2)).astype(np.intp)]
-    bent = beyond * curvatures
-    left = wrapped(angles[rotors] - (values + beyond * (slopes + 0.5 * bent)))
-    slopes = slopes + bent
-    by_log = distances * slopes
-    return (
-        float(slopes @ slopes),
-        float(slopes @ by_log),
-        float(by_log @ by_log),
-        float(slopes @ left),
-        float(by_log @ left),
-    )
 
 
 def joint(lefts: Array, rights: Array, periodic: bool) -> float:

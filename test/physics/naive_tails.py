@@ -311,3 +311,26 @@ def solved_of(sums: list[list[float]], rest_angle: float, bend: float) -> tuple[
     determinant = first * second - both**2
     ratio = (second * sums[0][2] - both * sums[1][2]) / determinant
     return ratio, second / determinant
+
+
+def observe(
+    settings: Records,
+    angles: Array,
+    sines: Array,
+    cosines: Array,
+    noise: float,
+    flipping: float,
+    rest_angle: float,
+    tails: Array,
+    anchor: float,
+    forwards: bool,
+) -> tuple[tuple[float, float, float], tuple[float, bool], tuple[float, float]]:
+    of_frame = np.zeros((2, 3, 3))
+    place, more, lean = evidence(settings, angles, sines, cosines, noise, of_frame)
+    if not (math.isnan(place) or abs(place - anchor) < 1):
+        forwards, anchor = place > anchor, place
+    added = (more, lean, of_frame[::-1] if forwards else of_frame)
+    both = add_evidence(
+        flipping, rest_angle, tails.copy(), *added, settings[0]['strongest'], tails
+    )
+    return (place, *both), (anchor, forwards), tail_ratio(settings, tails, both[1])

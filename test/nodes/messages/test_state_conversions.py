@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,18 +53,20 @@ def analysed() -> Analysis:
 
 
 WOBBLING = analysed()
+assert WOBBLING.wobble is not None
+WOBBLE = WOBBLING.wobble
 
 
 @pytest.mark.parametrize('count', [0, 1, 2])
 def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back(count: int) -> None:
     solitons = (SOLITON, NAN_SOLITON)[:count]
-    message = state_to_msg(replace(WOBBLING, solitons=solitons), JOINTS)
+    message = state_to_msg(WOBBLING._replace(solitons=solitons), JOINTS)
     stamp = message.header.stamp
     assert (stamp.sec, stamp.nanosec, message.header.frame_id) == JOINTS[:3]
     back = solitons_from_msg(message)
     assert len(back) == count
     for one, other in zip(back, solitons, strict=True):
-        np.testing.assert_array_equal(astuple(one), astuple(other))
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_message_tells_what_the_analysis_does() -> None:
@@ -98,9 +99,9 @@ def test_a_message_tells_what_the_analysis_does() -> None:
 
 
 def test_what_is_unknown_is_nan_and_no_leg() -> None:
-    unknown = replace(WOBBLING, topology=None, energies=None, wobble=None, edge_rotors=None)
+    unknown = WOBBLING._replace(topology=None, energies=None, wobble=None, edge_rotors=None)
     lost = cycle_phase(WOBBLING.estimate, None)
-    unknown = replace(unknown, cycle=lost, motion=None)
+    unknown = unknown._replace(cycle=lost, motion=None)
     message = state_to_msg(unknown, JOINTS)
     assert (message.motion, message.motion_name) == (SolitonState.UNKNOWN, 'unknown')
     assert math.isnan(message.cycle.phase)
@@ -173,8 +174,7 @@ PAIRS = st.tuples(FLOATS, FLOATS)
 SIGNS = st.integers(-1, 1)
 NAMES = st.integers(0, 2**32 - 1)
 ANALYSES = st.builds(
-    replace,
-    st.just(WOBBLING),
+    WOBBLING._replace,
     motion=st.sampled_from([None, *Motion]),
     measured_motion=st.builds(MotionClass, st.sampled_from([None, *Motion]), FLOATS),
     estimate=st.builds(
@@ -199,9 +199,7 @@ ANALYSES = st.builds(
     | st.builds(EdgeRotors, st.none() | st.tuples(st.booleans(), st.booleans()), PAIRS),
     energies=st.none() | st.builds(Energies, *6 * [FLOATS]),
     wobble=st.none()
-    | st.builds(
-        replace, st.just(WOBBLING.wobble), amplitudes=PAIRS, decay_length=FLOATS, wavelength=FLOATS
-    ),
+    | st.builds(WOBBLE._replace, amplitudes=PAIRS, decay_length=FLOATS, wavelength=FLOATS),
     unseen=st.integers(0, 2**32 - 1),
 )
 HEADERS = st.builds(
@@ -251,7 +249,6 @@ def test_a_column_names_its_unit_unless_it_is_a_plain_number() -> None:
 
 
 def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
-    @dataclass(frozen=True)
     class MarkedSoliton(AnalysedSoliton):
         mark: int = 7
 

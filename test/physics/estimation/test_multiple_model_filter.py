@@ -180,6 +180,6 @@ def test_a_rate_that_wanders_is_followed_with_true_deviations() -> None:
 def test_a_change_of_rate_by_the_orbit_changes_its_deviations_alike() -> None:
     motion, _ = followed(measured(200, 0.02, 1), 0.02)
     before = motion.rate, motion.rate_deviation, motion.covariance, motion.arc_deviation
-    motion.change_rate(1.5)
+    motion.predict(0.0, False, 1.5)
     after = motion.rate, motion.rate_deviation, motion.covariance, motion.arc_deviation
     assert after == pytest.approx((1.5 * before[0], 1.5 * before[1], 1.5 * before[2], before[3]))

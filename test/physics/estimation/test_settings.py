@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.motion_class import MotionObserver, motion_evidence
+from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.places.frame_view import FrameLikelihood
@@ -55,10 +55,14 @@ def test_each_number_is_described_and_is_that_of_the_record(part: MotionSettings
 
 def test_evidence_of_motion_follows_its_settings() -> None:
     angles = noisy_wall()
-    assert motion_evidence(angles).flipping == pytest.approx(10.0)
     weak = MotionSettings(strongest_frame=2.0, strongest=3.0, sure=1.1)
-    assert motion_evidence(angles, 0.0, weak).flipping == pytest.approx(2.0)
-    assert math.isnan(motion_evidence(angles, 0.0, MotionSettings(fewest_rotors=20)).place)
+    for settings, flipping in ((MotionSettings(), 10.0), (weak, 2.0)):
+        observer = MotionObserver(settings)
+        observer.observe(angles)
+        assert observer.evidence.flipping == pytest.approx(flipping)
+    observer = MotionObserver(MotionSettings(fewest_rotors=20))
+    observer.observe(angles)
+    assert math.isnan(observer.evidence.place)
     observer = MotionObserver(weak)
     for _ in range(3):
         assert observer.observe(angles).motion is None

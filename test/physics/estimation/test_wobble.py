@@ -66,7 +66,7 @@ def ratio_of(chain: Chain) -> float:
 
 def flat(wobbling: Wobble) -> list[float]:
     """All numbers of a wobble in a row."""
-    return np.hstack(dataclasses.astuple(wobbling)).tolist()
+    return np.hstack(wobbling).tolist()
 
 
 @settings(deadline=None, max_examples=30)
@@ -83,8 +83,7 @@ def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
         for state, at in ((angles, place), (np.pi - angles, place), (mirrored, there))
     )
     assert flat(turned) == pytest.approx(flat(found), rel=1e-6, nan_ok=True)
-    image = dataclasses.replace(
-        image,
+    image = image._replace(
         amplitudes=image.amplitudes[::-1],
         amplitude_deviations=image.amplitude_deviations[::-1],
         rest_amplitudes=image.rest_amplitudes[::-1],

@@ -193,9 +193,10 @@ class Analyser:
     ) -> tuple[OrbitEstimate, CompletedFrame]:
         """Estimate where the chain is after pushes, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
+        fastest = self._settings.report.fastest
+        all_known = rates is None or all_within(rates, fastest)
         if rates is not None:
-            fastest = self._settings.report.fastest
-            if not all_within(rates, fastest):
+            if not all_known:
                 rates = np.where(np.abs(rates) < fastest, rates, np.nan)
             self._rate_noise.update(self._clock.time, rates)
         if self._filter is None:
@@ -208,7 +209,7 @@ class Analyser:
         corrected = seen - self.offsets
         expected = None
         if estimate.status is not TrackingStatus.LOST:
-            whole = whole_frame(self.chain, corrected, rates, view)
+            whole = whole_frame(self.chain, corrected, rates, view) if all_known else None
             if whole is not None:
                 return estimate, whole
             expected = on_orbit(self._filter.orbit, estimate, view)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from soliton_linkage.estimation.motion_class import MotionClass
@@ -16,8 +15,7 @@ from soliton_linkage.linkage.chain import Motion
 from soliton_linkage.orbit.orbit import Orbit
 
 
-@dataclass(frozen=True)
-class AnalysedSoliton:
+class AnalysedSoliton(NamedTuple):
     """One wall; a quantity that cannot be told is NaN, and so is its standard deviation.
 
     id: its name for as long as it is followed, from 1 on; 0 where walls are not followed.
@@ -63,8 +61,7 @@ class CyclePhase(NamedTuple):
     leg: int
 
 
-@dataclass(frozen=True)
-class Analysis:
+class Analysis(NamedTuple):
     """What a frame shows, in the light of those before; None and NaN for what cannot be told.
 
     motion: how a wall moves, by the chain's parameters or, where they are not known, by the

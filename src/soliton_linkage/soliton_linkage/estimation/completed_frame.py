@@ -133,10 +133,8 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, view: FrameView | None
 ) -> CompletedFrame | None:
-    """A frame in which all is known and as the orbit has it, by its view; None for any other."""
+    """A frame whose rates are known and angles as the orbit has them, by its view, else None."""
     if view is None or not view.largest <= swing_of(chain) / 2:
-        return None
-    if rates is not None and not frame_loops.all_within(rates, math.inf):
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
 

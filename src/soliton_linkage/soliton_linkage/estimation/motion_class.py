@@ -51,47 +51,28 @@ class MotionClass(NamedTuple):
 
 
 class MotionEvidence(NamedTuple):
-    """What frames say of the motion; evidence of independent frames adds.
+    """What frames say of the motion together.
 
     place: where u changes its sign [rotor spacings], in the last frame; NaN without a wall.
-    flipping: log likelihood of a flipper less that of a spinner [1].
+    flipping: log likelihood of a flipper less that of a spinner [1], limited for errors that stay
+        the same in all frames.
     rest_angle: mean angle that the uniform parts lean by [rad]; NaN without a wall.
     tails: sums of products of (e, e^2, e' - F(e)) over their variance, left and right, (2, 3, 3).
+    tail_ratio: lambda [1], mean of both sides; NaN where unknown.
+    tail_ratio_deviation: its standard deviation [1], with what springs in motion may do to it;
+        the larger where the sides differ by more than they should, infinite where unknown.
     """
 
     place: float
     flipping: float
     rest_angle: float
     tails: Array
-
-    def plus(
-        self, other: MotionEvidence, settings: MotionSettings = DEFAULTS.motion
-    ) -> MotionEvidence:
-        """Return the evidence of both, other being the later; whoever contradicts is heard.
-
-        The sum of log likelihoods is limited, for errors that stay the same in all frames.
-        """
-        sums = np.empty((2, 3, 3))
-        flipping, rest_angle = tail_loops.add_evidence(
-            self.flipping,
-            self.rest_angle,
-            self.tails,
-            other.flipping,
-            other.rest_angle,
-            other.tails,
-            settings.strongest,
-            sums,
-        )
-        return MotionEvidence(other.place, flipping, rest_angle, sums)
-
-    def swapped(self) -> MotionEvidence:
-        """Return the same evidence, with the sides exchanged."""
-        tails = self.tails[::-1].copy()
-        return MotionEvidence(self.place, self.flipping, self.rest_angle, tails)
+    tail_ratio: float
+    tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
         """Return the class; unknown where none of the three is sure."""
-        ratio, deviation = self.tail_ratio(settings)
+        ratio, deviation = self.tail_ratio, self.tail_ratio_deviation
         scaled = ratio / deviation if math.isfinite(ratio) else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
         spinning = 1 / (1 + 2 * math.exp(self.flipping))
@@ -103,23 +84,16 @@ class MotionEvidence(NamedTuple):
         known = motion if share >= settings.sure else None
         return MotionClass(known, share, spinning, ratio, deviation)
 
-    def tail_ratio(self, settings: MotionSettings = DEFAULTS.motion) -> tuple[float, float]:
-        """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
 
-        Mean of both sides. Where they differ by more than they should, the deviation is as much
-        larger. What springs in motion may do to it counts as the neglected.
-        """
-        return tail_loops.tail_ratio(settings.record, self.tails, self.rest_angle)
-
-
-NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)))
-"""Of a frame that says nothing."""
+NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)), math.nan, math.inf)
+"""Of no frame."""
 
 
 class MotionObserver:
     """Adds up the evidence of the frames since the start or the last restart.
 
-    Of a wall that moves the sides are those ahead of it and behind it.
+    Of a wall that moves the sides are those ahead of it and behind it. A frame without a wall,
+    with the wall within four rotors of an edge or with too few angles known says nothing.
     """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
@@ -134,48 +108,32 @@ class MotionObserver:
         self._forwards = False
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
-        """Add a frame to the evidence and return the class; arguments as `motion_evidence`."""
-        return self._add(motion_evidence(angles, noise, self._settings))
+        """Add a frame of angles [rad], shape (N,), NaN where unknown, and return the class.
+
+        Angles may be whole turns apart; the noise [rad], where it is known, is a lower bound of
+        what the uniform parts show. Raises ValueError for a noise that is negative or not finite,
+        and for angles that are not one row.
+        """
+        if np.ndim(angles) != 1:
+            raise ValueError(
+                f'angles of shape {np.shape(angles)} must be one row, an angle a rotor'
+            )
+        if not (math.isfinite(noise) and noise >= 0):
+            raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
+        return self.observe_sines(sines_of(np.ascontiguousarray(angles, dtype=np.float64)), noise)
 
     def observe_sines(self, frame: FrameSines, noise: float) -> MotionClass:
         """The same of a frame whose sines and cosines are known."""
-        return self._add(evidence_of(frame, noise, self._settings))
-
-    def _add(self, frame: MotionEvidence) -> MotionClass:
-        if math.isfinite(frame.place) and not abs(frame.place - self._anchor) < 1:
-            self._forwards = frame.place > self._anchor
-            self._anchor = frame.place
-        later = frame.swapped() if self._forwards else frame
-        self.evidence = self.evidence.plus(later, self._settings)
+        before, tails = self.evidence, self.evidence.tails.copy()
+        found, (self._anchor, self._forwards), ratio = tail_loops.observe(
+            self._settings.record,
+            *frame,
+            noise,
+            before.flipping,
+            before.rest_angle,
+            tails,
+            self._anchor,
+            self._forwards,
+        )
+        self.evidence = MotionEvidence(*found, tails, *ratio)
         return self.evidence.verdict(self._settings)
-
-
-def motion_evidence(
-    angles: Array, noise: float = 0.0, settings: MotionSettings = DEFAULTS.motion
-) -> MotionEvidence:
-    """Evidence of one frame of angles [rad], shape (N,), NaN where unknown, whole turns apart.
-
-    The noise [rad], where it is known, is a lower bound of what the uniform parts show. A frame
-    without a wall, with the wall within four rotors of an edge or with too few angles known
-    says nothing. Raises ValueError for a noise that is negative or not finite, and for angles
-    that are not one row.
-    """
-    if np.ndim(angles) != 1:
-        raise ValueError(f'angles of shape {np.shape(angles)} must be one row, an angle a rotor')
-    if not (math.isfinite(noise) and noise >= 0):
-        raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
-    frame = sines_of(np.ascontiguousarray(angles, dtype=np.float64))
-    return evidence_of(frame, noise, settings)
-
-
-def evidence_of(
-    frame: FrameSines, noise: float, settings: MotionSettings = DEFAULTS.motion
-) -> MotionEvidence:
-    """The same, with sines and cosines."""
-    tails = np.zeros((2, 3, 3))
-    place, flipping, rest_angle = tail_loops.evidence(
-        settings.record, frame.angles, frame.sines, frame.cosines, noise, tails
-    )
-    if math.isnan(place):
-        return NO_EVIDENCE
-    return MotionEvidence(place, flipping, rest_angle, tails)

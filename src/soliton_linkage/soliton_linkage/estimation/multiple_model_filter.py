@@ -33,7 +33,7 @@ import math
 import numpy as np
 
 from soliton_linkage.estimation.loops import filter_loops
-from soliton_linkage.estimation.loops.filter_loops import FILTER, STATE, Records
+from soliton_linkage.estimation.loops.filter_loops import FILTER, Records
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
@@ -66,12 +66,12 @@ class MultipleModelFilter:
         self.filters['bias_bias'] = self.filters['bias_variance']
         self.filters['share'][1 : self._base] = 1 / (self._base - 1)
         self.filters['odds'][self._base :] = -np.inf
-        self._elapsed = 0.0
+        self._elapsed, self._at_edge = 0.0, False
         self._least_kick = (settings.least_kick * scale) ** 2
         self._frames = self.kicks = 0
-        self._against, self._least_against = settings.first_odds, settings.least_odds
+        self._against = settings.first_odds
         self._known: _Summary | None = None
-        self._weigh()
+        filter_loops.set_weights(self.filters, settings.record, self._base, self._against)
         self._look_ahead()
         self.expected_rate = 0.0
         """Rate of the arc length that was predicted [rad/s]."""
@@ -139,27 +139,22 @@ class MultipleModelFilter:
         """Probability that the rate has been constant of late."""
         return float(self.filters['weight'][0] / self.filters['weight'][: self._base].sum())
 
-    def predict(self, elapsed: float, at_edge: bool) -> None:
-        """Go on by a time [s], with the wall at an edge of the chain or inside."""
+    def predict(self, elapsed: float, at_edge: bool, ratio: float = 1.0) -> None:
+        """Go on by a time [s], with the wall at an edge of the chain or inside.
+
+        The orbit changes the rate to so many times what it was [1] on the way.
+        """
         settings = self._settings
-        self._elapsed, self.expected_rate = elapsed, self.rate
+        self._elapsed, self._at_edge, self.expected_rate = elapsed, at_edge, self.rate
         speed = abs(self.expected_rate)
         way = speed * elapsed / self.site_arc
         kept = math.exp(-way / settings.bias_way)
         remembered = math.exp(-way / settings.way_remembered)
         self._known = None
         self.expected, self.expected_variance = filter_loops.predict(
-            self.filters, elapsed, kept, speed**3 / self.site_arc, remembered, at_edge
+            self.filters, elapsed, kept, speed**3 / self.site_arc, remembered, at_edge, ratio
         )
-        self._least_against = settings.least_odds_at_edges if at_edge else settings.least_odds
-
-    def change_rate(self, ratio: float) -> None:
-        """Let the rate be changed by the orbit, to so many times what it was [1]."""
-        for name in ('rate', 'arc_rate', 'rate_bias'):
-            self.filters[name] *= ratio
-        self.filters['rate_rate'] *= ratio**2
         self.expected_rate *= ratio
-        self._look_ahead()
 
     def push(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
         """Let a push change the rate [rad/s], with what it adds to the variances.
@@ -178,75 +173,29 @@ class MultipleModelFilter:
         With a variance from few degrees of freedom f a normalised innovation x counts as
         sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution.
         """
-        against, odds = filter_loops.update(
-            self.filters, self._base, arc, variance, degrees_of_freedom
-        )
-        limit = self._settings.odds_of_doubt
-        self._against = min(max(self._against + against, self._least_against), limit)
-        if self._against >= limit:
-            self._begin_steady()
-        if odds > self._settings.kick_beyond_chance:
-            self._begin_kicked()
-        self._weigh_and_mix()
-
-    def _begin_steady(self) -> None:
-        """Let the steady filter begin anew where the others are."""
-        weights = self.filters['weight']
-        weights[0], weights[1 : self._base] = 0.0, self.filters['share'][1 : self._base]
-        arc, rate, of_arc, both, of_rate = self._mixture(math.inf)
-        steady = self.filters[0]
-        for name in STATE:
-            steady[name] = 0.0
-        steady['arc'], steady['rate'] = arc, rate
-        steady['arc_arc'], steady['arc_rate'], steady['rate_rate'] = of_arc, both, of_rate
-        self._against = self._settings.odds_begun_anew
-
-    def _begin_kicked(self) -> None:
-        """Let all filters begin anew where the likeliest kick has led."""
-        base, kicks = self.filters[: self._base], self.filters[self._base :]
-        likeliest = kicks[int(kicks['odds'].argmax())]
-        for name in ('arc', 'rate', 'arc_arc', 'arc_rate', 'rate_rate'):
-            base[name] = likeliest[name]
-        for name in ('bias', 'arc_bias', 'rate_bias'):
-            base[name] = 0.0
-        base['bias_bias'] = base['bias_variance']
-        self._against = max(self._against, self._settings.odds_begun_anew)
-        kicks['odds'] = -np.inf
-        self._frames = 0
-        self.kicks += 1
-
-    def _weigh_and_mix(self) -> None:
-        """Weigh the filters, and let one begin that holds that the wall is kicked now.
-
-        The others of a kick grow older: those of 2^k frames and more move on when the count of
-        frames is a multiple of 2^(k + 1).
-        """
-        self._frames += 1
-        ages = self._settings.kick_ages
-        older = min((self._frames & -self._frames).bit_length() - 1, ages - 1)
-        self._known = filter_loops.weigh_and_mix(
+        (self._against, frames), self._known = filter_loops.measure(
             self.filters,
             self._settings.record,
             self._base,
+            arc,
+            variance,
+            degrees_of_freedom,
             self._against,
-            older,
+            self._at_edge,
+            self._frames,
             self._elapsed,
             self._least_kick,
         )
-
-    def _weigh(self) -> None:
-        filter_loops.set_weights(self.filters, self._settings.record, self._base, self._against)
+        self.kicks += frames <= self._frames
+        self._frames = frames
 
     @property
     def summary(self) -> _Summary:
         """Arc, rate, variance of the arc, covariance, variance of the rate; units as of each."""
         if self._known is None:
-            self._known = self._mixture(self._settings.least_weight)
+            least = self._settings.least_weight
+            self._known = filter_loops.mixture(self.filters, self._base, least)
         return self._known
-
-    def _mixture(self, least: float) -> _Summary:
-        """Mean s and w, variance of s, covariance, variance of w; kicks from a weight on."""
-        return filter_loops.mixture(self.filters, self._base, least)
 
     def _look_ahead(self) -> None:
         """Measurement that is expected, s + b [rad], its variance without noise [rad^2]."""

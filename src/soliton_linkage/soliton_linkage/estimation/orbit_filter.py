@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.places.frame_comparison import FrameComparison
@@ -108,8 +107,6 @@ class OrbitFilter:
             self._forget(time)
             self._budget.restart()
         seen = np.ascontiguousarray(angles, dtype=np.float64)
-        if not frame_loops.all_within(seen, math.inf):
-            seen = np.where(np.isfinite(seen), seen, np.nan)
         self._scales.take(deviations)
         if self._places.all:
             self._follow(time, elapsed, seen)
@@ -296,13 +293,12 @@ class OrbitFilter:
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float) -> None:
         """Go on by a time [s]; the rate varies as springs yield, and where rotors deviate."""
-        arc = motion.arc
-        motion.predict(elapsed, self._variance.at_edge)
-        change = self._yielding.change(motion.arc, motion.rate, arc)
+        arc, rate, *_ = motion.summary
+        ahead = arc + rate * elapsed
+        ratio = self._yielding.change(ahead, rate, arc)
         if self._deviates:
-            change *= self.orbit.free_rate(motion.arc) / self.orbit.free_rate(arc)
-        if change != 1.0:
-            motion.change_rate(change)
+            ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
+        motion.predict(elapsed, self._variance.at_edge, ratio)
 
     def _at_edge(self) -> bool:
         """Whether the wall was so near to an edge that springs take up or give back energy."""

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from soliton_linkage.estimation.loops import frame_loops
-from soliton_linkage.estimation.robust import DEVIATION_PER_MEDIAN, median
+from soliton_linkage.estimation.robust import DEVIATION_PER_MEDIAN
 from soliton_linkage.estimation.settings import DEFAULTS, NoiseSettings
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
@@ -53,9 +53,8 @@ class RateNoise:
         uneven = abs(first - second) > self._settings.unevenness * first
         if uneven or max(first, second) > self._longest:
             return
-        changes = np.empty(len(row))
-        known = frame_loops.known_changes(before[1], self._before[1], row, changes)
-        if known == 0:
+        change = frame_loops.median_change(before[1], self._before[1], row)
+        if math.isnan(change):
             return
         self._frames = min(self._frames + 1, self._settings.rate_memory)
-        self._median += (median(changes[:known]) - self._median) / self._frames
+        self._median += (change - self._median) / self._frames

@@ -8,7 +8,6 @@ taken off them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soliton_linkage.estimation.loops import state_loops
-from soliton_linkage.estimation.loops.frame_loops import Flags, sines_of
+from soliton_linkage.estimation.loops.frame_loops import Flags, FrameSines
 from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
@@ -27,8 +26,7 @@ _TINY = float(np.finfo(np.float64).tiny)
 """Smallest number that is not subnormal [1], which keeps quotients finite."""
 
 
-@dataclass(frozen=True)
-class Energies:
+class Energies(NamedTuple):
     """Where the energy of a state is [J]; NaN for all that takes rates where they are unknown.
 
     kinetic: energy of the rotors that move.
@@ -63,8 +61,7 @@ class Energies:
         return self.whole - self.wake
 
 
-@dataclass(frozen=True)
-class Topology:
+class Topology(NamedTuple):
     """Polarisations, winding numbers, charge and zero mode of a state.
 
     polarisations: means before the first wall and beyond the last, +1 leaning right, -1 leaning
@@ -80,8 +77,7 @@ class Topology:
     mode_centre: float
 
 
-@dataclass(frozen=True)
-class EdgeRotors:
+class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
     toggled: whether each has toggled, against the left-leaning state; None for spinners.
@@ -112,8 +108,7 @@ class FrameErrors(NamedTuple):
         return self.rate_noise if math.isfinite(self.rate_noise) else 0.0
 
 
-@dataclass(frozen=True)
-class ArcRate:
+class ArcRate(NamedTuple):
     """How fast a chain goes along its orbit, for want of the rates of its rotors.
 
     rate: of the arc length [rad/s].
@@ -135,15 +130,11 @@ class FrameState:
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
-        self.sines = sines_of(self.angles)
+        self.sines = FrameSines(self.angles, *np.empty((2, chain.number_of_rotors)))
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
-        self.twists, self.upright = state_loops.springs(
-            self.sines.sines,
-            self.sines.cosines,
-            chain.spring_parameters,
-            chain.periodic,
-            self.springs,
+        self.twists, self.upright = state_loops.of_angles(
+            self.angles, chain.spring_parameters, chain.periodic, *self.sines[1:], self.springs
         )
         if not math.isfinite(self.twists):
             chain.check_angles(self.angles)

@@ -8,7 +8,6 @@ for its noise.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.tail import exact_tail
 
 
-@dataclass(frozen=True)
-class Wobble:
+class Wobble(NamedTuple):
     """How rotors beside a wall deviate from the uniform states; NaN where it cannot be told.
 
     amplitudes: overshoot of |u| beyond ub [m] before the wall and beyond it, each of one rotor. It

@@ -20,7 +20,6 @@ from soliton_linkage.estimation.loops import (
     offset_loops,
     state_loops,
     tail_loops,
-    width_loops,
     wobble_loops,
 )
 from soliton_linkage.estimation.loops.filter_loops import Records
@@ -37,7 +36,6 @@ MODULES = [
     (offset_loops, naive_filters),
     (frame_loops, naive_frames),
     (state_loops, naive_frames),
-    (width_loops, naive_frames),
     (tail_loops, naive_tails),
     (wobble_loops, naive_tails),
 ]
@@ -79,15 +77,22 @@ def of_filters(random: np.random.Generator) -> list[Case]:
     freedoms = 7.0 if random.random() < 0.5 else math.inf
     settings = FilterSettings(kick_evidence=1.0, least_weight=0.02).record
     return [
-        *[('predict', (made, 0.01, 0.9, 3.0, 0.8, at_edge)) for at_edge in (False, True)],
+        *[
+            ('predict', (made, 0.01, 0.9, 3.0, 0.8, at_edge, ratio))
+            for at_edge, ratio in ((False, 1.0), (True, 0.7))
+        ],
         ('expected_measurement', (made,)),
         ('update', (made, BASE, 0.3, 0.1, freedoms)),
         ('set_weights', (made, settings, BASE, 1.2)),
         ('mixture', (made, BASE, 0.02)),
         ('suppose_kick', (made, BASE, 3, 0.01, 0.2)),
-        ('weigh_and_mix', (made, settings, BASE, 1.2, 3, 0.01, 0.2)),
-        ('weigh_and_mix', (made, settings, BASE, -6.0, 0, 0.1, 0.3)),
-        ('weigh_and_mix', (made, settings, BASE, 6.0, 7, 1.0, 2.0)),
+        ('begin_steady', (made, BASE)),
+        ('begin_kicked', (made, BASE)),
+        *[
+            ('measure', (made, given, BASE, 0.3, 0.1, freedoms, *odds, 0.01, 0.2))
+            for given in (settings, FilterSettings(kick_beyond_chance=0.5).record)
+            for odds in ((1.2, False, 7), (-60.0, True, 1023), (60.0, False, 2))
+        ],
         *of_offsets(random),
     ]
 
@@ -131,7 +136,7 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('unwrap', (np.append(angles[:-1], 1e10), last, np.zeros(ROTORS), np.zeros(ROTORS))),
         ('all_within', (whole, 40.0)),
         ('all_within', (angles, math.inf)),
-        ('known_changes', (angles, whole, others, np.zeros(ROTORS))),
+        *[('median_change', (angles[:n], whole[:n], others[:n])) for n in (ROTORS, 17, 16, 0)],
         ('sines_and_cosines', (np.append(angles, [0.0, 3e7, -2e5]), *np.zeros((2, ROTORS + 3)))),
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
         ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 0, 1, 8)),
@@ -153,6 +158,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
             ('springs', (sines, cosines, chain.spring_parameters, periodic, empty)),
+            ('of_angles', (angles, chain.spring_parameters, periodic, sines, cosines, empty)),
             *[
                 ('elastic', (rows, half, seen, half, periodic, 1e-4, walls, reach))
                 for walls in (ends, ends[[0, 3]], ring)
@@ -178,7 +184,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
 def of_walls(random: np.random.Generator) -> list[Case]:
     angles = angles_of(random)
     whole = np.nan_to_num(angles)
-    table, settings = random.standard_normal((3, 402)), DEFAULTS.wobble.record
+    settings = DEFAULTS.wobble.record
     wall = 10, 20, WALL + 1, 40
     tail = 0.6 ** np.arange(15) * (-1) ** np.arange(15) + 0.01 * random.standard_normal(15)
     sides = np.zeros(20), np.zeros(20)
@@ -188,7 +194,6 @@ def of_walls(random: np.random.Generator) -> list[Case]:
     wobbling = staggered(-np.sign(beyond) * (0.97 + wave))
     wave = wave[WALL + 1 :] * (1 + 0.1 * random.random())
     return [
-        ('contraction_sums', (angles, table, 15, 40, 27.3, 1.2, 0.1)),
         *[
             ('beside_wall', (image, whole[10:45] + 0.01, Beside(*wall, spins), 0.97, *sides))
             for image in (whole, math.pi - whole)
@@ -225,6 +230,11 @@ def of_motion(random: np.random.Generator) -> list[Case]:
     one = factors @ factors.transpose(0, 2, 1)
     other = one * [[[0.3]], [[0.0]]]
     return [
+        *[
+            ('observe', (settings, each, *sides, 0.01, 3.0, 0.9, one, anchor, True))
+            for each, sides in ((angles, (sines, cosines)), (spun, (np.sin(spun), np.cos(spun))))
+            for anchor in (math.nan, 26.9, 24.0, 40.0)
+        ],
         ('bond_of_wall', (sines,)),
         ('bond_of_wall', (np.array([]),)),
         ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),

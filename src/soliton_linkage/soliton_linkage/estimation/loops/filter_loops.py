@@ -50,14 +50,21 @@ def expected_measurement(filters: Records) -> tuple[float, float]:
     return arc, variance
 
 
-@compiled(_FILTERS, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+@compiled(_FILTERS, NUMBER, NUMBER, NUMBER, NUMBER, YES, NUMBER)
 def predict(
-    filters: Records, elapsed: float, kept: float, cubed: float, remembered: float, at_edge: bool
+    filters: Records,
+    elapsed: float,
+    kept: float,
+    cubed: float,
+    remembered: float,
+    at_edge: bool,
+    ratio: float,
 ) -> tuple[float, float]:
     """Let filters go on by a time [s], of whose bias b the share e^(-|w| dt / ...) is kept.
 
-    The rates wander with the variance cubed * e^2 in a second, and a share of the logarithmic
-    likelihoods is remembered. Returns `expected_measurement`.
+    The rates wander with the variance cubed * e^2 in a second, and are in the end what they were
+    times a ratio; a share of the logarithmic likelihoods is remembered. Returns
+    `expected_measurement`.
     """
     for n in range(filters.size):
         each = filters[n]
@@ -67,10 +74,11 @@ def predict(
         added = cubed * elapsed * (each['wander_at_edges'] if at_edge else each['wander'])
         both, of_rate = each['arc_rate'], each['rate_rate']
         each['arc_arc'] += elapsed * (2 * both + elapsed * of_rate) + elapsed**2 / 3 * added
-        each['arc_rate'] = both + elapsed * of_rate + elapsed / 2 * added
+        each['arc_rate'] = ratio * (both + elapsed * of_rate + elapsed / 2 * added)
         each['arc_bias'] = kept * (each['arc_bias'] + elapsed * each['rate_bias'])
-        each['rate_rate'] = of_rate + added
-        each['rate_bias'] *= kept
+        each['rate'] *= ratio
+        each['rate_rate'] = ratio * ratio * (of_rate + added)
+        each['rate_bias'] *= ratio * kept
         each['bias_bias'] = kept**2 * each['bias_bias'] + each['bias_variance'] * (1 - kept**2)
     return expected_measurement(filters)
 
@@ -245,17 +253,70 @@ def suppose_kick(
     kicked['odds'] = 0.0
 
 
-@compiled(_FILTERS, _NUMBERS, COUNT, NUMBER, COUNT, NUMBER, NUMBER)
-def weigh_and_mix(
+@compiled(_FILTERS, COUNT)
+def begin_steady(filters: Records, base: int) -> None:
+    """Let the steady filter begin anew where the others are."""
+    filters[0]['weight'] = 0.0
+    for n in range(1, base):
+        filters[n]['weight'] = filters[n]['share']
+    arc, rate, of_arc, both, of_rate = mixture(filters, base, math.inf)
+    steady = filters[0]
+    steady['arc'], steady['rate'], steady['bias'] = arc, rate, 0.0
+    steady['arc_arc'], steady['arc_rate'], steady['rate_rate'] = of_arc, both, of_rate
+    steady['arc_bias'], steady['rate_bias'], steady['bias_bias'] = 0.0, 0.0, 0.0
+
+
+@compiled(_FILTERS, COUNT)
+def begin_kicked(filters: Records, base: int) -> None:
+    """Let all filters begin anew where the likeliest kick has led."""
+    likeliest = base
+    for n in range(base, filters.size):
+        if filters[n]['odds'] > filters[likeliest]['odds']:
+            likeliest = n
+    for n in range(base):
+        variance = filters[n]['bias_variance']
+        _copy_state(filters, likeliest, n)
+        filters[n]['bias_variance'] = filters[n]['bias_bias'] = variance
+        filters[n]['bias'] = filters[n]['arc_bias'] = filters[n]['rate_bias'] = 0.0
+    for n in range(base, filters.size):
+        filters[n]['odds'] = -math.inf
+
+
+@compiled(_FILTERS, _NUMBERS, COUNT, NUMBER, NUMBER, NUMBER, NUMBER, YES, COUNT, NUMBER, NUMBER)
+def measure(
     filters: Records,
     settings: Records,
     base: int,
+    arc: float,
+    variance: float,
+    degrees_of_freedom: float,
     against: float,
-    older: int,
+    at_edge: bool,
+    frames: int,
     elapsed: float,
     least_kick: float,
-) -> tuple[float, float, float, float, float]:
-    """What follows a measurement: `set_weights`, `suppose_kick` and `mixture`."""
+) -> tuple[tuple[float, int], tuple[float, float, float, float, float]]:
+    """Take in a measurement of the arc [rad]: `update`, `set_weights`, `suppose_kick`, `mixture`.
+
+    Against the steady filter are logarithmic odds, since so many frames ago all followed a kick.
+    Filters of a kick in the last 2^k frames and more move on when the count of frames is a
+    multiple of 2^(k + 1). Returns the odds and the frames as they are now, and the mixture.
+    """
+    given = settings[0]
+    more, most = update(filters, base, arc, variance, degrees_of_freedom)
+    least = given['least_odds_at_edges'] if at_edge else given['least_odds']
+    against = max(against + more, least)
+    if against >= given['odds_of_doubt']:
+        begin_steady(filters, base)
+        against = given['odds_begun_anew']
+    if most > given['kick_beyond_chance']:
+        begin_kicked(filters, base)
+        against = max(against, given['odds_begun_anew'])
+        frames = 0
+    frames += 1
+    older, ages = 0, filters.size - base
+    while older < ages - 1 and frames % (2 << older) == 0:
+        older += 1
     set_weights(filters, settings, base, against)
     suppose_kick(filters, base, older, elapsed, least_kick)
-    return mixture(filters, base, settings[0]['least_weight'])
+    return (against, frames), mixture(filters, base, given['least_weight'])

@@ -150,16 +150,16 @@ def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
                 sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
 
 
-@compiled(READ, READ, READ, ROW)
-def known_changes(first: Array, second: Array, third: Array, changes: Array) -> int:
-    """Set absolute second differences of three rows, the known ones in front; return how many."""
-    known = 0
-    for n in range(changes.size):
+@compiled(READ, READ, READ)
+def median_change(first: Array, second: Array, third: Array) -> float:
+    """Median of the absolute second differences of three rows that are known, NaN of none."""
+    changes, known = np.empty(first.size), 0
+    for n in range(first.size):
         change = abs(first[n] - 2 * second[n] + third[n])
         if change < math.inf:
             changes[known] = change
             known += 1
-    return known
+    return float(np.median(changes[:known])) if known else math.nan
 
 
 @compiled(READ, READ, READ, READ, COUNT, COUNT, COUNT, COUNT)

@@ -35,21 +35,6 @@ from soliton_linkage.linkage.chain import Array
 
 Counts = NDArray[np.int64]
 
-_WHOLE = 2 * math.pi
-"""A turn [rad]."""
-
-
-@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
-def log_floor(variance: float, bound: float, wrong: float, span: float) -> float:
-    """Logarithm of e / span over (1 - e) C / sqrt(V), of readings that tell nothing [1].
-
-    The bound is k [1], wrong the share e [1], the span what such a reading may be anything of
-    [rad], and C the inverse of the integral of exp(-rho).
-    """
-    core = math.sqrt(_WHOLE) * math.erf(bound / math.sqrt(2))
-    tails = 2 * bound / (bound * bound - 1) * math.exp(-0.5 * bound * bound)
-    return math.log(wrong / (1 - wrong) * (core + tails) * math.sqrt(variance) / span)
-
 
 @compiled(NUMBER, NUMBER)
 def _core(square: float, inner: float) -> float:

@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, YES, compiled
+from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABLE, YES, compiled
+from soliton_linkage.estimation.loops.frame_loops import sines_and_cosines
 from soliton_linkage.linkage.chain import Array
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -58,6 +59,20 @@ def springs(
         upright += sign * cosines[n] if n else 0.0
         sign = -sign
     return twists, upright
+
+
+@compiled(READ, READ_TABLE, YES, ROW, ROW, TABLE)
+def of_angles(
+    angles: Array,
+    parameters: Array,
+    periodic: bool,
+    sines: Array,
+    cosines: Array,
+    rows: Array,
+) -> tuple[float, float]:
+    """Set sines and cosines of angles [rad], shape (N,), and the rows of `springs`."""
+    sines_and_cosines(angles, sines, cosines)
+    return springs(sines, cosines, parameters, periodic, rows)
 
 
 @compiled(READ, NUMBER, READ, NUMBER)

@@ -18,6 +18,7 @@ from soliton_linkage.compiling import (
     READ,
     READ_BOX,
     TABLE,
+    YES,
     compiled,
     records,
 )
@@ -293,3 +294,36 @@ def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[floa
     for n in range(known):
         apart += (ratios[n] - ratio) ** 2 / variances[n]
     return ratio, math.sqrt(max(1.0, apart) / whole + neglected)
+
+
+@compiled(_NUMBERS, READ, READ, READ, NUMBER, NUMBER, NUMBER, BOX, NUMBER, YES)
+def observe(
+    settings: Records,
+    angles: Array,
+    sines: Array,
+    cosines: Array,
+    noise: float,
+    flipping: float,
+    rest_angle: float,
+    tails: Array,
+    anchor: float,
+    forwards: bool,
+) -> tuple[tuple[float, float, float], tuple[float, bool], tuple[float, float]]:
+    """Add the `evidence` of a frame to that of those before, whose tails are brought up to date.
+
+    Sides are those behind the wall and ahead of it, where it goes forwards; its way is told by an
+    anchor [rotor spacings] that it has left by a spacing or more. Returns place, flipping and
+    angle at rest, anchor and whether it goes forwards, and the `tail_ratio` of all.
+    """
+    of_frame = np.zeros((2, 3, 3))
+    place, more, lean = evidence(settings, angles, sines, cosines, noise, of_frame)
+    if math.isfinite(place) and not abs(place - anchor) < 1:
+        forwards, anchor = place > anchor, place
+    if forwards:
+        ahead = of_frame[1].copy()
+        of_frame[1], of_frame[0] = of_frame[0], ahead
+    flipping, rest_angle = add_evidence(
+        flipping, rest_angle, tails, more, lean, of_frame, settings[0]['strongest'], tails
+    )
+    ratio = tail_ratio(settings, tails, rest_angle)
+    return (place, flipping, rest_angle), (anchor, forwards), ratio

@@ -88,20 +88,22 @@ class FrameLikelihood:
         self._settings = settings
         self.gross = settings.gross_share * swing
         """Difference that no springs make [rad]."""
-        self._known = math.nan, math.nan
-        self._log_wrong = math.log(settings.wrong)
+        bound, wrong = settings.bound, settings.wrong
+        core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
+        tails = 2 * bound / (bound**2 - 1) * math.exp(-0.5 * bound**2)
+        self._log_wrong = math.log(wrong)
+        self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self._most_off: dict[int, int] = {}
         self.scales: Array | None = None
         """Deviations of the readings of the frame that is seen, in usual ones [1], shape (N,);
         None where all are 1."""
 
     def floor(self, variance: float) -> float:
-        """Logarithm of the density of what tells nothing, over that of the core's top [1]."""
-        if variance != self._known[0]:
-            given = self._settings
-            floor = likelihood_loops.log_floor(variance, given.bound, given.wrong, 2 * math.pi)
-            self._known = variance, floor
-        return self._known[1]
+        """Logarithm of the density of what tells nothing, over that of the core's top [1].
+
+        Of e / 2 pi over (1 - e) C / sqrt(V), where C is one over the integral of exp(-rho).
+        """
+        return self._floor + 0.5 * math.log(variance)
 
     def view(
         self,
