@@ -51,6 +51,17 @@ def test_the_chain_is_learnt_by_those_who_come_before_and_after_it(
         assert learner.source.named == named
 
 
+def test_offsets_are_known_of_a_chain_that_comes_by_the_topic(
+    graph: Graph, named: NamedChain
+) -> None:
+    offsets = [0.1] * named.rotors
+    learner = graph.start(Learner, {'chain.encoders.offsets': offsets})
+    publisher = graph.speak(interfaces.CHAIN)
+    publisher.publish(chain_to_msg(named, time_to_msg(0)))
+    graph.until(lambda: learner.learnt, 'the chain')
+    assert learner.learnt == [dataclasses.replace(named, encoder_offsets=tuple(offsets))]
+
+
 def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:
     learner = graph.start(Learner)
     publisher = graph.speak(interfaces.CHAIN)
@@ -144,6 +155,8 @@ def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: G
         ({'chain.deviations.mass': [0.1] * 3}, '3 deviations of mass do not fit a chain of 40'),
         ({'chain.disorder.mass': 0.6}, 'must lie in the range 0 to 0.5'),
         ({'chain.damping': -1.0}, 'must lie in the range 0 to 1e'),
+        ({'chain.encoders.offsets': [0.1] * 3}, '3 offsets of encoders do not fit a chain of 40'),
+        ({'chain.encoders.offsets': [float('nan')] * 40}, 'offset of rotor 0 = nan rad must lie'),
         ({'chain.periodic': True, 'chain.number_of_rotors': 5}, 'must be even with periodic'),
     ],
 )

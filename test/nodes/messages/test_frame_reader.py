@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
+    NamedChain,
     default_joint_names,
+    frame_from_msg,
     joint_states_from_msg,
 )
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
@@ -48,6 +51,22 @@ def test_frames_are_read_as_far_as_they_go() -> None:
     assert read(message).rates is None
     message.name, message.position = ['rotor_1'], [7.0]
     np.testing.assert_array_equal(read(message).angles, [math.nan, 7.0] + 3 * [math.nan])
+
+
+def test_known_offsets_of_encoders_are_taken_off() -> None:
+    offsets = (0.05, 0.0, -0.1, 0.2, 0.0)
+    reader = FrameReader(NAMES, offsets)
+    for order in ([0, 1, 2, 3, 4], [3, 1, 4, 0, 2]):
+        message = joint_state(
+            name=[NAMES[n] for n in order],
+            position=ANGLES[order].tolist(),
+            velocity=RATES[order].tolist(),
+        )
+        frame = reader.read(joint_states_from_msg(message))
+        np.testing.assert_array_equal(frame.angles, ANGLES - offsets)
+        np.testing.assert_array_equal(frame.rates, RATES)
+        strict = frame_from_msg(NamedChain(Chain(5), NAMES, offsets), message)
+        np.testing.assert_array_equal(strict.angles, frame.angles)
 
 
 def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> None:

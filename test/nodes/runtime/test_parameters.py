@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter
 from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, Disorder
-from soliton_linkage.linkage.encoders import EncoderErrors
+from soliton_linkage.linkage.encoders import EncoderErrors, KnownEncoders
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits
@@ -64,7 +64,12 @@ from soliton_linkage_nodes.visualisation.node import VisualisationParameters
 
 CONFIG = Path(__file__).parents[3] / 'config'
 OF_NODE = {
-    '/**': {'chain.': Chain, 'chain.deviations.': Deviations, 'chain.disorder.': Disorder},
+    '/**': {
+        'chain.': Chain,
+        'chain.deviations.': Deviations,
+        'chain.disorder.': Disorder,
+        'chain.encoders.': KnownEncoders,
+    },
     'simulator': {
         '': SimulatorParameters,
         'managed': ManagedParameters,

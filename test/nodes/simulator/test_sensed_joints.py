@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -54,6 +56,16 @@ def test_with_errors_it_is_what_encoders_read(named: NamedChain, missing: tuple[
         assert list(message.velocity) == rates[shown].tolist()
         assert list(message.effort) == simulation.link_torques[shown].tolist()
         simulation.advance()
+
+
+def test_known_offsets_are_read_besides_errors(named: NamedChain) -> None:
+    known = np.linspace(-0.1, 0.1, 8)
+    biased = replace(named, encoder_offsets=tuple(known))
+    simulation = moving(named)
+    for errors in (EncoderErrors(), EncoderErrors(offsets=(0.2,) * 8)):
+        joints = SensedJoints(biased, PERIOD, errors, ())
+        expected = simulation.angles + known + (errors.offsets or 0.0)
+        np.testing.assert_allclose(read(joints, 0, simulation).position, expected, atol=1e-15)
 
 
 def test_another_simulation_has_no_frame_before(named: NamedChain) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,17 +37,31 @@ class EncoderErrors:
     def __post_init__(self) -> None:
         """Refuse values out of their range."""
         check_quantities(self)
-        for rotor, offset in enumerate(self.offsets):
-            if not abs(offset) <= LARGEST_ANGLE:
-                raise ValueError(
-                    f'offset of rotor {rotor} = {offset:g} rad must lie in the range '
-                    f'{-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g} rad; give what readings are off by'
-                )
+        _check_offsets(self.offsets)
 
     @property
     def none(self) -> bool:
         """Whether readings are the angles."""
         return not (self.noise or self.quantisation or any(self.offsets))
+
+
+@with_fields
+@dataclass(frozen=True)
+class KnownEncoders:
+    """What is known of the encoders of a chain; raises ValueError for values out of their range.
+
+    Whoever takes readings for angles takes the offsets off first; recordings keep readings.
+    """
+
+    offsets: tuple[float, ...] = quantity(
+        (),
+        'what positions in joint_states are known to be too large by, one a rotor [rad]; empty '
+        'for nothing',
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their range."""
+        _check_offsets(self.offsets)
 
 
 class Encoders:
@@ -63,11 +78,7 @@ class Encoders:
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:
         """Read a chain of so many rotors once a period [s]."""
-        if len(errors.offsets) not in (0, number_of_rotors):
-            raise ValueError(
-                f'{len(errors.offsets)} offsets do not fit a chain of {number_of_rotors} rotors; '
-                'give one for each, or none'
-            )
+        check_one_each(errors.offsets, number_of_rotors)
         self.errors = errors
         self._rotors = number_of_rotors
         self._period = period
@@ -97,3 +108,21 @@ class Encoders:
             np.random.Philox(key=errors.seed, counter=[0, frame, 0, 0])
         )
         return errors.noise * generator.standard_normal(self._rotors)
+
+
+def check_one_each(offsets: Sequence[float], number_of_rotors: int) -> None:
+    """Raise ValueError for offsets that are not one a rotor, unless there are none."""
+    if len(offsets) not in (0, number_of_rotors):
+        raise ValueError(
+            f'{len(offsets)} offsets of encoders do not fit a chain of {number_of_rotors} rotors; '
+            'give one for each, or none'
+        )
+
+
+def _check_offsets(offsets: Sequence[float]) -> None:
+    for rotor, offset in enumerate(offsets):
+        if not abs(offset) <= LARGEST_ANGLE:
+            raise ValueError(
+                f'offset of rotor {rotor} = {offset:g} rad must lie in the range '
+                f'{-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g} rad; give what readings are off by'
+            )

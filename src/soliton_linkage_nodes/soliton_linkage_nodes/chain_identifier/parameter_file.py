@@ -55,9 +55,8 @@ def _lines(found: Identification, joint_names: Sequence[str], source: str) -> It
             if name in found.deviations:
                 yield f'    # {meaning}; standard deviations {_list(found.deviations[name])}'
             yield f'    chain.deviations.{name}: {_list(fractions)}'
-    yield '    # what encoders read too much [rad], taken off by the analyser as it finds it:'
-    yield f'    # {_list(found.offsets)}'
-    yield f'    # standard deviations {_list(found.offset_deviations)}'
+    yield f'    # offsets [rad]; standard deviations {_list(found.offset_deviations)}'
+    yield f'    chain.encoders.offsets: {_list(found.offsets)}'
 
 
 def _list(values: ArrayLike) -> str:

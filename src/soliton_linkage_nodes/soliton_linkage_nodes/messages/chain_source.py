@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations, Disorder
+from soliton_linkage.linkage.encoders import KnownEncoders
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import (
@@ -56,25 +57,28 @@ CHAIN_PARAMETERS: dict[type, str] = {
     Chain: 'chain.',
     Deviations: 'chain.deviations.',
     Disorder: 'chain.disorder.',
+    KnownEncoders: 'chain.encoders.',
 }
 """The prefix of the parameters that describe a chain, by the dataclass of their values."""
 
 
-def declare_chain(node: Node) -> Chain:
-    """Declare the parameters `chain.*`, of deviations and disorder too, and return the chain.
+def declare_chain(node: Node) -> NamedChain:
+    """Declare the parameters `chain.*` and return the chain, whose joints have their usual names.
 
     Raises ValueError where they describe none.
     """
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
-def chain_of(read: Callable[[Any], Any]) -> Chain:
-    """Chain with its deviations, each dataclass of `CHAIN_PARAMETERS` being read."""
+def chain_of(read: Callable[[Any], Any]) -> NamedChain:
+    """Chain with its deviations and encoders, each dataclass of `CHAIN_PARAMETERS` being read."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
+    encoders: KnownEncoders = read(KnownEncoders)
     drawn = disorder.drawn(chain.number_of_rotors, chain.periodic)
-    return dataclasses.replace(chain, deviations=given.joined(drawn))
+    chain = dataclasses.replace(chain, deviations=given.joined(drawn))
+    return NamedChain(chain, default_joint_names(chain.number_of_rotors), encoders.offsets)
 
 
 def chain_in_words(chain: Chain) -> str:
@@ -119,9 +123,10 @@ class ChainSource:
         self._learnt = learnt
         self.parameters = declare(node, parameters)
         check_names('parameter joint_names', self.parameters.joint_names)
-        chain = declare_chain(node)
+        given = declare_chain(node)
+        self._encoder_offsets = given.encoder_offsets
         if self.parameters.chain_from == 'parameters':
-            self._learn(NamedChain(chain, default_joint_names(chain.number_of_rotors)))
+            self._learn(given)
         elif self.parameters.chain_from == 'topic':
             take = diagnostics.refusing('chain', self._on_chain)
             self._subscription = AdaptiveSubscription(node, interfaces.CHAIN, take, diagnostics)
@@ -160,5 +165,6 @@ class ChainSource:
                 f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
                 'rotors; name one joint a rotor'
             )
-        self.named = NamedChain(named.chain, joints or named.joint_names)
+        names = joints or named.joint_names
+        self.named = NamedChain(named.chain, names, self._encoder_offsets)
         self._learnt(self.named)

@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.linkage.encoders import check_one_each
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -36,10 +37,19 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """A chain and the names of its joints, rotor 0 first."""
+    """A chain and the names of its joints, rotor 0 first.
+
+    Raises ValueError unless there is a known offset for each encoder, or none.
+    """
 
     chain: Chain
     joint_names: tuple[str, ...]
+    encoder_offsets: tuple[float, ...] = ()
+    """What positions of joint states are known to be too large by [rad], one a rotor or none."""
+
+    def __post_init__(self) -> None:
+        """Refuse offsets that do not fit."""
+        check_one_each(self.encoder_offsets, self.rotors)
 
     @property
     def rotors(self) -> int:
@@ -132,17 +142,24 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
     """Angles and rates in the order of the rotors, whatever the order of the joints.
 
-    Joints that are no rotors are passed over. Raises ValueError where a rotor is missing or
-    named twice, an array has the wrong length or a value is not finite.
+    Known offsets of encoders are taken off. Joints that are no rotors are passed over. Raises
+    ValueError where a rotor is missing or named twice, an array has the wrong length or a value
+    is not finite.
     """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
     rates = np.asarray(message.velocity, dtype=np.float64)
     _check_array('joint_states.position', message.name, angles)
+    angles = without_offsets(np.array(angles[order]), named.encoder_offsets)
     if not len(rates):
-        return Frame(np.array(angles[order]), None)
+        return Frame(angles, None)
     _check_array('joint_states.velocity', message.name, rates)
-    return Frame(np.array(angles[order]), np.array(rates[order]))
+    return Frame(angles, np.array(rates[order]))
+
+
+def without_offsets(positions: Array, encoder_offsets: Sequence[float]) -> Array:
+    """Angles [rad], (N,), of which encoders show positions [rad] too large by known offsets."""
+    return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
 def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:

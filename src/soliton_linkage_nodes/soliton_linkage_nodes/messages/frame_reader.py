@@ -14,16 +14,21 @@ from soliton_linkage_nodes.messages.conversions import (
     JointStates,
     check_length,
     check_names,
+    without_offsets,
 )
 
 
 class FrameReader:
     """Reads joint states in the order of the rotors, as far as they show them."""
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        """Read these joints, rotor 0 first; raises ValueError where there are none."""
+    def __init__(self, joint_names: Sequence[str], encoder_offsets: Sequence[float] = ()) -> None:
+        """Read these joints, rotor 0 first, whose encoders have known offsets [rad], or none.
+
+        Raises ValueError where there are no joints.
+        """
         if not joint_names:
             raise ValueError('joint_states.name is empty; name the joints')
+        self._offsets = np.array(encoder_offsets, dtype=np.float64)
         self.joint_names = tuple(joint_names)
         self._rotors = {name: rotor for rotor, name in enumerate(joint_names)}
         self._names: tuple[str, ...] | None = None
@@ -40,7 +45,7 @@ class FrameReader:
         check_length('joint_states.position', joints.name, joints.position)
         if joints.name is not self._names and joints.name != self._names:
             self._learn(joints.name)
-        angles = self._ordered(joints.position)
+        angles = without_offsets(self._ordered(joints.position), self._offsets)
         if not len(joints.velocity):
             return Frame(angles, None)
         check_length('joint_states.velocity', joints.name, joints.velocity)

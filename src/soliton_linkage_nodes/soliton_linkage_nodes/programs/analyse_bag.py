@@ -57,9 +57,9 @@ _MOST_DRAWN = 4000
 class Drawn:
     """Frames for the pictures, evenly thinned out so that any bag fits into memory."""
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        """Begin without any; the names are those of the joints, rotor 0 first."""
-        self._reader = FrameReader(joint_names)
+    def __init__(self, named: NamedChain) -> None:
+        """Begin without any of a chain."""
+        self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self._every, self._count = 1, 0
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
@@ -93,7 +93,7 @@ def analyse(
     with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
         named = given or read_chain(reader)
-        drawn = Drawn(named.joint_names)
+        drawn = Drawn(named)
         progress = ProgressLine('analysing', total)
         folder.mkdir(parents=True, exist_ok=True)
         with (

@@ -4,18 +4,14 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, chain_of
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    check_names,
-    default_joint_names,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, check_names
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
 
 _LONGEST_VALUE = 40
@@ -43,15 +39,15 @@ def chain_of_file(path: Path) -> NamedChain:
         values = {name: given[full] for name, full in names.items() if full in given}
         return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
 
-    chain = chain_of(read)
-    joints = tuple(given.get('joint_names', ())) or default_joint_names(chain.number_of_rotors)
+    named = chain_of(read)
+    joints = tuple(given.get('joint_names', ())) or named.joint_names
     check_names(f'{path}: joint_names', joints)
-    if len(joints) != chain.number_of_rotors:
+    if len(joints) != named.rotors:
         raise ValueError(
-            f'{path}: joint_names has {len(joints)} names for {chain.number_of_rotors} rotors; '
+            f'{path}: joint_names has {len(joints)} names for {named.rotors} rotors; '
             'name one joint a rotor'
         )
-    return NamedChain(chain, joints)
+    return replace(named, joint_names=joints)
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:

@@ -18,7 +18,6 @@ from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, stamp_of
 from soliton_linkage_nodes.messages.chain_source import declare_chain
-from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
@@ -66,11 +65,10 @@ class Simulator(ManagedNode):
     def configure(self) -> None:
         """Build the chain and its world, and open the topics."""
         settings = self.settings = current(self, SimulatorParameters)
-        chain = declare_chain(self)
+        self.named = declare_chain(self)
+        chain, names = self.named.chain, self.named.joint_names
         gravity = current(self, Gravity, PARAMETERS[Gravity])
         errors = current(self, EncoderErrors, PARAMETERS[EncoderErrors])
-        names = default_joint_names(chain.number_of_rotors)
-        self.named = NamedChain(chain, names)
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)
         self._torques = TorqueDecoder(self.named.numbers, settings.torque_limit)
         period = 1 / settings.publish_rate

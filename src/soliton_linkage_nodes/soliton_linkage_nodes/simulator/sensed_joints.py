@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ class SensedJoints:
     """Serialized joint states: angles and rates with the errors of encoders, exact torques.
 
     Without errors, angles and rates are exact. Missing joints are left out of every message.
+    Readings are too large by the known offsets of the chain's encoders, and by their errors.
     """
 
     def __init__(
@@ -27,8 +29,9 @@ class SensedJoints:
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
         self._buffer = JointStateBuffer(NamedChain(named.chain, names))
+        self._known = named.encoder_offsets
         self._encoders = Encoders(named.rotors, period, errors)
-        self._exact = errors.none
+        self.change(errors)
         self._seen: Simulation | None = None
 
     def __len__(self) -> int:
@@ -37,6 +40,9 @@ class SensedJoints:
 
     def change(self, errors: EncoderErrors) -> None:
         """Let the next frame have other errors."""
+        if self._known:
+            offsets = np.add(self._known, errors.offsets or 0.0)
+            errors = replace(errors, offsets=tuple(offsets.tolist()))
         self._encoders.errors = errors
         self._exact = errors.none
 

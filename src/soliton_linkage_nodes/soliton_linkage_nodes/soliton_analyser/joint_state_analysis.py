@@ -51,7 +51,8 @@ class JointStateAnalysis:
             return
         if self._named is None or named.chain != self._named.chain:
             self.analyser = Analyser(named.chain, self._noise)
-        self._named, self._reader = named, FrameReader(named.joint_names)
+        self._named = named
+        self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self._impulses = ImpulseDecoder(named.numbers, math.inf)
         self._sureness, self._deviations = FrameReader(named.joint_names), {}
 

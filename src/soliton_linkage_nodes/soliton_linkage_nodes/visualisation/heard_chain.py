@@ -84,7 +84,7 @@ class HeardChain:
     def learn(self, named: NamedChain) -> None:
         """Hear this chain from now on."""
         self.named = named
-        self._reader = FrameReader(named.joint_names)
+        self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self.angles = np.zeros(0)
 
     def take(self) -> None:

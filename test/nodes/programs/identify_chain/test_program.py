@@ -39,7 +39,8 @@ def bag_of(folder: Path, angles: Array) -> Path:
 def test_a_bag_becomes_a_file_that_nodes_take(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = bag_of(tmp_path, read(passage(MADE), 1)[0])
+    readings, offsets = read(passage(MADE), 1)
+    bag = bag_of(tmp_path, readings)
     folder = tmp_path / 'found'
     main([str(bag), '--output', str(folder), '--spacing', '0.1'])
     named = chain_of_file(folder / 'chain.yaml')
@@ -49,6 +50,7 @@ def test_a_bag_becomes_a_file_that_nodes_take(
     np.testing.assert_allclose(
         scale * named.chain.rotor_lengths[1:-1], MADE.rotor_lengths[1:-1], rtol=0.06
     )
+    np.testing.assert_allclose(named.encoder_offsets, offsets, atol=0.03)
     for name in ('lengths.csv', 'identification.png', 'identification.pdf', 'identification.txt'):
         assert (folder / name).stat().st_size > 100, name
     said = capsys.readouterr()
