@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from passages import FLIPPER, read, unequal
+from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.initial_states import leaning
@@ -18,8 +19,12 @@ from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.linkage.gravity import Gravity
 
 PERIOD = 0.004
+GRAVITY = Gravity(1.0, 0.3)
+DAMPING, FRICTION = 5e-4, 4e-3
+"""Over the mean mass [m^2/s], [m^2/s^2]."""
 
 
 def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Array, FreeMotion]:
@@ -37,14 +42,36 @@ def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Ar
     return chain, record.times, record.angles, motion
 
 
+def pulled(chain: Chain, motion: FreeMotion, times: Array) -> Array:
+    """Angles of a motion under gravity and drag, by its equation as it stands."""
+    mass = chain.masses.mean()
+
+    def derivative(_: float, state: Array) -> Array:
+        angles, rates = np.split(state, 2)
+        torques = chain.spring_torques(angles) + GRAVITY.torques(chain, angles)
+        torques -= mass * (DAMPING * rates + FRICTION * np.tanh(rates / 0.1))
+        return np.concatenate([rates, torques / chain.moments_of_inertia])
+
+    begin = np.concatenate([motion.angles, motion.rates])
+    motion = solve_ivp(derivative, times[[0, -1]], begin, t_eval=times, rtol=1e-8, atol=1e-8)
+    return np.asarray(motion.y[: len(chain.masses)].T)
+
+
 def test_motion_is_that_of_the_simulation() -> None:
     _, times, angles, motion = kicked(6, 10.0, 0.5)
     assert np.abs(frames(motion, times) - angles).max() < 1e-4
 
 
+def test_gravity_and_drag_act_as_their_equation_says() -> None:
+    chain, times, _, motion = kicked(5, 10.0, 0.3)
+    drag = {'damping': DAMPING, 'friction': FRICTION}
+    falling = replace(motion, gravity=GRAVITY.acceleration, tilt=GRAVITY.tilt, **drag)
+    assert np.abs(frames(falling, times) - pulled(chain, motion, times)).max() < 1e-4
+
+
 def test_changes_are_those_of_the_motion() -> None:
     _, times, _, motion = kicked(5, 10.0, 0.12)
-    motion = replace(motion, damping=1e-3)
+    motion = replace(motion, damping=1e-3, friction=5e-3, gravity=5.0, tilt=0.3)
     changes = list(frames_with_changes(motion, times))[-1][1]
     for unknown in range(motion.size):
         step = np.zeros(motion.size)
@@ -55,11 +82,21 @@ def test_changes_are_those_of_the_motion() -> None:
         np.testing.assert_allclose(numeric, changes[:, unknown], atol=0.02)
 
 
-def test_strained_springs_show_lengths_stiffnesses_and_masses() -> None:
-    chain, times, angles, _ = kicked(8, 10.0, 1.0)
-    readings, _ = read(angles, 2)
-    found = identify(Readings(times, readings), Chain(), tolerance=0.05)
+def test_strained_springs_show_all_that_moves_them() -> None:
+    chain, times, _, motion = kicked(8, 10.0, 1.0)
+    readings, _ = read(pulled(chain, motion, times), 2)
+    recorded = Readings(times, readings, gravity=GRAVITY)
+    found = identify(recorded, Chain(spacing=0.15), tolerance=0.05, spacing_known=False)
     assert not found.rigid
+    scale = math.log(found.chain.spacings.mean() / chain.spacings.mean())
+    assert abs(scale) < 3 * found.spacing_deviation < 0.3
+    unit = found.chain.masses.mean() * (found.chain.spacing / chain.spacings.mean()) ** 2
+    for shown, deviation, true in (
+        (found.chain.damping, found.damping_deviation, DAMPING),
+        (found.friction, found.friction_deviation, FRICTION),
+    ):
+        assert abs(shown - true * unit) < 3 * deviation
+    assert found.friction > 3 * found.friction_deviation
     assert math.isnan(found.mass_deviation)
     names = {
         'rotor_length': chain.rotor_lengths / chain.spacings.mean(),

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Free motion of springs from frame to frame, and its change with all that it depends on.
 
-    m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n - c phi_n',
+    m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
+                        - c phi_n' - b tanh(phi_n' / w),
 
-with f the length of a spring less that at rest. The unknowns are those of `Lengths`, then log k
-of each spring, log m of each rotor, c, the first angles and the first rates. Their sensitivities
+with f the length of a spring less that at rest, and dry friction b, which is whole beyond rates w.
+The unknowns are those of `Lengths`, then log k of each spring, log m of each rotor, c, b, log g,
+the first angles and the first rates. Their sensitivities
 X = dphi/dq and V = X' obey the same equation to first order,
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
@@ -27,6 +29,11 @@ from soliton_linkage.linkage.chain import Array
 _LONGEST_STEP = 0.4
 """Of the integration, over the shortest time in which springs and masses vibrate [1]: a crossing
 of 40 rotors then misses angles by 2e-5 rad at most; 0.2 by 2e-6 rad in twice the time."""
+_SLIDING = 0.1
+"""Rate beyond which dry friction is nearly whole [rad/s], small beside those of walls; half of it
+takes more steps where there is friction."""
+OF_FORCES = 3
+"""Unknowns of a chain beside lengths, stiffnesses and masses: c, b and log g."""
 
 
 @dataclass(frozen=True)
@@ -47,40 +54,57 @@ class FreeMotion:
     """At the first frame [rad], shape (N,)."""
     rates: Array
     """At the first frame [rad/s], shape (N,)."""
+    friction: float = 0.0
+    """Dry friction b of each rotor over the mean mass [length^2/s^2]."""
+    gravity: float = 0.0
+    """g, in the plane of the chain [length/s^2], 0 for none."""
+    tilt: float = 0.0
+    """Of the chain, above 0 where the last rotor is the lower end [rad]."""
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return OF_A_ROTOR * len(self.masses) - 2 + 4 * len(self.masses)
+        return (OF_A_ROTOR + 4) * len(self.masses) - 3 + OF_FORCES
+
+    @property
+    def inertias(self) -> Array:
+        """Moments of inertia over the mean mass [length^2], shape (N,)."""
+        return np.asarray(self.masses * self.lengths.rotor_lengths**2)
 
     @property
     def fastest(self) -> float:
-        """Upper bound of the frequencies of small vibrations [rad/s]."""
-        return 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
+        """Upper bound of the rates of vibrations and of their decay [rad/s]."""
+        vibrations = 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
+        return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
     def changed(self, change: Array) -> FreeMotion:
         """This with a change of the unknowns."""
         rotors = len(self.masses)
         parts = np.split(
-            change, np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, 1, rotors])
+            change, np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, OF_FORCES, rotors])
         )
-        lengths, springs, masses, damping, angles, rates = parts
-        return FreeMotion(
-            self.lengths.changed(lengths),
-            self.stiffnesses * np.exp(springs),
-            self.masses * np.exp(masses),
-            self.damping + float(damping[0]),
-            self.angles + angles,
-            self.rates + rates,
+        lengths, springs, masses, forces, angles, rates = parts
+        damping, friction, gravity = forces.tolist()
+        return replace(
+            self,
+            lengths=self.lengths.changed(lengths),
+            stiffnesses=self.stiffnesses * np.exp(springs),
+            masses=self.masses * np.exp(masses),
+            damping=self.damping + damping,
+            friction=self.friction + friction,
+            gravity=self.gravity * math.exp(gravity),
+            angles=self.angles + angles,
+            rates=self.rates + rates,
         )
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Parts of the unknowns of a chain, by the names of `Deviations`, and offset."""
-    rotors = (len(unknowns) + 2) // (OF_A_ROTOR + 2)
-    ends = np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors])
-    lengths, stiffness, mass, damping = np.split(unknowns, ends)
-    forces = {'stiffness': stiffness, 'mass': mass, 'damping': damping}
+    """Parts of the unknowns of a chain, by the names of `Deviations`, and what has none."""
+    rotors = (len(unknowns) + 3 - OF_FORCES) // (OF_A_ROTOR + 2)
+    ends = np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, 1, 1])
+    lengths, *rest = np.split(unknowns, ends)
+    names = ('stiffness', 'mass', 'damping', 'friction', 'gravity')
+    forces = dict(zip(names, rest, strict=True))
     return {**split_lengths(lengths), **forces}
 
 
@@ -113,11 +137,13 @@ def _frames(
     """Angles, rates and changes of angles at each instant."""
     angles, rates = motion.angles.copy(), motion.rates.copy()
     table, columns = _table(motion), _columns(len(motion.masses))
-    drag_column = motion.size - 2 * len(motion.masses) - 1
+    drag_column = motion.size - 2 * len(motion.masses) - OF_FORCES
+    along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
+    forces = np.array([motion.damping, motion.friction, _SLIDING, along, down])
     yield angles.copy(), rates.copy(), x.copy()
     for span in np.diff(times).tolist():
         steps = max(1, math.ceil(span * motion.fastest / _LONGEST_STEP))
-        given = table, columns, drag_column, motion.damping, steps, span / steps
+        given = table, columns, drag_column, forces, steps, span / steps
         motion_loops.advance(*given, angles, rates, x, v)
         yield angles.copy(), rates.copy(), x.copy()
 
@@ -129,7 +155,7 @@ def _table(motion: FreeMotion) -> Array:
     table[motion_loops.A, :-1] = lengths.spacings
     table[motion_loops.L, :-1] = lengths.rest_lengths
     table[motion_loops.K, :-1] = motion.stiffnesses
-    table[motion_loops.INERTIA] = motion.masses * lengths.rotor_lengths**2
+    table[motion_loops.INERTIA] = motion.inertias
     return table
 
 

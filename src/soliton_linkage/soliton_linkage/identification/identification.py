@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from soliton_linkage.identification.adjustment import Adjustment, adjusted, measurable
+from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.free_motion import FreeMotion, split_chain
 from soliton_linkage.identification.lengths import OF_A_ROTOR, split, split_lengths
 from soliton_linkage.identification.mass_scale import MassScale, mass_scale
@@ -27,6 +28,10 @@ _NOT_CLOSED = (
     'no lengths close the bonds of this recording; check the order of the joints, their signs and '
     'their zeros, and that no rotor was held'
 )
+_NO_FORCES = dict.fromkeys(
+    ('damping_deviation', 'friction', 'friction_deviation', 'spacing_deviation'), math.nan
+)
+"""What is told of a chain that does not move freely."""
 _OF_SCALE = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_SAID = 4
 """Combinations that are named [1]."""
@@ -69,6 +74,12 @@ class Identification:
     """Standard deviation by which lengths of one kind differ from each other [1]."""
     damping_deviation: float
     """Standard deviation of the damping [N m s/rad], NaN where it is not told."""
+    friction: float
+    """Dry friction of each rotor, beside the damping [N m], NaN where it is not told."""
+    friction_deviation: float
+    """Standard deviation of it [N m]."""
+    spacing_deviation: float
+    """The same of the logarithm of the mean spacing [1], NaN where gravity did not tell that."""
     mass_deviation: float
     """The same of the logarithm of the mean mass [1], NaN where no push told that."""
     rigid: bool
@@ -84,34 +95,67 @@ class Identification:
         return tuple(np.argsort(-self.bond_noise).tolist())
 
 
-def identify(readings: Readings, given: Chain, tolerance: float | None = None) -> Identification:
+def identify(
+    readings: Readings,
+    given: Chain,
+    tolerance: float | None = None,
+    spacing_known: bool = True,
+) -> Identification:
     """Chain that readings show.
 
-    The given chain tells what angles do not: the mean spacing, masses, stiffness and damping;
-    its number of rotors and other lengths do not count. A tolerance of lengths [1] is learnt
-    unless it is given. Raises ValueError, in one line, for a recording that shows no chain.
+    The given chain tells what angles do not: the mean spacing, which gravity tells where it is
+    not known, masses, stiffness and damping; its number of rotors and other lengths do not
+    count. A tolerance of lengths [1] is learnt unless it is given. Raises ValueError, in one
+    line, for a recording that shows no chain.
     """
     times, whole, names = readings.times, readings.whole, readings.joints
-    check_motion(times, whole, names)
+    _check_passage(readings.recordings)
     noise = noise_of(readings.seen, readings.spreads)
-    check_jumps(readings, noise)
+    for recording in readings.recordings:
+        check_jumps(recording, noise)
     try:
         found = adjusted(readings.seen, equal_rotors(whole), tolerance, readings.spreads)
     except np.linalg.LinAlgError as error:
         raise ValueError(_NOT_CLOSED) from error
-    fitted = _fitted(readings, found, given, noise, tolerance)
+    known = spacing_known or not readings.gravity.acceleration
+    fitted = _fitted(readings, found, given, noise, tolerance, known)
     if fitted is not None:
         check_slips(fitted.times, fitted.left, fitted.noise, names)
+        given = _scaled(given, readings, fitted.motion.gravity)
         scale = mass_scale(fitted, readings.every(_MOST_FITTED), given.spacing)
         return _of_springs(fitted, given, noise, scale)
     check_slips(times, found.left / readings.spreads, max(noise, found.noise), names)
     if not found.settled:
         raise ValueError(_NOT_CLOSED)
-    return _of_bonds(found, given, noise)
+    return _of_bonds(found, readings, given, noise, known)
+
+
+def _check_passage(recordings: Sequence[Readings]) -> None:
+    """Raise ValueError unless a wall passes all rotors in one of the recordings."""
+    complaints = []
+    for each in recordings:
+        try:
+            check_motion(each.times, each.whole, each.joints)
+        except ValueError as error:
+            complaints.append(error)
+        else:
+            return
+    raise complaints[0]
+
+
+def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
+    """Given chain with the mean spacing in which gravity is as it was found [1/s^2]."""
+    acceleration = readings.gravity.acceleration
+    return replace(given, spacing=acceleration / gravity) if acceleration else given
 
 
 def _fitted(
-    readings: Readings, found: Adjustment, given: Chain, noise: float, tolerance: float | None
+    readings: Readings,
+    found: Adjustment,
+    given: Chain,
+    noise: float,
+    tolerance: float | None,
+    spacing_known: bool,
 ) -> MotionFit | None:
     """Free motion of springs, None where bars explain the readings as well."""
     rotors, some = found.lengths.rotors, readings.every(_MOST_FITTED)
@@ -119,14 +163,21 @@ def _fitted(
     angles = some.whole - found.lengths.offsets - left
     stiffness = given.stiffness / given.mass
     nothing, alike = np.zeros(rotors), np.ones(rotors)
-    start = FreeMotion(found.lengths, stiffness * alike[1:], alike, 0.0, nothing, nothing)
-    pushes = [push.time for push in some.pushes]
-    windows = first_windows(some.times, angles, start, pushes)
+    start = FreeMotion(
+        found.lengths,
+        stiffness * alike[1:],
+        alike,
+        0.0,
+        nothing,
+        nothing,
+        gravity=readings.gravity.acceleration / given.spacing,
+    )
+    windows = first_windows(some.times, angles, start, some.breaks, some.tilt_at)
     if not windows:
         return None
     told = some.times, some.seen, some.spreads, max(noise, _LEAST_NOISE)
     try:
-        return MotionFitting(windows, *told, tolerance).fit(found.noise)
+        return MotionFitting(windows, *told, tolerance, spacing_known).fit(found.noise)
     except np.linalg.LinAlgError:
         return None
 
@@ -155,12 +206,18 @@ def _of_springs(
         ),
     )
     offsets = parts.pop('offset')
-    damping = float(parts.pop('damping')[0])
+    of_drag = of_mean * given.spacing**2
+    damping, friction, gravity = (
+        float(parts.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
+    )
     by_bond = np.sqrt(np.mean(fitted.left**2, axis=0))
     return Identification(
         chain=chain,
         deviations=parts,
-        damping_deviation=of_mean * given.spacing**2 * damping,
+        damping_deviation=of_drag * damping,
+        friction=of_drag * motion.friction,
+        friction_deviation=of_drag * friction,
+        spacing_deviation=gravity or math.nan,
         mass_deviation=math.nan if scale is None else scale.deviation,
         offsets=motion.lengths.offsets,
         offset_deviations=offsets,
@@ -184,10 +241,38 @@ def _unexplained(noise: float, reading_noise: float) -> tuple[str, ...]:
     )
 
 
-def _of_bonds(found: Adjustment, given: Chain, reading_noise: float) -> Identification:
+def _of_bonds(
+    found: Adjustment,
+    readings: Readings,
+    given: Chain,
+    reading_noise: float,
+    spacing_known: bool,
+) -> Identification:
     """Chain whose bonds close, as bars do, or springs about slow walls."""
     rotor, offset, spacing, rest = split(found.deviations)
+    deviations = {'rotor_length': rotor, 'spacing': spacing, 'rest_length': rest}
+    rigid = found.noise <= _STRAINED * reading_noise
+    moved = _bars_moved(found, readings, given, spacing_known) if rigid else None
+    forces = _NO_FORCES
+    if moved is not None:
+        given = _scaled(given, readings, moved.gravity)
     chain = found.lengths.scaled(given.spacing).chain(given)
+    if moved is not None:
+        masses = tuple((moved.masses - 1).tolist())
+        of_drag = given.mass * given.spacing**2
+        damping, friction = moved.drag
+        chain = replace(
+            chain,
+            damping=of_drag * max(damping, 0.0),
+            deviations=replace(chain.deviations, mass=masses, damping=()),
+        )
+        deviations['mass'] = moved.mass_deviations
+        forces = {
+            'damping_deviation': of_drag * moved.drag_deviations[0],
+            'friction': of_drag * friction,
+            'friction_deviation': of_drag * moved.drag_deviations[1],
+            'spacing_deviation': math.nan if spacing_known else moved.gravity_deviation,
+        }
     warnings = list(_obstacles(chain))
     if found.noise > _STRAINED * reading_noise:
         warnings.append(
@@ -203,8 +288,8 @@ def _of_bonds(found: Adjustment, given: Chain, reading_noise: float) -> Identifi
     ]
     return Identification(
         chain=chain,
-        deviations={'rotor_length': rotor, 'spacing': spacing, 'rest_length': rest},
-        damping_deviation=math.nan,
+        deviations=deviations,
+        **forces,
         mass_deviation=math.nan,
         offsets=found.lengths.offsets,
         offset_deviations=offset,
@@ -212,12 +297,26 @@ def _of_bonds(found: Adjustment, given: Chain, reading_noise: float) -> Identifi
         reading_noise=reading_noise,
         bond_noise=found.bond_noise,
         tolerance=found.tolerances.of_lengths,
-        rigid=found.noise <= _STRAINED * reading_noise,
+        rigid=rigid,
         open_combinations=_open_combinations(
             found.information, measurable(found.lengths), split_lengths
         ),
         warnings=tuple(warnings),
     )
+
+
+def _bars_moved(
+    found: Adjustment, readings: Readings, given: Chain, spacing_known: bool
+) -> BarMotion | None:
+    """What the free motion of bars shows, None where they do not move freely."""
+    some = readings.every(_MOST_FITTED)
+    acceleration = some.gravity.acceleration / given.spacing
+    some = replace(some, gravity=replace(some.gravity, acceleration=acceleration))
+    noise = max(found.noise, _LEAST_NOISE)
+    try:
+        return bar_motion(some, found.lengths, found.covariance, noise, spacing_known)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return None
 
 
 def _obstacles(chain: Chain) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths, stiffnesses, masses and damping by the free motion of springs, all frames at once.
+"""A chain and its forces by the free motion of springs, all frames at once.
 
 Springs about a moving wall are strained, in proportion to the square of its speed, so that bonds
 do not close. The motion follows from where it begins: least squares between its angles and the
@@ -24,7 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.identification.adjustment import measurable
-from soliton_linkage.identification.free_motion import FreeMotion, frames, frames_with_changes
+from soliton_linkage.identification.free_motion import (
+    OF_FORCES,
+    FreeMotion,
+    frames,
+    frames_with_changes,
+)
 from soliton_linkage.identification.lengths import OF_A_ROTOR
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
 from soliton_linkage.identification.windows import FreeWindow, joined
@@ -32,8 +37,9 @@ from soliton_linkage.linkage.chain import Array
 
 _STEPS = 6
 """Steps with windows of one length, at most [1]; 2 or 3 are usual."""
-_LAST_STEPS = 12
-"""Steps with the longest windows for given tolerances [1]; 2 to 6 are usual."""
+_LAST_STEPS = 40
+"""Steps with the longest windows for given tolerances [1]; 2 to 6 are usual, 20 where lengths and
+stiffnesses stand in for each other along bent valleys."""
 _ROUNDS = 4
 """Times that tolerances are learnt [1]."""
 _SETTLED = 0.1
@@ -43,8 +49,11 @@ _COARSE = 3.0
 _STIFFER = (1, 1 / 5, 5)
 """Stiffnesses over the given one to begin with [1]; steps go a factor of 2 or 3 by themselves.
 Springs that vibrate faster than frames come are none that frames show."""
-_DAMPINGS = 6
-"""Dampings that are tried for one step [1], the last 1000 times the first."""
+_DAMPINGS = 12
+"""Dampings that are tried for one step [1], the last 100: six stop short of the least in bent
+valleys."""
+_DAMPED = 1e-3
+"""Damping beyond which a small gain is that of a short step [1], not of the end."""
 _BEGIN = 0.1
 """Standard deviation of masses and stiffnesses to begin with [1]: 0.3 lets some run away."""
 _WIDEST = 0.3
@@ -53,6 +62,11 @@ _NARROWEST = 1e-3
 """The smallest [1]."""
 _DECAY = 1.0
 """Standard deviation of damping over a rotor's moment of inertia, before any frame [1/s]."""
+_STOPPING = 10.0
+"""Standard deviation of what dry friction slows a rotor down by, before any frame [rad/s^2]:
+rotors of a wall stop in a second."""
+_FALLING = 1.0
+"""The same of the logarithm of gravity [1], whose unit is the mean spacing."""
 _CHANCE = 3.0
 """By how many standard deviations bars must leave more than springs [1]."""
 _UNSURE = 10.0
@@ -106,11 +120,13 @@ class MotionFitting:
         spreads: Array,
         noise: float,
         tolerance: float | None,
+        gravity_known: bool = True,
     ) -> None:
         """Begin with motions, for readings [rad], NaN where missing, (T, N), of times [s], (T,).
 
         The standard deviation of a reading is its spread [1], (T, N), times the noise [rad]. A
-        tolerance of lengths [1] is learnt unless it is given.
+        tolerance of lengths [1] is learnt unless it is given, and gravity where it is not known
+        in lengths of the mean spacing, as that is not.
         """
         self._times, self._readings, self._spreads = times, readings, spreads
         self._noise, self._tolerance = noise, tolerance
@@ -118,12 +134,14 @@ class MotionFitting:
         self._of_forces = _BEGIN
         self._windows = tuple(windows)
         motion = windows[0].motion
+        self._gravity, self._gravity_known = motion.gravity, gravity_known
         self._rotors = rotors = len(motion.masses)
         geometry = OF_A_ROTOR * rotors - 2
         self._geometry = slice(0, geometry)
         self._springs = slice(geometry, geometry + rotors - 1)
         self._masses = slice(geometry + rotors - 1, geometry + 2 * rotors - 1)
         self._drag = geometry + 2 * rotors - 1
+        self._size = self._drag + OF_FORCES
         self._basis = self._measurable()
 
     def fit(self, of_bars: float) -> MotionFit | None:
@@ -177,7 +195,7 @@ class MotionFitting:
     def _squared_noise(self) -> float:
         """Of readings, by what the windows leave of them [rad^2]."""
         squares = sum(float(np.nansum(self._left(window) ** 2)) for window in self._windows)
-        known = self._drag + 2 * self._rotors * len(self._windows)
+        known = self._size + 2 * self._rotors * len(self._windows)
         return squares / max(self._readings_seen() - known, 1)
 
     def _readings_seen(self) -> int:
@@ -201,8 +219,11 @@ class MotionFitting:
         return np.asarray(left / self._spreads[window.frames])
 
     def _measurable(self) -> Array:
-        """Orthonormal changes of a chain that keep the mean spacing and the mean mass."""
-        basis = np.eye(self._drag + 1)
+        """Orthonormal changes of a chain that keep the mean spacing and the mean mass.
+
+        And gravity, where that is known, or there is none.
+        """
+        basis = np.eye(self._size)
         alike = np.linalg.qr(np.ones((self._rotors, 1)), mode='complete')[0][:, 1:]
         basis[self._geometry, self._geometry] = 0
         basis[self._masses, self._masses] = 0
@@ -210,11 +231,14 @@ class MotionFitting:
         basis[self._geometry, : lengths.shape[1]] = lengths
         first = self._masses.start
         basis[self._masses, first : first + self._rotors - 1] = alike
-        return np.delete(basis, [lengths.shape[1], first + self._rotors - 1], axis=1)
+        kept = [lengths.shape[1], first + self._rotors - 1]
+        if self._gravity_known or not self._motion.gravity:
+            kept.append(self._drag + 2)
+        return np.delete(basis, kept, axis=1)
 
     def _prior(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Information on a chain before any frame, and what it is about."""
-        size = self._drag + 1
+        size = self._size
         information, values = np.zeros((size, size)), np.zeros(size)
         own, rotors = self._geometry, self._rotors
         information[own, own] = self._tolerances.information(rotors)
@@ -224,10 +248,16 @@ class MotionFitting:
         information[self._masses, self._masses] = np.eye(rotors) / self._of_forces**2
         values[self._springs] = np.log(motion.stiffnesses)
         values[self._masses] = np.log(motion.masses)
-        inertia = float(np.mean(motion.masses * motion.lengths.rotor_lengths**2))
-        information[self._drag, self._drag] = (_DECAY * inertia) ** -2
-        values[self._drag] = motion.damping
+        inertia = float(motion.inertias.mean())
+        forces = slice(self._drag, size)
+        unsure = np.array([_DECAY * inertia, _STOPPING * inertia, _FALLING])
+        information[forces, forces] = np.diag(unsure**-2)
+        values[forces] = motion.damping, motion.friction, self._fallen(motion)
         return information, values
+
+    def _fallen(self, motion: FreeMotion) -> float:
+        """Logarithm of gravity over what it began with [1]."""
+        return math.log(motion.gravity / self._gravity) if self._gravity else 0.0
 
     def _cost(self, windows: Sequence[FreeWindow]) -> float:
         """Twice the negative logarithm of the likelihood, infinite where a motion runs away."""
@@ -268,14 +298,15 @@ class MotionFitting:
                 changed = self._changed(begun, information, values, damping)
                 with np.errstate(all='ignore'):
                     gain = before - self._cost(changed)
-                if gain > -settled:
+                if gain > 0:
                     break
                 damping = max(4 * damping, 1e-4)
             else:
                 return
-            self._windows, damping = changed, damping / 8
-            if gain < settled:
+            self._windows = changed
+            if gain < settled and damping < _DAMPED:
                 return
+            damping /= 8
 
     def _changed(
         self, begun: Sequence[_Begun], information: Array, values: Array, damping: float
@@ -303,7 +334,7 @@ class MotionFitting:
         self, begun: _Begun, damping: float
     ) -> tuple[Array, Array, tuple[Array, Array]]:
         """What a window says of the chain, and how its begin follows from that."""
-        size, scale = self._drag + 1, self._noise**-2
+        size, scale = self._size, self._noise**-2
         matrix, vector = begun.matrix * scale, begun.vector * scale
         begin = matrix[size:, size:] * (1 + damping * np.eye(2 * self._rotors))
         begin += np.eye(len(begin)) / _UNSURE**2

@@ -7,13 +7,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from soliton_linkage.identification.screening import filled
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
+_PAUSE = 1.0
+"""Between recordings that are joined [s]: no motion goes on across it."""
 _LARGEST_SPREAD = 100.0
 """Standard deviation of a reading over that of most [1], beyond which it tells nothing more."""
 
@@ -25,6 +29,15 @@ class RecordedPush(NamedTuple):
     """When it was commanded [s]."""
     impulses: Array | None = None
     """Angular impulses [N m s], shape (N,), None for a push of which only the time is known."""
+
+
+class RecordedTilt(NamedTuple):
+    """A tilt of the chain from an instant on."""
+
+    time: float
+    """[s]."""
+    tilt: float
+    """Above 0 where the last rotor is the lower end [rad]."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,12 @@ class Readings:
     names: Sequence[str] = ()
     """Of the joints, for complaints."""
     pushes: Sequence[RecordedPush] = ()
+    gravity: Gravity = NO_GRAVITY
+    """As it is at first."""
+    tilts: Sequence[RecordedTilt] = ()
+    """Of which each follows the one before."""
+    joined_of: tuple[Readings, ...] = ()
+    """Recordings that these were made of, if of several."""
 
     @cached_property
     def whole(self) -> Array:
@@ -68,6 +87,21 @@ class Readings:
         """Names of the joints."""
         return tuple(self.names) or tuple(f'rotor {n}' for n in range(self.angles.shape[1]))
 
+    @property
+    def recordings(self) -> tuple[Readings, ...]:
+        """These, or those of which they were made."""
+        return self.joined_of or (self,)
+
+    @property
+    def breaks(self) -> list[float]:
+        """Times at which free motion ends, by a push or another tilt [s]."""
+        return [*(push.time for push in self.pushes), *(each.time for each in self.tilts)]
+
+    def tilt_at(self, time: float) -> float:
+        """Tilt of the chain at an instant [rad]."""
+        before = [each.tilt for each in self.tilts if each.time <= time]
+        return before[-1] if before else self.gravity.tilt
+
     def between(self, begin: float, end: float) -> Readings:
         """Those of a span of times [s]."""
         some = (self.times >= begin) & (self.times <= end)
@@ -79,6 +113,44 @@ class Readings:
         some = slice(None, None, math.ceil(len(self.times) / most))
         told = None if self.deviations is None else self.deviations[some]
         return replace(self, times=self.times[some], angles=self.seen[some], deviations=told)
+
+
+def joined(recordings: Sequence[Readings]) -> Readings:
+    """Recordings of one chain in a row, with the same encoders, a pause between each two.
+
+    Raises ValueError where they are not of the same joints.
+    """
+    first, *others = recordings
+    if not others:
+        return first
+    begin, pushes, tilts, times = 0.0, [*first.pushes], [*first.tilts], [first.times]
+    for before, each in pairwise(recordings):
+        if each.joints != first.joints:
+            raise ValueError(
+                f'a recording of {len(each.joints)} joints, {each.joints[0]!r} to '
+                f'{each.joints[-1]!r}, is not of the chain of {len(first.joints)} joints, '
+                f'{first.joints[0]!r} to {first.joints[-1]!r}; record the same joints'
+            )
+        seam = begin + float(before.times[-1]) + _PAUSE / 2
+        begin = seam + _PAUSE / 2 - float(each.times[0])
+        times.append(each.times + begin)
+        pushes.append(RecordedPush(seam))
+        pushes += [push._replace(time=push.time + begin) for push in each.pushes]
+        tilts.append(RecordedTilt(seam, each.gravity.tilt))
+        tilts += [RecordedTilt(tilt.time + begin, tilt.tilt) for tilt in each.tilts]
+    told = [each.deviations for each in recordings]
+    unknown = [np.full_like(each.angles, np.nan) for each in recordings]
+    return replace(
+        first,
+        times=np.concatenate(times),
+        angles=np.concatenate([each.angles for each in recordings]),
+        deviations=None
+        if all(each is None for each in told)
+        else np.concatenate([b if a is None else a for a, b in zip(told, unknown, strict=True)]),
+        pushes=pushes,
+        tilts=tilts,
+        joined_of=tuple(recordings),
+    )
 
 
 def _usual(deviations: Array) -> float:

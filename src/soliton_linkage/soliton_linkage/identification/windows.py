@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -46,17 +46,25 @@ def free_spans(times: Array, pushes: Sequence[float]) -> list[slice]:
 
 
 def first_windows(
-    times: Array, angles: Array, chain: FreeMotion, pushes: Sequence[float]
+    times: Array,
+    angles: Array,
+    chain: FreeMotion,
+    pushes: Sequence[float],
+    tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Short windows between pushes [s], which begin as angles [rad], (T, N), of times [s] do."""
+    """Short windows between pushes [s], which begin as angles [rad], (T, N), of times [s] do.
+
+    The chain has a tilt [rad] at each instant [s].
+    """
     made = []
     for span in free_spans(times, pushes):
+        tilted = replace(chain, tilt=tilt_at(float(times[span.start])))
         for begin in range(span.start, span.stop - _FIRST + 1, _FIRST):
             stop = begin + _FIRST
             own = slice(begin, span.stop if span.stop - stop < _FIRST else stop)
             few = slice(begin, begin + _OF_RATES)
             slopes = np.polyfit(times[few] - times[begin], angles[few], 1)
-            made.append(FreeWindow(own, replace(chain, angles=slopes[1], rates=slopes[0])))
+            made.append(FreeWindow(own, replace(tilted, angles=slopes[1], rates=slopes[0])))
     return made
 
 

@@ -9,15 +9,16 @@ from collections.abc import Sequence
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.identification.readings import Readings, RecordedPush
+from soliton_linkage.identification.readings import Readings, RecordedPush, RecordedTilt
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_PUSHES = 10_000
-"""That are kept [1]: what came before them is no time of free motion any more."""
+"""That are kept, and tilts [1]: what came before them is no time of free motion any more."""
 _WAITING = 100
 """Standard deviations that are kept until their angles come [1]: they are sent together."""
 
@@ -38,6 +39,7 @@ class JointRecord:
         self._deviations: dict[int, Array] = {}
         self._latest: int | None = None
         self._pushes: deque[tuple[int, Array | None]] = deque(maxlen=_MOST_PUSHES)
+        self._tilts: deque[tuple[int, float]] = deque(maxlen=_MOST_PUSHES)
 
     def __len__(self) -> int:
         return len(self._angles)
@@ -74,8 +76,12 @@ class JointRecord:
         if any(message.effort if impulses is None else impulses):
             self._pushes.append((time_from_msg(message.header.stamp) or received, impulses))
 
-    def readings(self) -> Readings:
-        """All of it, with times from the first frame on."""
+    def add_tilt(self, tilt: float, received: int) -> None:
+        """Keep a tilt of the chain [rad] from an instant on [ns]."""
+        self._tilts.append((received, tilt))
+
+    def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
+        """All of it, with times from the first frame on, and gravity as it was at first."""
         begin = next(iter(self._angles), 0)
         times = np.array([(stamp - begin) / SECOND for stamp in self._angles], dtype=np.float64)
         unknown = np.full(len(self.joint_names), np.nan)
@@ -89,6 +95,8 @@ class JointRecord:
             np.array(deviations) if self._deviations else None,
             self.joint_names,
             pushes,
+            gravity,
+            [RecordedTilt((stamp - begin) / SECOND, tilt) for stamp, tilt in self._tilts],
         )
 
     def _forget_deviations(self) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,12 @@ from typing import Any, ClassVar
 
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from soliton_linkage.identification.identification import Identification, identify
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
@@ -73,6 +76,9 @@ class ChainIdentifierParameters:
     mass: float = quantity(
         0.02, 'mean mass of the rotors, which angles do not tell', 'kg', 1e-9, 1e6
     )
+    gravity: float = quantity(
+        0.0, 'acceleration of a free mass in the plane of the chain', 'm/s^2', 0.0, 1e6
+    )
     joint_names: tuple[str, ...] = quantity(
         (), 'names of the joints, rotor 0 first; empty for those of the first joint_states'
     )
@@ -82,9 +88,9 @@ class ChainIdentifier(ManagedNode):
     """Proposes the chain that joints are of, with every length of its own.
 
     Subscribes to `joint_states` [rad], to `joint_state_deviations`, by which they are weighed, and
-    to `rotor_impulses` and `rotor_torques`, between which springs move by themselves. Publishes
-    `identified_chain` and `/diagnostics`. Serves `~/identify`, which tries at once, `~/save`,
-    which writes the last proposal with its standard deviations to the file `output`, and
+    to `rotor_impulses`, `rotor_torques` and `tilt`, between which a chain moves by itself.
+    Publishes `identified_chain` and `/diagnostics`. Serves `~/identify`, which tries at once,
+    `~/save`, which writes the last proposal with its standard deviations to the file `output`, and
     `~/forget`, which begins with new frames.
     """
 
@@ -116,6 +122,7 @@ class ChainIdentifier(ManagedNode):
         AdaptiveSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
         weigh = self.diagnostics.refusing('joint_state_deviations', self._weigh)
         interfaces.JOINT_STATE_DEVIATIONS.subscribe(self, self.while_active(weigh))
+        interfaces.TILT.subscribe(self, self.while_active(self._note_tilt))
         for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES):
             topic.subscribe(self, self.while_active(self._note_push))
         self.create_service(Trigger, '~/identify', self._on_identify)
@@ -149,6 +156,10 @@ class ChainIdentifier(ManagedNode):
         if self._record is not None:
             self._record.add_push(message, self.get_clock().now().nanoseconds)
 
+    def _note_tilt(self, message: Float64) -> None:
+        if self._record is not None and math.isfinite(message.data):
+            self._record.add_tilt(message.data, self.get_clock().now().nanoseconds)
+
     def _try(self) -> None:
         """Begin to identify the chain where there are new frames and nothing is under way."""
         record = self._record
@@ -158,7 +169,8 @@ class ChainIdentifier(ManagedNode):
         given = dataclasses.replace(
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
-        work = record.readings(), given, self.settings.tolerance or None
+        gravity = Gravity(self.settings.gravity)
+        work = record.readings(gravity), given, self.settings.tolerance or None
         self._working = threading.Thread(target=self._identify, args=work, daemon=True)
         self._working.start()
 

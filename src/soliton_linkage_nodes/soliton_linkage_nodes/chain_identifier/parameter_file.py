@@ -48,6 +48,11 @@ def _lines(found: Identification, joint_names: Sequence[str], source: str) -> It
         yield f'    # mass, by pushes; standard deviation {found.mass_deviation:.6f} of it'
     if found.damping_deviation > 0:
         yield f'    # damping; standard deviation {found.damping_deviation:.3g}'
+    if found.friction_deviation > 0:
+        yield f'    # beside it dry friction, {found.friction:.3g} N m;'
+        yield f'    # standard deviation {found.friction_deviation:.2g} N m'
+    if found.spacing_deviation > 0:
+        yield f'    # spacing, by gravity; standard deviation {found.spacing_deviation:.6f} of it'
     yield from (f'    chain.{name}: {getattr(chain, name)!r}' for name in _PARAMETERS)
     for name, meaning in _MEANINGS.items():
         fractions = getattr(chain.deviations, name)

@@ -3,7 +3,9 @@
 
 Arrays are `table`, (5, N), with r, a, l, k of rotors and springs, then the inertias; `columns`,
 (5, N), the places of r, a, l, log k and log m among the unknowns; angles and rates, (N,); their
-changes x and v, (N, Q), of which Q = 0 makes a motion alone.
+changes x and v, (N, Q), of which Q = 0 makes a motion alone; `forces`, (5,), the damping, the
+dry friction, the rate at which that is nearly whole, and the parts of gravity along the chain and
+down from it. The columns of damping, friction and log gravity begin with that of damping.
 """
 
 from __future__ import annotations
@@ -13,7 +15,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ_PLACES, READ_TABLE, ROW, TABLE, compiled
+from soliton_linkage.compiling import (
+    COUNT,
+    NUMBER,
+    READ,
+    READ_PLACES,
+    READ_TABLE,
+    ROW,
+    TABLE,
+    compiled,
+)
 from soliton_linkage.linkage.chain import Array
 
 R, A, L, K, INERTIA = range(5)
@@ -33,20 +44,38 @@ M = INERTIA
     NEXT_BY_R,
     NEXT_BY_NEXT_R,
     NEXT_BY_A,
-) = range(12)
-"""Rows of the work of a spring, (12, N): diagonals, tension, levers, and second derivatives."""
+    RUBBING,
+    DRAG,
+    FALL,
+) = range(15)
+"""Rows of the work of springs and rotors, (15, N): diagonals, tension, levers, and second
+derivatives; then the share of the friction that acts, the change of all drag with the rate, and
+the acceleration by gravity."""
+DAMPING, FRICTION, SLIDING, ALONG, DOWN = range(5)
+"""Places of the forces."""
 Places = NDArray[np.int64]
 
 
-@compiled(READ_TABLE, NUMBER, ROW, ROW, ROW, TABLE)
+@compiled(READ_TABLE, READ, ROW, ROW, ROW, TABLE)
 def accelerate(
-    table: Array, damping: float, angles: Array, rates: Array, values: Array, work: Array
+    table: Array, forces: Array, angles: Array, rates: Array, values: Array, work: Array
 ) -> None:
     """Set the accelerations `values` [rad/s^2], (N,), and the work of all springs."""
     rotors = angles.size
+    falling = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):
-        values[n] = -damping * rates[n]
-        work[MAIN, n] = 0.0
+        rubbing = math.tanh(rates[n] / forces[SLIDING])
+        values[n] = -forces[DAMPING] * rates[n] - forces[FRICTION] * rubbing
+        whole = 1 - rubbing * rubbing
+        work[RUBBING, n] = rubbing
+        work[DRAG, n] = forces[DAMPING] + forces[FRICTION] * whole / forces[SLIDING]
+        work[MAIN, n] = work[FALL, n] = 0.0
+        if falling:
+            s, c = math.sin(angles[n]), math.cos(angles[n])
+            weight = table[INERTIA, n] / table[R, n]
+            work[FALL, n] = (forces[DOWN] * s + forces[ALONG] * c) / table[R, n]
+            values[n] += table[INERTIA, n] * work[FALL, n]
+            work[MAIN, n] = weight * (forces[DOWN] * c - forces[ALONG] * s)
     s, c = math.sin(angles[0]), math.cos(angles[0])
     for n in range(rotors - 1):
         s2, c2 = math.sin(angles[n + 1]), math.cos(angles[n + 1])
@@ -90,12 +119,11 @@ def combine(out: Array, base: Array, factor: float, other: Array) -> None:
         out[q] = base[q] + factor * other[q]
 
 
-@compiled(READ_TABLE, READ_PLACES, COUNT, NUMBER, ROW, ROW, TABLE, TABLE, TABLE, TABLE)
+@compiled(READ_TABLE, READ_PLACES, COUNT, ROW, ROW, TABLE, TABLE, TABLE, TABLE)
 def change_accelerations(
     table: Array,
     columns: Places,
     drag_column: int,
-    damping: float,
     rates: Array,
     values: Array,
     work: Array,
@@ -107,19 +135,21 @@ def change_accelerations(
     rotors, size = x.shape
     for n in range(rotors):
         inverse = 1 / table[INERTIA, n]
-        main, drag = work[MAIN, n] * inverse, -damping * inverse
+        main, drag = work[MAIN, n] * inverse, -work[DRAG, n] * inverse
         row, own, rate = changes[n], x[n], v[n]
         for q in range(size):
             row[q] = main * own[q]
-        if damping:
+        if drag:
             combine(row, row, drag, rate)
         if n > 0:
             combine(row, row, work[BELOW, n - 1] * inverse, x[n - 1])
         if n < rotors - 1:
             combine(row, row, work[ABOVE, n] * inverse, x[n + 1])
-        row[columns[R, n]] -= 2 * values[n]
-        row[columns[M, n]] -= values[n]
+        row[columns[R, n]] -= 2 * values[n] - work[FALL, n]
+        row[columns[M, n]] -= values[n] - work[FALL, n]
         row[drag_column] -= rates[n] * inverse
+        row[drag_column + 1] -= work[RUBBING, n] * inverse
+        row[drag_column + 2] += work[FALL, n]
     for n in range(rotors - 1):
         r, r2, a = table[R, n], table[R, n + 1], table[A, n]
         stretch = table[K, n] * table[L, n]
@@ -137,12 +167,12 @@ def change_accelerations(
         row[columns[K, n]] += work[PULL, n] * work[SECOND, n] * inverse
 
 
-@compiled(READ_TABLE, READ_PLACES, COUNT, NUMBER, COUNT, NUMBER, ROW, ROW, TABLE, TABLE)
+@compiled(READ_TABLE, READ_PLACES, COUNT, READ, COUNT, NUMBER, ROW, ROW, TABLE, TABLE)
 def advance(
     table: Array,
     columns: Places,
     drag_column: int,
-    damping: float,
+    forces: Array,
     steps: int,
     step: float,
     angles: Array,
@@ -152,7 +182,7 @@ def advance(
 ) -> None:
     """Go some steps [s] on, in place, by the classical method of Runge and Kutta."""
     rotors, size = x.shape
-    work, values = np.empty((12, rotors)), np.empty(rotors)
+    work, values = np.empty((15, rotors)), np.empty(rotors)
     angle, rate = np.empty(rotors), np.empty(rotors)
     angle_sum, rate_sum = np.empty(rotors), np.empty(rotors)
     at_x, at_v, changes = (
@@ -167,10 +197,10 @@ def advance(
         for stage in range(4):
             weight = step / 6 if stage in (0, 3) else step / 3
             ahead = step if stage == 2 else step / 2
-            accelerate(table, damping, angle, rate, values, work)
+            accelerate(table, forces, angle, rate, values, work)
             if size:
                 change_accelerations(
-                    table, columns, drag_column, damping, rate, values, work, at_x, at_v, changes
+                    table, columns, drag_column, rate, values, work, at_x, at_v, changes
                 )
             for n in range(rotors):
                 angle_sum[n] += weight * rate[n]

@@ -32,7 +32,8 @@ from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.experiment.film_page import write_film_page
 from soliton_linkage_nodes.programs.film.film_encoders import Account, film_to_bag
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
-from soliton_linkage_nodes.programs.identify_chain.program import identify_bag, summary
+from soliton_linkage_nodes.programs.identify_chain.program import identify_bags
+from soliton_linkage_nodes.programs.identify_chain.summary import summary
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -113,7 +114,7 @@ class FilmedExperiment:
             f'{1e3 * seen.deviation:.2g} mrad.'
         )
         _say('Identifying the chain, which nobody has measured; this takes longest.')
-        found = identify_bag(seen.bag, self._folder)
+        found = identify_bags([seen.bag], self._folder)
         _say(summary(found))
         identified = chain_of_file(self._folder / 'chain.yaml')
         overlay = self._folder / 'overlay.mp4'

@@ -1,38 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identify the chain of a bag in which a soliton has passed: every length with its deviation.
 
+Of several bags all tell of one chain, with the same encoders, as where it is tilted otherwise.
 Writes chain.yaml, which every node takes, lengths.csv, and a report page with the residuals of
 each bond.
 """
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.readings import Readings, joined
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.studies.identification.report_page import save_report
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.read.reading import (
-    decoder,
-    find_topic,
-    open_bag,
-    read_messages,
-)
-from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
+from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
-from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
-from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.command_line import (
     ProgramParser,
@@ -41,135 +36,111 @@ from soliton_linkage_nodes.programs.command_line import (
     number,
     plain_failures,
 )
+from soliton_linkage_nodes.programs.identify_chain.recorded import read_joints
+from soliton_linkage_nodes.programs.identify_chain.summary import summary, write_lengths
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
-from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
-_MOST_FRAMES = 8000
-"""Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
 _FEWEST_FRAMES = 50
 """That are looked at [1]: a wall passes a rotor or two in them."""
-_WORST = 3
-"""Bonds that are named [1]."""
 
 
-def identify_bag(
-    bag: Path,
+@dataclass(frozen=True)
+class Circumstances:
+    """What angles do not tell."""
+
+    spacing: float | None = None
+    """Mean distance of neighbouring pivots [m]; None for that of the chain that is told."""
+    tolerance: float | None = None
+    """Standard deviation by which lengths of one kind differ [1], None to have it learnt."""
+    span: tuple[float, float] = (0.0, math.inf)
+    """Times from the first frame on between which frames count [s]."""
+    gravity: float = 0.0
+    """In the plane of the chain [m/s^2]."""
+    tilts: tuple[float, ...] = ()
+    """Of each bag at its begin [rad], none for 0."""
+
+
+def identify_bags(
+    bags: Sequence[Path],
     folder: Path,
     given: NamedChain | None = None,
-    spacing: float | None = None,
-    tolerance: float | None = None,
-    span: tuple[float, float] = (0.0, math.inf),
+    circumstances: Circumstances = Circumstances(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Write chain.yaml, lengths.csv and identification.png and .pdf; return what was found.
-
-    Only by frames of a span of times [s] from the first frame on.
-    """
-    with open_bag(bag, limits) as reader:
-        told = given or _told(reader)
-        record = _read(reader, told)
+    """Write chain.yaml, lengths.csv and identification.png and .pdf; return what was found."""
+    spacing = circumstances.spacing
+    recordings = []
+    told = given
+    for bag, tilt in _tilted(bags, circumstances.tilts):
+        with open_bag(bag, limits) as reader:
+            told = told or _told(reader)
+            record = read_joints(reader, told)
+        gravity = Gravity(circumstances.gravity, tilt)
+        recordings.append(_chosen(record.readings(gravity), circumstances.span))
     chain = Chain() if told is None else told.chain
+    known = not (spacing is None and told is None)
     if spacing is not None:
         chain = dataclasses.replace(chain, spacing=spacing)
-    elif told is None:
+    elif not known and not circumstances.gravity:
         print(
             'identify_chain: angles do not tell the scale of a chain; all lengths are for a mean '
             f'spacing of {chain.spacing:g} m, unless --spacing says otherwise',
             file=sys.stderr,
         )
-    readings = record.readings().between(*span)
+    readings = joined(recordings)
     frames, rotors = readings.angles.shape
-    if frames < _FEWEST_FRAMES:
-        raise ValueError(
-            f'{frames} of {len(record)} frames lie between --begin {span[0]:g} s and --end '
-            f'{span[1]:g} s, which is too few to identify a chain; leave them out'
-        )
     progress = ProgressLine('identifying', 0)
     progress.show(0, f'{frames} frames of {rotors} rotors')
-    found = identify(readings, chain, tolerance)
+    found = identify(readings, chain, circumstances.tolerance, known)
     folder.mkdir(parents=True, exist_ok=True)
-    write_parameters(found, record.joint_names, f'{bag.name}', folder / 'chain.yaml')
+    names = ', '.join(bag.name for bag in bags)
+    write_parameters(found, readings.joints, names, folder / 'chain.yaml')
     write_lengths(found, folder / 'lengths.csv')
     save_report(found, folder)
-    progress.end(f'{frames} frames of {bag} show a {found.chain.motion.value}; see {folder}')
+    progress.end(f'{frames} frames of {names} show a {found.chain.motion.value}; see {folder}')
     return found
 
 
-def write_lengths(found: Identification, path: Path) -> None:
-    """Write each length [m] and offset [rad] with its standard deviation."""
-    chain = found.chain
-    lengths = {
-        'rotor_length': chain.rotor_lengths,
-        'spacing': chain.spacings,
-        'rest_length': chain.rest_lengths,
-    }
-    with path.open('w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(['quantity', 'number', 'value', 'standard_deviation', 'unit'])
-        for name, values in lengths.items():
-            spreads = values * found.deviations[name]
-            for n, (value, spread) in enumerate(zip(values, spreads, strict=True)):
-                table.writerow([name, n, f'{value:.9g}', f'{spread:.3g}', 'm'])
-        pairs = zip(found.offsets, found.offset_deviations, strict=True)
-        for n, (value, spread) in enumerate(pairs):
-            table.writerow(['offset', n, f'{value:.6g}', f'{spread:.3g}', 'rad'])
-
-
-def summary(found: Identification) -> str:
-    """What was found, in a few lines."""
-    spreads = ', '.join(
-        f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
-    )
-    bonds = ', '.join(f'{n} ({found.bond_noise[n]:.2g} rad)' for n in found.worst_bonds[:_WORST])
-    lines = [
-        f'lengths of one kind differ by {found.tolerance:.2%}; known to (median) {spreads}',
-        f'noise {found.noise:.3g} rad, from frame to frame {found.reading_noise:.3g} rad; '
-        f'worst bonds: {bonds}',
-        _of_forces(found),
-    ]
-    if found.open_combinations:
-        lines.append(
-            f'told by angles to no better than 10 % without the {found.tolerance:.2%}: '
-            f'{"; ".join(found.open_combinations)}'
-        )
-    return '\n'.join([*lines, *(f'warning: {line}' for line in found.warnings)])
-
-
-def _of_forces(found: Identification) -> str:
-    """What is known of masses and springs, and what is not."""
-    if 'stiffness' not in found.deviations:
-        why = 'bonds close as those of rigid bars do' if found.rigid else 'bonds do not close'
-        return f'{why}; not told: the scale of all lengths together, masses and stiffnesses'
-    chain = found.chain
-    damping = f'damping {chain.damping:.2g} +- {found.damping_deviation:.1g} N m s/rad'
-    if math.isnan(found.mass_deviation):
-        return (
-            f'springs give way, {damping}; not told: the scales of all lengths and of all masses'
-        )
-    return (
-        f'springs give way, {damping}; mean mass {chain.mass:.4g} kg to '
-        f'{found.mass_deviation:.1%} by pushes; not told: the scale of all lengths'
-    )
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Identify the chain of a bag; exit with 1 where that fails, 130 on Ctrl-C."""
+    """Identify the chain of bags; exit with 1 where that fails, 130 on Ctrl-C."""
     options = _parser().parse(arguments)
     with plain_failures('identify_chain'):
         interrupt_on_signals()
         given = chain_of_file(options.chain) if options.chain else None
-        limits = limits_of(options)
-        found = identify_bag(
-            options.bag,
-            options.output,
-            given,
+        circumstances = Circumstances(
             options.spacing,
             options.tolerance,
             (options.begin, options.end),
-            limits,
+            options.gravity,
+            tuple(options.tilt),
         )
-        print(summary(found))
+        print(
+            summary(
+                identify_bags(
+                    options.bags, options.output, given, circumstances, limits_of(options)
+                )
+            )
+        )
+
+
+def _tilted(bags: Sequence[Path], tilts: Sequence[float]) -> Iterator[tuple[Path, float]]:
+    if tilts and len(tilts) != len(bags):
+        raise ValueError(
+            f'--tilt has {len(tilts)} values for {len(bags)} bags; give one a bag, or none'
+        )
+    return zip(bags, tilts or [0.0] * len(bags), strict=True)
+
+
+def _chosen(readings: Readings, span: tuple[float, float]) -> Readings:
+    chosen = readings.between(*span)
+    if len(chosen.times) < _FEWEST_FRAMES:
+        raise ValueError(
+            f'{len(chosen.times)} of {len(readings.times)} frames lie between --begin '
+            f'{span[0]:g} s and --end {span[1]:g} s, which is too few to identify a chain; leave '
+            'them out'
+        )
+    return chosen
 
 
 def _told(reader: Reader) -> NamedChain | None:
@@ -179,54 +150,11 @@ def _told(reader: Reader) -> NamedChain | None:
         return None
 
 
-def _read(reader: Reader, told: NamedChain | None) -> JointRecord:
-    """Angles, their standard deviations, and pushes."""
-    joints = find_topic(reader, 'joint_states')
-    others = {
-        topic.name: topic
-        for topic in (
-            interfaces.JOINT_STATE_DEVIATIONS,
-            interfaces.ROTOR_IMPULSES,
-            interfaces.ROTOR_TORQUES,
-        )
-    }
-    wanted = [
-        joints,
-        *(each for each in reader.connections if each.topic.rpartition('/')[2] in others),
-    ]
-    decoders = {connection.topic: decoder(connection) for connection in wanted}
-    progress = ProgressLine('reading', joints.msgcount)
-    watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
-    record: JointRecord | None = None
-    for connection, received, serialized in read_messages(reader, wanted):
-        message = decoders[connection.topic](serialized)
-        if connection is joints:
-            states = joint_states_from_msg(message)
-            if record is None:
-                record = JointRecord(told.joint_names if told else states.name, _MOST_FRAMES)
-            record.add(states)
-            watch.look(states.stamp, states.position)
-            progress.show(record.frames, f'{record.frames} frames')
-        elif record is None:
-            continue
-        elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
-            record.add_deviations(joint_states_from_msg(message))
-        else:
-            record.add_push(message, received)
-    if record is None or not len(record):
-        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
-    progress.clear()
-    if record.thinned > 1:
-        print(
-            f'identify_chain: of {record.frames} frames one in {record.thinned} is used',
-            file=sys.stderr,
-        )
-    return record
-
-
 def _parser() -> ProgramParser:
     parser = ProgramParser(prog='identify_chain', description=__doc__)
-    parser.add_argument('bag', type=Path, help='directory of a bag, as bags/flipper_0')
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='bag', help='directory of a bag, as bags/flipper_0'
+    )
     parser.add_argument(
         '--output',
         type=Path,
@@ -244,7 +172,25 @@ def _parser() -> ProgramParser:
         '--spacing',
         type=number(described_fields(Chain)['spacing']),
         metavar='METRES',
-        help='mean distance of neighbouring pivots [m], which angles do not tell',
+        help='mean distance of neighbouring pivots [m], which only gravity tells',
+    )
+    fields = described_fields(Gravity)
+    parser.add_argument(
+        '--gravity',
+        type=number(fields['acceleration']),
+        default=0.0,
+        metavar='ACCELERATION',
+        help='of free masses in the plane of the chain [m/s^2], 9.81 where it stands upright '
+        '(%(default)s)',
+    )
+    parser.add_argument(
+        '--tilt',
+        type=number(fields['tilt']),
+        nargs='+',
+        default=[],
+        metavar='RADIANS',
+        help='of the chain in each bag, above 0 where the last rotor is the lower end [rad] (0, '
+        'then as the topic tilt says)',
     )
     parser.add_argument(
         '--tolerance',

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag holds of a chain: its angles, what pushed it, and how it was tilted."""
+
+from __future__ import annotations
+
+import sys
+
+from rosbags.rosbag2 import Reader
+
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.bags.read.reading import decoder, find_topic, read_messages
+from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
+from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
+from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.runtime import interfaces
+
+_MOST_FRAMES = 8000
+"""Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
+
+
+def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
+    """Angles, their standard deviations, pushes and tilts, in the order of a chain's joints."""
+    joints = find_topic(reader, 'joint_states')
+    others = {
+        topic.name
+        for topic in (
+            interfaces.JOINT_STATE_DEVIATIONS,
+            interfaces.ROTOR_IMPULSES,
+            interfaces.ROTOR_TORQUES,
+            interfaces.TILT,
+        )
+    }
+    wanted = [
+        joints,
+        *(each for each in reader.connections if each.topic.rpartition('/')[2] in others),
+    ]
+    decoders = {connection.topic: decoder(connection) for connection in wanted}
+    progress = ProgressLine('reading', joints.msgcount)
+    watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
+    record: JointRecord | None = None
+    for connection, received, serialized in read_messages(reader, wanted):
+        message = decoders[connection.topic](serialized)
+        if connection is joints:
+            states = joint_states_from_msg(message)
+            if record is None:
+                record = JointRecord(told.joint_names if told else states.name, _MOST_FRAMES)
+            record.add(states)
+            watch.look(states.stamp, states.position)
+            progress.show(record.frames, f'{record.frames} frames')
+        elif record is None:
+            continue
+        elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
+            record.add_deviations(joint_states_from_msg(message))
+        elif connection.topic.endswith(interfaces.TILT.name):
+            record.add_tilt(message.data, received)
+        else:
+            record.add_push(message, received)
+    if record is None or not len(record):
+        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
+    progress.clear()
+    if record.thinned > 1:
+        print(
+            f'identify_chain: of {record.frames} frames one in {record.thinned} is used',
+            file=sys.stderr,
+        )
+    return record

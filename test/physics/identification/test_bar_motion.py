@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A wall of bars is slow where rotors are heavy, and gravity tells how long they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from passages import FLIPPER, passage, read, unequal
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.readings import Readings, joined
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+
+PERIOD = 0.004
+_MADE = unequal(FLIPPER, 7)
+CHAIN = replace(
+    _MADE, deviations=_MADE.deviations.joined(drawn_deviations(10, 5, mass=0.1)), damping=5e-6
+)
+
+
+def recorded(gravity: Gravity, place: float, speed: float) -> Readings:
+    """Angles of bars whose wall begins at a place with a speed of its arc [rad/s]."""
+    orbit = orbit_of(CHAIN)
+    arc = orbit.arc_at(place, 0)
+    rates = speed * orbit.tangent(arc)
+    start = orbit.configuration(arc)
+    simulation = RigidSimulation(CHAIN, start, rates, PERIOD, 1e-9, gravity)
+    angles: list[Array] = []
+    for _ in range(450):
+        angles.append(simulation.angles.copy())
+        simulation.advance()
+    return Readings(PERIOD * np.arange(450), np.array(angles), gravity=gravity)
+
+
+def noisy(exact: Readings) -> Readings:
+    """The same as encoders read it, with offsets that last."""
+    return replace(exact, angles=read(exact.angles, 1, 0.005)[0], joined_of=())
+
+
+def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
+    found = identify(
+        noisy(recorded(NO_GRAVITY, 0.6, 14.0)), Chain(spacing=float(CHAIN.spacings.mean()))
+    )
+    assert found.rigid
+    errors = found.chain.masses / found.chain.mass / (CHAIN.masses / CHAIN.masses.mean()) - 1
+    over = errors / found.deviations['mass']
+    assert np.sqrt(np.mean(over**2)) < 1.6
+    assert np.median(found.deviations['mass']) < 0.05
+    off = found.chain.damping * CHAIN.masses.mean() / found.chain.mass - CHAIN.damping
+    assert abs(off) < 3 * found.damping_deviation
+
+
+def test_gravity_at_two_tilts_tells_the_scale_of_all_lengths() -> None:
+    readings = joined([recorded(Gravity(0.5, tilt), 0.6, 14.0) for tilt in (0.3, -0.3)])
+    found = identify(noisy(readings), Chain(spacing=0.2), spacing_known=False)
+    off = np.log(found.chain.spacings.mean() / CHAIN.spacings.mean())
+    assert abs(off) < 3 * found.spacing_deviation < 0.3
+
+
+def test_a_wall_that_a_hand_moves_tells_no_masses() -> None:
+    angles = passage(CHAIN)
+    angles = angles[np.linspace(0, 22.3, 500).round().astype(int) ** 2]
+    found = identify(Readings(PERIOD * np.arange(500), read(angles, 1)[0]), Chain())
+    assert 'mass' not in found.deviations
+    assert np.isnan(found.friction)
+
+
+def test_recordings_of_other_joints_are_not_joined() -> None:
+    one = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'b'))
+    other = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'c'))
+    with pytest.raises(ValueError, match="'a' to 'c', is not of the chain of 2 joints"):
+        joined([one, other])
