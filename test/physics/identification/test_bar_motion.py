@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from passages import FLIPPER, passage, read, unequal
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.identification.bar_motion import bar_motion
 from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.lengths import lengths_of
 from soliton_linkage.identification.readings import Readings, joined
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -22,9 +25,13 @@ _MADE = unequal(FLIPPER, 7)
 CHAIN = replace(
     _MADE, deviations=_MADE.deviations.joined(drawn_deviations(10, 5, mass=0.1)), damping=5e-6
 )
+SPACING = float(CHAIN.spacings.mean())
+LENGTHS = lengths_of(CHAIN).scaled(1.0)
+EXACT = np.zeros((38, 38))
+NOISE = 0.005
 
 
-def recorded(gravity: Gravity, place: float, speed: float) -> Readings:
+def recorded(gravity: Gravity, place: float, speed: float, frames: int = 450) -> Readings:
     """Angles of bars whose wall begins at a place with a speed of its arc [rad/s]."""
     orbit = orbit_of(CHAIN)
     arc = orbit.arc_at(place, 0)
@@ -32,21 +39,21 @@ def recorded(gravity: Gravity, place: float, speed: float) -> Readings:
     start = orbit.configuration(arc)
     simulation = RigidSimulation(CHAIN, start, rates, PERIOD, 1e-9, gravity)
     angles: list[Array] = []
-    for _ in range(450):
+    for _ in range(frames):
         angles.append(simulation.angles.copy())
         simulation.advance()
-    return Readings(PERIOD * np.arange(450), np.array(angles), gravity=gravity)
+    return Readings(PERIOD * np.arange(frames), np.array(angles), gravity=gravity)
 
 
 def noisy(exact: Readings) -> Readings:
-    """The same as encoders read it, with offsets that last."""
-    return replace(exact, angles=read(exact.angles, 1, 0.005)[0], joined_of=())
+    """The same as encoders read it."""
+    return replace(exact, angles=read(exact.angles, 1, NOISE, 0.0)[0], joined_of=())
 
 
 def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
-    found = identify(
-        noisy(recorded(NO_GRAVITY, 0.6, 14.0)), Chain(spacing=float(CHAIN.spacings.mean()))
-    )
+    free = recorded(NO_GRAVITY, 0.6, 14.0)
+    readings = replace(free, angles=read(free.angles, 1, NOISE)[0])
+    found = identify(readings, Chain(spacing=SPACING))
     assert found.rigid
     errors = found.chain.masses / found.chain.mass / (CHAIN.masses / CHAIN.masses.mean()) - 1
     over = errors / found.deviations['mass']
@@ -57,18 +64,19 @@ def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
 
 
 def test_gravity_at_two_tilts_tells_the_scale_of_all_lengths() -> None:
-    readings = joined([recorded(Gravity(0.5, tilt), 0.6, 14.0) for tilt in (0.3, -0.3)])
-    found = identify(noisy(readings), Chain(spacing=0.2), spacing_known=False)
-    off = np.log(found.chain.spacings.mean() / CHAIN.spacings.mean())
-    assert abs(off) < 3 * found.spacing_deviation < 0.3
+    both = noisy(joined([recorded(Gravity(0.5, tilt), 0.6, 14.0, 250) for tilt in (0.3, -0.3)]))
+    falling = replace(both, gravity=Gravity(0.5 / (1.5 * SPACING), 0.3))
+    found = bar_motion(falling, LENGTHS, EXACT, NOISE, gravity_known=False)
+    assert found is not None
+    off = math.log(found.gravity * SPACING / 0.5)
+    assert abs(off) < 4 * found.gravity_deviation < 0.1
 
 
 def test_a_wall_that_a_hand_moves_tells_no_masses() -> None:
-    angles = passage(CHAIN)
-    angles = angles[np.linspace(0, 22.3, 500).round().astype(int) ** 2]
-    found = identify(Readings(PERIOD * np.arange(500), read(angles, 1)[0]), Chain())
-    assert 'mass' not in found.deviations
-    assert np.isnan(found.friction)
+    angles = passage(CHAIN, 250)
+    frames = (250 * np.linspace(0, 0.999, 250) ** 2).astype(int)
+    moved = noisy(Readings(PERIOD * np.arange(250), angles[frames]))
+    assert bar_motion(moved, LENGTHS, EXACT, NOISE, gravity_known=True) is None
 
 
 def test_recordings_of_other_joints_are_not_joined() -> None:

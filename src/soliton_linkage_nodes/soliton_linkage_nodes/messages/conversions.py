@@ -157,7 +157,7 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
     return Frame(angles, np.array(rates[order]))
 
 
-def without_offsets(positions: Array, encoder_offsets: Sequence[float]) -> Array:
+def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
     """Angles [rad], (N,), of which encoders show positions [rad] too large by known offsets."""
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
