@@ -55,7 +55,8 @@ def test_offsets_are_known_of_a_chain_that_comes_by_the_topic(
     graph: Graph, named: NamedChain
 ) -> None:
     offsets = [0.1] * named.rotors
-    learner = graph.start(Learner, {'chain.encoders.offsets': offsets})
+    given = {'chain.number_of_rotors': named.rotors, 'chain.encoders.offsets': offsets}
+    learner = graph.start(Learner, given)
     publisher = graph.speak(interfaces.CHAIN)
     publisher.publish(chain_to_msg(named, time_to_msg(0)))
     graph.until(lambda: learner.learnt, 'the chain')

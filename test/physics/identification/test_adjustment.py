@@ -10,9 +10,8 @@ import pytest
 from passages import FLIPPER, SPINNER, WOBBLER, passage, read, unequal
 
 from soliton_linkage.identification.adjustment import adjusted, bound
-from soliton_linkage.identification.bundle import Bundle
+from soliton_linkage.identification.bundle import Bundle, misclosures
 from soliton_linkage.identification.lengths import lengths_of, split
-from soliton_linkage.identification.misclosures import misclosures
 from soliton_linkage.identification.start import equal_rotors
 from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Chain

@@ -119,5 +119,7 @@ def test_errors_out_of_their_range_are_refused(
 
 
 def test_offsets_must_fit_the_chain() -> None:
-    with pytest.raises(ValueError, match='2 offsets do not fit a chain of 200 rotors; give one'):
+    with pytest.raises(
+        ValueError, match='2 offsets of encoders do not fit a chain of 200 rotors; give one'
+    ):
         encoders(offsets=(0.1, 0.2))

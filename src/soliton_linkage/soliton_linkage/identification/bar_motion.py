@@ -89,7 +89,7 @@ def bar_motion(
     arcs, spreads = np.full((2, len(angles)), np.nan)
     for span in spans:
         arcs[span], spreads[span] = _arcs_of(orbit, angles[span], noise)
-    tables = _Tables(orbit, lengths, arcs)
+    tables = _AlongOrbit(orbit, lengths, arcs)
     fit = _Fit(tables, readings, spans, arcs, spreads, gravity_known)
     spread = _BEGIN
     for _ in range(_ROUNDS):
@@ -103,7 +103,7 @@ def bar_motion(
     return _motion(fit, solution, inverse, covariance)
 
 
-class _Tables:
+class _AlongOrbit:
     """Parts of inertia, weight and friction along the orbit, by rotors."""
 
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
@@ -138,7 +138,7 @@ class _Fit:
 
     def __init__(
         self,
-        tables: _Tables,
+        tables: _AlongOrbit,
         readings: Readings,
         spans: Sequence[slice],
         arcs: Array,
