@@ -95,6 +95,10 @@ class Stage:
         self.user.destroy_client(client)
         return answer.result()
 
+    def in_turn(self, act: Callable[[], object]) -> None:
+        """Act where no callback does, as none may use what is destroyed."""
+        until(self.executor.create_task(act).done, 'a turn of the executor')
+
     def close(self) -> None:
         """End all of it."""
         self._stopping.set()
@@ -258,6 +262,7 @@ class Rig:
 
     def __init__(self, stage: Stage, namespace: str) -> None:
         self.user = stage.user
+        self._stage = stage
         self.second = 1
         topic = interfaces.JOINT_STATES
         self.joints: Publisher = self.user.create_publisher(
@@ -275,6 +280,9 @@ class Rig:
         self._rotors = 0
 
     def close(self) -> None:
+        self._stage.in_turn(self._destroy)
+
+    def _destroy(self) -> None:
         self.user.destroy_timer(self._timer)
         self.user.destroy_publisher(self.joints)
 

@@ -30,12 +30,16 @@ class Camera:
 
     def __init__(self, stage: Stage) -> None:
         topic = interfaces.CAMERA_OVERLAY
+        self._stage = stage
         self._user = stage.user
         self.data = picture()
         self.publisher = self._user.create_publisher(topic.type, topic.name, topic.qos)
         self._timer = self._user.create_timer(0.1, self._publish)
 
     def close(self) -> None:
+        self._stage.in_turn(self._destroy)
+
+    def _destroy(self) -> None:
         self._user.destroy_timer(self._timer)
         self._user.destroy_publisher(self.publisher)
 
@@ -97,6 +101,7 @@ class Identifier:
 
     def __init__(self, stage: Stage) -> None:
         topic = interfaces.DIAGNOSTICS
+        self._stage = stage
         self._user = stage.user
         self.asked: list[str] = []
         self._reports = self._user.create_publisher(topic.type, topic.name, topic.qos)
@@ -117,6 +122,9 @@ class Identifier:
         self._figures = {name.replace('_', ' '): value for name, value in figures.items()}
 
     def close(self) -> None:
+        self._stage.in_turn(self._destroy)
+
+    def _destroy(self) -> None:
         self._user.destroy_timer(self._timer)
         self._user.destroy_publisher(self._reports)
         for service in self._services:

@@ -47,9 +47,11 @@ class Computer:
         command = SerialFrame(FrameKind.TORQUES, 0, 50_000, torques)
         os.write(self._port, encode(command, Protocol.BINARY))
 
-    def hear(self) -> list[Array]:
-        frames = self._decoder.feed(os.read(self._port, 65536))
-        readings = [frame for frame in frames if frame.kind is FrameKind.COUNTS]
+    def hear(self, expected: int) -> list[Array]:
+        readings: list[SerialFrame] = []
+        while len(readings) < expected:
+            frames = self._decoder.feed(os.read(self._port, 65536))
+            readings += [frame for frame in frames if frame.kind is FrameKind.COUNTS]
         self.times += [frame.time or 0 for frame in readings]
         return [self._reader.read(frame) for frame in readings]
 
@@ -60,12 +62,12 @@ def test_the_chain_moves_as_its_valves_are_told(terminal: PseudoTerminal) -> Non
     computer = Computer(terminal)
     for _ in range(5):
         played.play()
-    angles = computer.hear()
+    angles = computer.hear(5)
     np.testing.assert_allclose(np.diff(angles, axis=0), 0.0)
     computer.tell(0.02)
     for _ in range(10):
         played.play()
-    angles = computer.hear()
+    angles = computer.hear(10)
     assert angles[-1][0] > angles[0][0] + 0.1
     assert computer.times == [10_000 * frame for frame in range(15)]
 
