@@ -60,10 +60,10 @@ class Inlet:
 
     def adapt(self) -> list[Taken]:
         """Subscribe anew where a publisher offers less; return what was waiting till then."""
-        self.connected = self._subscription.get_publisher_count()
         told = self._node.get_publishers_info_by_topic(self.source.name)
         offered = [info for info in told if info.topic_type == self.source.type_name]
         self.publishers = len(offered)
+        self.connected = self._subscription.get_publisher_count()
         profiles = [info.qos_profile for info in offered]
         qos = heard_by_all(profiles, _DEPTH) if offered else self._qos
         if same_offer(qos, self._qos):
