@@ -129,7 +129,7 @@ SURENESS = np.where(np.arange(10) % 2, 0.1, 0.01)
 """Standard deviations of the angles [rad]."""
 
 
-def sureness_of(stamp: int) -> JointState:
+def deviations_of(stamp: int) -> JointState:
     return JointState(
         header=Header(stamp=time_to_msg(stamp)),
         name=list(reversed(NAMED.joint_names)),
@@ -155,8 +155,8 @@ def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
             simulation.kick(impulse)
             sent.append((interfaces.DELIVERED_IMPULSES, impulses_to_msg(NAMED, impulse, stamp)))
         if number % 3:
-            sureness = sureness_of(START + number * PERIOD)
-            sent.append((interfaces.JOINT_STATE_DEVIATIONS, sureness))
+            deviations = deviations_of(START + number * PERIOD)
+            sent.append((interfaces.JOINT_STATE_DEVIATIONS, deviations))
         noise = SURENESS if number % 3 else SURENESS.min()
         seen = simulation.angles + noise * generator.standard_normal(chain.number_of_rotors)
         sent.append(

@@ -28,7 +28,7 @@ class JointStateAnalysis:
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
         self._impulses: ImpulseDecoder | None = None
-        self._sureness: FrameReader | None = None
+        self._deviation_reader: FrameReader | None = None
         self._deviations: dict[int, Array] = {}
         self.analyser: Analyser | UnknownChainAnalyser | None = None
         self.latest: Analysis | None = None
@@ -54,13 +54,13 @@ class JointStateAnalysis:
         self._named = named
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self._impulses = ImpulseDecoder(named.numbers, math.inf)
-        self._sureness, self._deviations = FrameReader(named.joint_names), {}
+        self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def learn_joints(self, joint_names: Sequence[str]) -> None:
         """Analyse the frames of joints of which nothing is known but their order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
-        self._impulses = self._sureness = None
+        self._impulses = self._deviation_reader = None
 
     def push(self, serialized: bytes) -> None:
         """Take `delivered_impulses`, as CDR bytes, for what acts on a wall from their stamp on.
@@ -77,9 +77,9 @@ class JointStateAnalysis:
 
         Of a chain that is not known they tell nothing. Raises ValueError for what is refused.
         """
-        if self._sureness is None:
+        if self._deviation_reader is None:
             return
-        by_rotor = self._sureness.read(deviations).angles
+        by_rotor = self._deviation_reader.read(deviations).angles
         self._deviations[deviations.stamp] = check_deviations(by_rotor, len(by_rotor))
         if len(self._deviations) > _MOST_WAITING:
             del self._deviations[next(iter(self._deviations))]

@@ -108,7 +108,7 @@ class SolitonAnalyser(ManagedNode):
         push = self.while_active(partial(self._act_or_wait, self._push))
         self._impulses = CountedSubscription(self, topic, push, self.diagnostics, raw=True)
         topic = interfaces.JOINT_STATE_DEVIATIONS
-        self._sureness_decoder = JointStateDecoder()
+        self._deviation_decoder = JointStateDecoder()
         self._weigh = self.diagnostics.refusing(topic.name, self._weigh_decoded)
         weigh = self.while_active(partial(self._act_or_wait, self._weigh))
         self._deviations = CountedSubscription(self, topic, weigh, self.diagnostics, raw=True)
@@ -154,7 +154,7 @@ class SolitonAnalyser(ManagedNode):
             act(serialized)
 
     def _weigh_decoded(self, serialized: bytes) -> None:
-        self._analysis.weigh(self._sureness_decoder.decode(serialized))
+        self._analysis.weigh(self._deviation_decoder.decode(serialized))
 
     def _analyse(self, serialized: bytes) -> None:
         begin = time.perf_counter()
