@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 from graphs import Graph, values
-from rclpy.node import Node
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Disorder
@@ -21,12 +20,13 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 pytestmark = pytest.mark.usefixtures('often')
 
 
-class Learner(Node):
+class Learner(GuardedNode):
     """Wants to know the chain."""
 
     def __init__(self, **kwargs: Any) -> None:

@@ -35,7 +35,7 @@ def looking_often(monkeypatch: pytest.MonkeyPatch) -> None:
 def listen(graph: Graph) -> list[JointState]:
     """Return a list to which all joint states are added that a node of its own hears."""
     heard: list[JointState] = []
-    node = graph.start(lambda **kwargs: Node('listener', **kwargs))
+    node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
     diagnostics = Diagnostics(node, 'listening', lambda: Report('well'))
     AdaptiveSubscription(node, interfaces.JOINT_STATES, heard.append, diagnostics)
     return heard

@@ -36,6 +36,7 @@ class StoredFile:
     end: int
 
 
+@lru_cache(maxsize=1)
 def suite_version() -> str:
     """Version of the suite that writes a bag."""
     return version('soliton_linkage_nodes')

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import rclpy
-
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.record.inlets import InletFinder
@@ -21,6 +19,7 @@ from soliton_linkage_nodes.bags.rescue.continued_bag import take_over, unfinishe
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -89,7 +88,7 @@ class BagRecorder(ManagedNode):
         """Create the bag and listen, but record nothing yet where a manager is to say when."""
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
-        self._inbox = rclpy.create_node(
+        self._inbox = GuardedNode(
             '_bag_recorder_inbox',
             namespace=self.get_namespace(),
             context=self.context,

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import math
 
-from rclpy.node import Node
-
 from soliton_linkage.estimation.analysis import AnalysedSoliton
 from soliton_linkage.vision.dots import Picture
 from soliton_linkage.vision.opencv import opencv
@@ -19,6 +17,7 @@ from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _FRESH = 1.0
@@ -28,7 +27,7 @@ _FRESH = 1.0
 class Overlay:
     """Publishes pictures with what was found in them, while somebody subscribes to them."""
 
-    def __init__(self, node: Node, diagnostics: Diagnostics, rate: float) -> None:
+    def __init__(self, node: GuardedNode, diagnostics: Diagnostics, rate: float) -> None:
         """Publish so many a second at most [Hz], with the walls that `soliton_state` tells."""
         self._cv2 = opencv()
         self._period = round(SECOND / rate)

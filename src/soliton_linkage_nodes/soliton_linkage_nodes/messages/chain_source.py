@@ -24,6 +24,7 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare
 
 
@@ -105,7 +106,7 @@ class ChainSource:
 
     def __init__(
         self,
-        node: Node,
+        node: GuardedNode,
         diagnostics: Diagnostics,
         learnt: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
@@ -18,11 +17,14 @@ from soliton_linkage_nodes.runtime.intake.informed import Info, Informed
 from soliton_linkage_nodes.runtime.intake.kept_stream import KeptStream
 from soliton_linkage_nodes.runtime.intake.lag import Lag
 from soliton_linkage_nodes.runtime.interfaces import Topic
+from soliton_linkage_nodes.runtime.publisher_changes import PublisherChanges
 
 LONGEST_LAG = 0.5
 """How long a node may be behind before it skips what waits [s]: it is current in a second."""
 _LOOK_PERIOD = 0.5
-"""Between two looks at who publishes [s]: a look costs 30 us, and a person waits no longer."""
+"""Between two looks at who publishes [s]: a person waits no longer."""
+_NAMELESS = '_NODE_NAME_UNKNOWN_'
+"""Of a node whose process has not told the names of its nodes yet."""
 
 
 def heard_by_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
@@ -52,7 +54,7 @@ class AdaptiveSubscription:
 
     def __init__(
         self,
-        node: Node,
+        node: GuardedNode,
         topic: Topic,
         take: Callable[[Any], None],
         diagnostics: Diagnostics,
@@ -81,6 +83,7 @@ class AdaptiveSubscription:
         self._kept = KeptStream()
         self._subscription = self._subscribe()
         self._publishers: list[str] = []
+        self._unsettled = True
         self._lost_before = self._skipped_before = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_LOOK_PERIOD, self._look, clock=steady)
@@ -98,7 +101,7 @@ class AdaptiveSubscription:
         """Take each message when it comes, or leave them to `take_waiting`; of a GuardedNode."""
         if attended is not self.attended:
             self.attended = attended
-            cast(GuardedNode, self._node).attend(self._subscription, attended)
+            self._node.attend(self._subscription, attended)
 
     def take_waiting(self) -> list[Any]:
         """Messages that have come and wait, the oldest first."""
@@ -130,11 +133,17 @@ class AdaptiveSubscription:
         return False
 
     def _look(self) -> None:
+        """See who publishes, where that is not as it was or not settled."""
+        if not (self._changes.take() or self._unsettled):
+            return
         offered = self._node.get_publishers_info_by_topic(self._topic.name)
         if offered:
             self._adapt([info.qos_profile for info in offered])
         names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in offered)
         before, self._publishers = self._publishers, names
+        heard = len(names) == self._subscription.get_publisher_count()
+        as_asked = same_offer(self._qos, self._topic.qos)
+        self._unsettled = not (heard and as_asked) or any(_NAMELESS in name for name in names)
         if len(names) > 1 and len(before) < 2:
             self._node.get_logger().warning(self._warning())
         elif len(names) < len(before) and self._topic.latched and self._kept.foreign:
@@ -185,7 +194,7 @@ class AdaptiveSubscription:
         )
 
     def _subscribe(self) -> Subscription:
-        subscription = self._node.create_subscription(
+        subscription: Subscription = self._node.create_subscription(
             self._topic.type,
             self._topic.name,
             Informed(self._take_informed),
@@ -194,6 +203,7 @@ class AdaptiveSubscription:
             # Those of rclpy warn of what is offered, which is being seen to.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
+        self._changes = PublisherChanges(self._node, subscription)
         if not self.attended:
-            cast(GuardedNode, self._node).attend(subscription, False)
+            self._node.attend(subscription, False)
         return subscription

@@ -9,15 +9,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.bags.read.reading import message_class, type_name
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
 from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.intake.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
+from soliton_linkage_nodes.runtime.publisher_changes import PublisherChanges
 
 _DEPTH = 5000
 """Messages that a queue holds while nobody takes them: five seconds of a topic at 1000 Hz."""
@@ -26,7 +27,7 @@ _DEPTH = 5000
 class Inlet:
     """A topic that is being recorded."""
 
-    def __init__(self, node: Node, source: Source, message_type: Any) -> None:
+    def __init__(self, node: GuardedNode, source: Source, message_type: Any) -> None:
         """Subscribe, in the quality of service that the source offers."""
         self.source = source
         self.gaps = SequenceGaps()
@@ -58,8 +59,15 @@ class Inlet:
                 history = self.source.latched and info['source_timestamp'] < self._began
         return taken
 
-    def adapt(self) -> list[Taken]:
-        """Subscribe anew where a publisher offers less; return what was waiting till then."""
+    def adapt(self, ask: bool) -> list[Taken]:
+        """Subscribe anew where a publisher offers less; return what was waiting till then.
+
+        The graph is asked who publishes where publishers came or went, one cannot be heard or
+        offers less, and wherever the caller has it ask.
+        """
+        unsettled = self._offered_less or self.connected != self.publishers
+        if not (self._changes.take() or unsettled or ask):
+            return []
         told = self._node.get_publishers_info_by_topic(self.source.name)
         offered = [info for info in told if info.topic_type == self.source.type_name]
         self.publishers = len(offered)
@@ -76,15 +84,19 @@ class Inlet:
 
     def _subscribe(self) -> Subscription:
         self._began = time.time_ns()
-        return self._node.create_subscription(
+        asked = heard_by_all(self.source.profiles, _DEPTH)
+        self._offered_less = not same_offer(self._qos, asked)
+        subscription: Subscription = self._node.create_subscription(
             self._type, self.source.name, _ignore, self._qos, raw=True
         )
+        self._changes = PublisherChanges(self._node, subscription)
+        return subscription
 
 
 class InletFinder:
     """Opens an inlet for every topic that is to be recorded, as soon as its type is known."""
 
-    def __init__(self, node: Node, names: Sequence[str], regex: str, exclude: str) -> None:
+    def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         """Choose topics by name, or, with none, all of the suite, and others by a pattern."""
         self._node = node
         self._regex = _compiled('regex', regex)
@@ -104,7 +116,9 @@ class InletFinder:
 
     def find(self) -> list[Inlet]:
         """Inlets of the topics that have appeared since."""
-        found = []
+        found: list[Inlet] = []
+        if not (self.awaited or self._regex):
+            return found
         for name, types in self._node.get_topic_names_and_types():
             chosen = name in self.awaited or (self._regex and self._regex.search(name))
             if not chosen or not self._wanted(name):
@@ -136,7 +150,7 @@ class InletFinder:
         return [Inlet(self._node, source, message_type)]
 
 
-def _resolved(node: Node, name: str) -> str:
+def _resolved(node: GuardedNode, name: str) -> str:
     try:
         full_name: str = node.resolve_topic_name(name)
     except rclpy_implementation.RCLError as error:

@@ -16,15 +16,12 @@ from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThread
 from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
-_POLL_INTERVAL = 0.02
+_POLL_INTERVAL = 0.05
 """How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""
 _LONGEST_ROUND = 5.0
 """How long who waits for a round of taking does so [s], which takes some ten milliseconds."""
 _SEARCH_INTERVAL = 0.25
 """How often the graph is asked for new topics, which takes a millisecond [s]."""
-_TURNS = 4
-"""In how many searches every topic is asked for its publishers once; where ten chains are seen
-each takes half a millisecond."""
 
 
 class TakingThread:
@@ -104,7 +101,6 @@ class TakingThread:
         search_at = time.monotonic()
         place = FirstAsLongAsIdle(self._real_time, [0])
         last_round = False
-        turn = 0
         try:
             while not last_round:
                 last_round = self._stopping.wait(_POLL_INTERVAL)
@@ -113,10 +109,8 @@ class TakingThread:
                 batch = [message for inlet in self._inlets for message in inlet.drain()]
                 if searching:
                     search_at = time.monotonic() + _SEARCH_INTERVAL
-                    turn += 1
-                    every = 1 if self._connecting else _TURNS
-                    asked = self._inlets[turn % every :: every]
-                    batch += [message for inlet in asked for message in inlet.adapt()]
+                    ask = self._connecting is not None
+                    batch += [message for inlet in self._inlets for message in inlet.adapt(ask)]
                     self._add(self._finder.find())
                     self._bag.note(self._account.texts(self.losses))
                 self._account.hear(batch)

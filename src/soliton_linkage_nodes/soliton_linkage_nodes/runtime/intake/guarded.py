@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,7 @@ class GuardedNode(Node):
     """
 
     _unattended: frozenset[Subscription] = frozenset()
+    _ends: Mapping[Subscription, Callable[[], None]] = {}
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
@@ -63,7 +64,14 @@ class GuardedNode(Node):
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, attended to or not."""
         self._unattended -= {subscription}
+        if subscription in self._ends:
+            self._ends[subscription]()
+            self._ends = {each: end for each, end in self._ends.items() if each != subscription}
         return bool(super().destroy_subscription(subscription))
+
+    def end_before(self, subscription: Subscription, end: Callable[[], None]) -> None:
+        """Have something end before a subscription does."""
+        self._ends = {**self._ends, subscription: end}
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
