@@ -88,6 +88,7 @@ def test_a_replay_ends_with_its_bag(graph: Graph, tmp_path: Path) -> None:
     [
         (('simulate.launch.py', 'config:=nothing'), 'nothing'),
         (('chains.launch.py', 'bags:=two'), 'bags:=two must be one of each, one'),
+        (('chains.launch.py', 'processes:=0'), 'processes:=0 must be a whole number above 0'),
         (('view.launch.py', 'view:=nothing'), 'nothing'),
     ],
     ids=lambda each: each[0],

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any number of chains, each in a namespace and in one process, with recorders if asked for."""
+"""Any number of chains, each in a namespace, in a process a core, with recorders if asked for."""
 
+import os
 from pathlib import Path
 
 import yaml
@@ -44,25 +45,40 @@ def recorder(record, chains, path):
     )
 
 
-def suite(chain, record, path):
-    """Return the nodes of a chain in one process, with a recorder where it has a bag."""
-    rules = ['-p', f'bag_recorder:output:={record}_{chain}', '-p', 'bag_recorder:append:=true']
+def suite(chains, record, path):
+    """Return the nodes of chains in one process, with a recorder of each where it has a bag."""
+    nodes = [*SUITE, *(['bag_recorder'] if record else [])]
+    rules = [
+        f'{chain}/bag_recorder:{rule}'
+        for chain in chains
+        for rule in (f'output:={record}_{chain}', 'append:=true')
+    ]
     return Node(
         package=PACKAGE,
         executable='suite',
-        namespace=chain,
         output='screen',
-        arguments=[*SUITE, *(['bag_recorder'] if record else [])],
-        ros_arguments=['--params-file', path, *(rules if record else [])],
+        arguments=[f'{chain}/{node}' for chain in chains for node in nodes],
+        ros_arguments=[
+            '--params-file',
+            path,
+            *(word for rule in rules if record for word in ('-p', rule)),
+        ],
         **RESPAWN,
     )
 
 
+def shared(chains, processes):
+    """Return the chains of each of so many processes; ValueError for a number that is none."""
+    if not (processes.isdecimal() and int(processes)):
+        raise ValueError(f'processes:={processes} must be a whole number above 0')
+    return [chains[first :: int(processes)] for first in range(min(int(processes), len(chains)))]
+
+
 def processes(context):
     """Return the recorder of all, if there is to be one, and the processes of the chains."""
-    given, record, bags = (
+    given, record, bags, number = (
         context.perform_substitution(LaunchConfiguration(name))
-        for name in ('chains', 'record', 'bags')
+        for name in ('chains', 'record', 'bags', 'processes')
     )
     path = path_of('chains', given, NAMED)
     if bags not in BAGS:
@@ -70,11 +86,11 @@ def processes(context):
     chains = chains_of(path)
     together = [recorder(record, chains, str(path))] if record and bags == 'one' else []
     own = record if bags == 'each' else ''
-    return [*together, *(suite(chain, own, str(path)) for chain in chains)]
+    return [*together, *(suite(some, own, str(path)) for some in shared(chains, number))]
 
 
 def generate_launch_description():
-    """Return a process for each chain of the file."""
+    """Return the processes that the chains of a file share."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -89,6 +105,11 @@ def generate_launch_description():
                 'bags',
                 default_value='each',
                 description='each: a bag of each chain, its name added; one: one bag for all',
+            ),
+            DeclareLaunchArgument(
+                'processes',
+                default_value=str(len(os.sched_getaffinity(0))),
+                description='that the chains share: one for each core; more take more time',
             ),
             OpaqueFunction(function=processes),
         ]

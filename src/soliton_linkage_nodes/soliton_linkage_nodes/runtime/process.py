@@ -25,9 +25,12 @@ from soliton_linkage_nodes.runtime.command_line import check_arguments
 from soliton_linkage_nodes.runtime.parameter_files import notices
 from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
 
-SWITCH_INTERVAL = 1e-4
-"""After which a thread gives the interpreter up [s], where one paces frames: that must not wait
-the usual 5 ms, which are five periods of 1000 Hz."""
+_SHARE_OF_PERIOD = 0.1
+"""Of the time between frames, after which a thread gives the interpreter up to who paces them [1]:
+after the usual 5 ms a frame of 1000 Hz is five periods late. Half of it: who waits for the
+interpreter wakes twice as often; twice: frames are later by a tenth of a period."""
+_SHORTEST_TURN = 1e-4
+"""Of a thread with the interpreter [s], which it takes some microseconds to change."""
 _MIXED = 'Sequence should be of same type'
 """What rcl says of a list such as [1, 0.5]."""
 _LIMITS = (
@@ -129,6 +132,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
             nodes = [_created(component, stack) for component in components]
             for node in nodes:
                 _tell_notices(node, arguments, nodes)
+            _take_turns(nodes)
             # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
@@ -146,6 +150,14 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     finally:
         rclpy.try_shutdown()
     sys.exit(code)
+
+
+def _take_turns(nodes: Sequence[Node]) -> None:
+    """Have threads give the interpreter up so often that frames which nodes pace are in time."""
+    rates = [node.rate_of_frames for node in nodes if hasattr(node, 'rate_of_frames')]
+    if rates:
+        turn = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_TURN)
+        sys.setswitchinterval(min(turn, sys.getswitchinterval()))
 
 
 def _tell_warnings() -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current
-from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, run
+from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
@@ -110,6 +109,11 @@ class Simulator(ManagedNode):
         self.loop.stop()
         self.control.hold(np.zeros(self.named.rotors))
         self.frames.flush()
+
+    @property
+    def rate_of_frames(self) -> float:
+        """At which frames are due [Hz], infinite where each follows the last."""
+        return self.loop.rate if self.configured else math.inf
 
     @property
     def failure(self) -> Exception | None:
@@ -209,5 +213,4 @@ def _finished(simulator: Simulator) -> bool:
 
 def main() -> None:
     """Run the simulator until it is told to stop."""
-    sys.setswitchinterval(SWITCH_INTERVAL)
     run(Simulator, _finished)

@@ -80,7 +80,6 @@ def test_nodes_of_several_chains_are_in_their_namespaces(
     names = ['right/soliton_analyser', 'left/soliton_analyser', 'left/edge_actuator']
     components: list[Component] = []
     monkeypatch.setattr(suite, 'run_together', lambda those, _: components.extend(those))
-    monkeypatch.setattr(sys, 'setswitchinterval', lambda _: None)
     monkeypatch.setattr(sys, 'argv', ['suite', *names])
     suite.main()
     nodes = [graph.start(component.create) for component in components]

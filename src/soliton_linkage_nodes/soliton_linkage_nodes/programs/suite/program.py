@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from soliton_linkage_nodes.programs.command_line import ProgramParser
 from soliton_linkage_nodes.runtime.command_line import parameter_names
 from soliton_linkage_nodes.runtime.managed import ManagedNode
-from soliton_linkage_nodes.runtime.process import SWITCH_INTERVAL, Component, run_together
+from soliton_linkage_nodes.runtime.process import Component, run_together
 
 NODES = {
     'simulator': 'simulator.node:Simulator',
@@ -62,7 +62,6 @@ def main() -> None:
         parser.error(f'{_NAMESPACE_RULE} is for all nodes, and some are named with theirs')
     names.sort(key=lambda name: list(NODES).index(_kind(name)))
     classes = {name: _class_of(_kind(name)) for name in names}
-    sys.setswitchinterval(SWITCH_INTERVAL)
     try:
         rest, given = addressed(sys.argv, classes)
     except (TypeError, ValueError) as error:
