@@ -15,7 +15,6 @@ from programs import Program
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.programs.suite import program as suite
 from soliton_linkage_nodes.programs.suite.program import NODES, addressed
-from soliton_linkage_nodes.runtime.process import Component
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -78,12 +77,17 @@ def test_nodes_of_several_chains_are_in_their_namespaces(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = ['right/soliton_analyser', 'left/soliton_analyser', 'left/edge_actuator']
-    components: list[Component] = []
+    components: list[Any] = []
     monkeypatch.setattr(suite, 'run_together', lambda those, _: components.extend(those))
-    monkeypatch.setattr(sys, 'argv', ['suite', *names])
+    rule = ['--ros-args', '-p', 'left/edge_actuator:torque_limit:=2.0']
+    monkeypatch.setattr(sys, 'argv', ['suite', *names, *rule])
     suite.main()
     nodes = [graph.start(component.create) for component in components]
     assert {node.get_fully_qualified_name() for node in nodes} == {f'/{name}' for name in names}
+    given = [each.create.keywords['parameter_overrides'] for each in components]
+    assert [[(own.name, own.value) for own in each] for each in given if each] == [
+        [('torque_limit', 2.0)]
+    ]
 
 
 def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all() -> None:

@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument(
         'nodes', nargs='*', metavar='NODE', help=f'{", ".join(NODES)}; without any, all of them'
     )
-    names = parser.parse_beside_ros().nodes or list(NODES)
+    names = parser.parse_beside_ros(_known_to_ros(sys.argv[1:])).nodes or list(NODES)
     for name in names:
         if _kind(name) not in NODES:
             parser.error(f'{name!r} is none of {", ".join(NODES)}')
@@ -99,6 +99,17 @@ def addressed(
         if not owners:
             rest += [argument] if rule is None else [argument, rule]
     return rest, given
+
+
+def _known_to_ros(arguments: Sequence[str]) -> list[str]:
+    """Arguments without parameters for a node in a namespace, which ROS has none for."""
+    known: list[str] = []
+    for argument in arguments:
+        if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:
+            known.pop()
+        else:
+            known.append(argument)
+    return known
 
 
 def _value(text: str) -> Any:
