@@ -2,11 +2,13 @@
 # shellcheck shell=bash
 # To be sourced in bash after home.sh: how colcon has messages compiled.
 
-cmake_arguments=()
+# shellcheck disable=SC2034
+cmake_arguments=(--cmake-args)
+# Among the wheels is no rclcpp, and of middleware Fast DDS alone.
+[ "$ROS_DISTRO" = jazzy ] || cmake_arguments+=(-DPYTHON_ALONE=ON)
 headers=("$soliton_home"/headers/usr/include/python3*)
 if [ -d "${headers[0]}" ]; then
-    # shellcheck disable=SC2034
-    cmake_arguments=(--cmake-args "-DPython3_INCLUDE_DIR=${headers[0]}")
+    cmake_arguments+=("-DPython3_INCLUDE_DIR=${headers[0]}")
     export CPATH=$soliton_home/headers/usr/include
 fi
 
