@@ -5,7 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from chains import any_configuration
+from chains import EPS, any_configuration
+from deviating_chains import any_deviating_configuration
 from hypothesis import given
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
@@ -26,6 +27,25 @@ def test_energy_that_is_lost_is_that_which_is_dissipated(given_chain: tuple[Chai
     powers = chain.moments_of_inertia * accelerations * rates, -of_potential * rates, slope[-1]
     scale = sum(np.abs(power).sum() for power in powers)
     assert abs(sum(np.sum(power) for power in powers)) <= 1e-13 * scale
+
+
+@given(any_deviating_configuration())
+def test_the_compiled_loop_sums_what_turns_each_rotor(given_chain: tuple[Chain, Array]) -> None:
+    chain, angles = given_chain
+    rotors, gravity = np.arange(chain.number_of_rotors), Gravity(3.0, 0.2)
+    torques = (rotors - 1.0) * gravity.scale(chain)
+    motion = EquationOfMotion(chain, torques, gravity)
+    rates = (2.0 - rotors) / chain.time_unit
+    friction = chain.dampings * rates
+    parts = chain.spring_torques(angles), gravity.torques(chain, angles), torques, -friction
+    slope = motion(0.0, motion.state(angles, rates))
+    bent = chain.stiffness * (chain.spacing + chain.rotor_length) * chain.rotor_length
+    rounding = 64 * EPS * (bent + max(np.abs(part).max() for part in parts[1:]))
+    turning = chain.moments_of_inertia * slope[rotors + len(rotors)]
+    np.testing.assert_allclose(turning, sum(parts), rtol=0, atol=rounding)
+    np.testing.assert_array_equal(slope[rotors], rates)
+    if motion.damped:
+        assert slope[-1] == pytest.approx(friction @ rates, rel=1e-13)
 
 
 def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone() -> None:

@@ -10,6 +10,18 @@ from functools import cached_property
 
 import numpy as np
 
+from soliton_linkage.dynamics.derivative_loop import (
+    BY_COSINE,
+    BY_SINE,
+    DAMPINGS,
+    HELD,
+    INERTIAS,
+    LENGTHS,
+    REST_LENGTHS,
+    ROWS,
+    STIFFNESSES,
+    derivative,
+)
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
@@ -100,20 +112,28 @@ class EquationOfMotion:
 
     def accelerations(self, angles: Array) -> Array:
         """Angular acceleration without damping [rad/s^2], shape (N,)."""
-        return np.asarray(self._undamped_torques(angles) / self.inertias)
+        at_rest = self.state(angles, np.zeros(self.rotors))
+        return self(0.0, at_rest)[self.rotors : 2 * self.rotors]
 
     def __call__(self, _time: float, state: Array) -> Array:
         """Time derivative of a state, of its shape."""
-        angles, rates = state[: self.rotors], state[self.rotors : 2 * self.rotors]
-        if not self.damped:
-            return np.concatenate([rates, self.accelerations(angles)])
-        friction = self.chain.dampings * rates
-        accelerations = (self._undamped_torques(angles) - friction) / self.inertias
-        return np.concatenate([rates, accelerations, [friction @ rates]])
+        return derivative(np.ascontiguousarray(state), self._rows, self.chain.periodic)
 
-    def _undamped_torques(self, angles: Array) -> Array:
-        applied = applied_torques(self.chain, angles, self.held_torques, self.gravity)
-        return self.chain.spring_torques(angles) + applied
+    @cached_property
+    def _rows(self) -> Array:
+        chain = self.chain
+        rows = np.zeros((ROWS, self.rotors))
+        rows[LENGTHS : REST_LENGTHS + 1] = chain.spring_parameters
+        rows[STIFFNESSES, : chain.number_of_springs] = chain.stiffnesses
+        weights = self.gravity.acceleration * chain.masses * chain.rotor_lengths
+        rows[INERTIAS], rows[DAMPINGS], rows[HELD] = (
+            self.inertias,
+            chain.dampings,
+            self.held_torques,
+        )
+        rows[BY_SINE] = weights * math.cos(self.gravity.tilt)
+        rows[BY_COSINE] = weights * math.sin(self.gravity.tilt)
+        return rows
 
 
 def applied_torques(chain: Chain, angles: Array, torques: Array, gravity: Gravity) -> Array:
