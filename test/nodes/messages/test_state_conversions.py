@@ -14,21 +14,22 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis, CyclePhase, cycle_phase
+from soliton_linkage.estimation.analysis import Analysis, CyclePhase, cycle_phase
 from soliton_linkage.estimation.motion_class import MotionClass
 from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.conversions import JointStates
+from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
 from soliton_linkage_nodes.messages.state_conversions import (
     NumberFields,
     columns,
     row,
     serialized_state,
-    solitons_from_msg,
     state_to_msg,
 )
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis, cycle_phase
+from soliton_linkage.estimation.analysis import Analysis, cycle_phase
 from soliton_linkage.estimation.completed_frame import (
     CompletedFrame,
     Unwrapper,
@@ -37,6 +37,7 @@ from soliton_linkage.estimation.state_report import (
     Topology,
 )
 from soliton_linkage.estimation.wall_width import Width, WidthReporter
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.estimation.walls.soliton_event import SolitonEvent
 from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_reporter import WallReporter

@@ -9,37 +9,11 @@ from typing import NamedTuple
 from soliton_linkage.estimation.motion_class import MotionClass
 from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.estimation.walls.soliton_event import SolitonEvent
 from soliton_linkage.estimation.wobble import Wobble
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage.orbit.orbit import Orbit
-
-
-class AnalysedSoliton(NamedTuple):
-    """One wall; a quantity that cannot be told is NaN, and so is its standard deviation.
-
-    id: its name for as long as it is followed, from 1 on; 0 where walls are not followed.
-    rotor: centre in rotor spacings from rotor 0.
-    position: centre [m] from the pivot of rotor 0.
-    velocity: of the centre [m/s], positive towards the last rotor.
-    width: width w of tanh(x / w) [m]; NaN in chains with deviations.
-    theory_width: width that the continuum theory gives a wall of this velocity [m].
-    charge: +1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite.
-    position_deviation: standard deviation of the position [m].
-    velocity_deviation: standard deviation of the velocity [m/s].
-    width_deviation: standard deviation of the width [m].
-    """
-
-    id: int
-    rotor: float
-    position: float
-    velocity: float
-    width: float
-    theory_width: float
-    charge: int
-    position_deviation: float
-    velocity_deviation: float
-    width_deviation: float
 
 
 class CyclePhase(NamedTuple):

@@ -7,10 +7,11 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis, cycle_phase
+from soliton_linkage.estimation.analysis import Analysis, cycle_phase
 from soliton_linkage.estimation.frame_clock import FrameClock
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus, lost
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array, check_shape, staggered
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from soliton_linkage.estimation.analysis import AnalysedSoliton
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.vision.dots import Picture
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.overlay import PlacedWall, overlaid
@@ -13,7 +13,7 @@ from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.camera_encoders.sight import Seen
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.picture_conversions import picture_to_compressed_msg
-from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
+from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics

@@ -13,9 +13,10 @@ from typing import Any, get_type_hints
 
 from rclpy.serialization import deserialize_message
 
-from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis
+from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.estimation.wobble import Wobble
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage_msgs import msg
@@ -165,14 +166,6 @@ def serialized_state(analysis: Analysis, joints: JointStates) -> bytes:
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
     """SolitonState of the frame that was analysed."""
     return deserialize_message(serialized_state(analysis, joints), msg.SolitonState)
-
-
-def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
-    """Return the solitons of a message."""
-    return tuple(
-        AnalysedSoliton(**{name: getattr(soliton, name) for name in _SOLITON.names})
-        for soliton in message.solitons
-    )
 
 
 def columns() -> list[str]:

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from soliton_linkage.estimation.analysis import AnalysedSoliton, Analysis
+from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
