@@ -63,16 +63,19 @@ def modules() -> dict[str, ast.Module]:
     return {**sources('soliton_linkage'), **sources('soliton_linkage_nodes')}
 
 
-def imports(module: str) -> Iterator[str]:
+@cache
+def imports(module: str) -> frozenset[str]:
     """Dotted names that a module imports, down to the module where that is one of ours."""
+    names = set()
     for statement in ast.walk(modules()[module]):
         if isinstance(statement, ast.Import):
-            yield from (alias.name for alias in statement.names)
+            names |= {alias.name for alias in statement.names}
         elif isinstance(statement, ast.ImportFrom):
             assert not statement.level, f'{module} imports relatively, line {statement.lineno}'
             for alias in statement.names:
                 name = f'{statement.module}.{alias.name}'
-                yield name if name in modules() else str(statement.module)
+                names.add(name if name in modules() else str(statement.module))
+    return frozenset(names)
 
 
 def room(module: str) -> tuple[str, str]:
@@ -105,7 +108,7 @@ def test_packages_import_downwards_only() -> None:
         package, inner = room(module)
         floors = NODES if package == 'soliton_linkage_nodes' else PHYSICS
         assert inner in floors or not inner, f'{module} is on no floor'
-        for name in set(imports(module)) & set(modules()):
+        for name in imports(module) & set(modules()):
             other, below = room(name)
             if inner in floors and other == package and below not in (inner, ''):
                 is_below = floors[below] < floors[inner]
@@ -120,14 +123,14 @@ def test_bags_know_no_linkage_and_no_message_of_it() -> None:
         f'{module} imports {name}'
         for module in modules()
         if room(module) == ('soliton_linkage_nodes', 'bags')
-        for name in sorted(set(imports(module)) - KNOWN_TO_BAGS)
+        for name in sorted(imports(module) - KNOWN_TO_BAGS)
         if name.startswith(('soliton_linkage.', 'soliton_linkage_msgs', 'soliton_linkage_nodes.m'))
     ]
     assert not offenders, f'bags play and record whatever there is:{listed(offenders)}'
 
 
 def test_no_circle_of_imports() -> None:
-    graph = {module: set(imports(module)) & set(modules()) - {module} for module in modules()}
+    graph = {module: imports(module) & set(modules()) - {module} for module in modules()}
     outside = True
     while outside:
         imported = set().union(*graph.values())

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import requires
 from pathlib import Path
 from typing import Any
@@ -46,12 +47,13 @@ EXTRAS = {*OF_THE_PAGE, 'foxglove'}
 """Imported by what is an extra; a ROS install has a bridge of its own to Foxglove."""
 
 
-def imported(package: str) -> set[str]:
+@cache
+def imported(package: str) -> frozenset[str]:
     """Return the top names that a package and its launch files import, those of Python not."""
     folder = SOURCES / package
     paths = [*folder.glob(f'{package}/**/*.py'), *folder.glob('launch/*.py')]
     names = {name.partition('.')[0] for path in paths for name in imports(path)}
-    return names - sys.stdlib_module_names - {package}
+    return frozenset(names - sys.stdlib_module_names - {package})
 
 
 def imports(path: Path) -> Iterator[str]:
