@@ -71,18 +71,18 @@ def test_a_signal_ends_every_program_that_is_being_imported(
 
 
 @pytest.mark.parametrize(
-    'moment',
+    ('node', 'moment'),
     [
-        'numpy/__init__.py:<module>',
-        'runtime/process.py:stop_on_signals',
-        'soliton_analyser/node.py:__init__',
-        'runtime/process.py:_spin',
+        ('soliton_analyser', 'numpy/__init__.py:<module>'),
+        ('soliton_analyser', 'soliton_analyser/node.py:__init__'),
+        ('edge_actuator', 'runtime/process.py:stop_on_signals'),
+        ('edge_actuator', 'runtime/process.py:_spin'),
     ],
 )
-def test_a_signal_ends_the_analyser_wherever_its_start_has_got_to(
-    start: Callable[..., Program], moment: str
+def test_a_signal_ends_a_node_wherever_its_start_has_got_to(
+    start: Callable[..., Program], node: str, moment: str
 ) -> None:
-    program = start('soliton_analyser', command=signalled(moment, signal.SIGINT))
+    program = start(node, command=signalled(moment, signal.SIGINT))
     assert program.wait() == 0
     assert all('[INFO]' in line for line in program.said), 'no trace and no complaint'
 

@@ -98,14 +98,14 @@ def test_parameters_that_cannot_be_read_are_said_in_one_line(
         (['--unknown'], "wrong ROS arguments: ['--unknown']"),
         (
             ['-p', 'chain.mass:=0.0'],
-            'parameter chain.mass of simulator = 0.0 must lie in the range 1e-09 to 1e+06 kg',
+            'parameter chain.mass of edge_actuator = 0.0 must lie in the range 1e-09 to 1e+06 kg',
         ),
     ],
 )
 def test_wrong_arguments_are_said_in_one_line(
     start: Callable[..., Program], arguments: list[str], complaint: str
 ) -> None:
-    program = start('simulator', '--ros-args', *arguments)
+    program = start('edge_actuator', '--ros-args', *arguments)
     assert program.wait() == 1
     (line,) = [line for line in program.said if 'FATAL' in line]
     assert complaint in line

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 from graphs import Graph, values
-from programs import Program
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -483,11 +482,7 @@ def test_offsets_of_encoders_are_told(graph: Graph) -> None:
     )
 
 
-def test_an_unknown_source_of_the_chain_ends_it_with_one_line(
-    start: Callable[..., Program],
-) -> None:
-    program = start('soliton_analyser', '--ros-args', '-p', 'chain_from:=telepathy')
-    assert program.wait() == 1
-    (line,) = program.said
+def test_an_unknown_source_of_the_chain_is_refused(graph: Graph) -> None:
     said = "chain_from of soliton_analyser = 'telepathy' must be one of 'topic', 'parameters'"
-    assert said in line
+    with pytest.raises(ValueError, match=said):
+        graph.start(SolitonAnalyser, {'chain_from': 'telepathy'})

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from graphs import Graph, values
-from programs import Program
 from rclpy.action import ActionClient
 from std_srvs.srv import SetBool, Trigger
 
@@ -281,10 +279,9 @@ def test_a_steering_that_goes_lets_go(graph: Graph) -> None:
     graph.until(lambda: not any(bench.torques[-1].effort), 'torques of 0')
 
 
-def test_it_is_a_program(start: Callable[..., Program]) -> None:
-    steering = start('soliton_steering', '--ros-args', '-p', 'torque_limit:=-1.0')
-    assert steering.wait() == 1
-    assert any('torque_limit' in line for line in steering.said)
+def test_a_limit_below_zero_is_refused(graph: Graph) -> None:
+    with pytest.raises(ValueError, match=r'torque_limit of soliton_steering = -1'):
+        graph.start(SolitonSteering, {'torque_limit': -1.0})
 
 
 def test_two_hundred_goals_at_once_are_all_ended(graph: Graph) -> None:
