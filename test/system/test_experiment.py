@@ -31,6 +31,7 @@ from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointSta
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / 'config'
 SCENARIO, NUDGE = 'spinner', 12.5
+ROTORS = 16
 TIME_TO_STOP = 20.0
 LONGEST_RUN = 240.0
 MARK = 'SOLITON_EXPERIMENT'
@@ -64,8 +65,10 @@ def start() -> Iterator[Start]:
 
 
 def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path: Path) -> None:
+    configuration = configured(tmp_path, SCENARIO)
+    tmp_path /= 'out'
     leave_an_earlier_run(tmp_path, SCENARIO)
-    process = start(CONFIGURATION / f'{SCENARIO}.yaml', tmp_path)
+    process = start(configuration, tmp_path)
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 0, said
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -99,7 +102,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
 
 def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(start: Start, tmp_path: Path) -> None:
     output = tmp_path / 'out'
-    process = start(flipper_with(tmp_path, nudge=25.0), output)
+    process = start(configured(tmp_path, 'flipper', nudge=25.0), output)
     wait_for_line(process, 'replaying [')
     assert_it_stops(process, output, signal.SIGINT, to_group=True)
     assert frames_in(output / 'flipper_0') > 100
@@ -128,7 +131,7 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
 def test_a_nudge_that_sends_no_soliton_is_said_so(
     start: Start, tmp_path: Path, nudge: float, complaint: str
 ) -> None:
-    configuration = flipper_with(tmp_path, 50.0, nudge=nudge, time_limit=2.0)
+    configuration = configured(tmp_path, 'flipper', 50.0, nudge=nudge, time_limit=2.0)
     process = start(configuration, tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
@@ -139,7 +142,7 @@ def test_a_nudge_that_sends_no_soliton_is_said_so(
 
 
 def test_a_wrong_configuration_is_said_in_one_line(start: Start, tmp_path: Path) -> None:
-    process = start(flipper_with(tmp_path, nugde=10.0), tmp_path / 'out')
+    process = start(configured(tmp_path, 'flipper', nugde=10.0), tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
     complaint = "parameter 'nugde' of experiment is unknown; did you mean 'nudge'?"
@@ -181,17 +184,19 @@ def test_a_missing_configuration_is_named(start: Start, tmp_path: Path) -> None:
 
 def leave_an_earlier_run(output: Path, scenario: str) -> None:
     bag = output / f'{scenario}_0'
-    bag.mkdir()
+    bag.mkdir(parents=True)
     for path in (bag / f'{scenario}_0_0.mcap', bag / 'metadata.yaml', output / 'summary.json'):
         path.write_text('of an earlier run')
 
 
-def flipper_with(folder: Path, rate: float = 250.0, **parameters: float) -> Path:
-    """Return a configuration with a rate of frames [Hz] and other parameters of the experiment."""
-    configuration = yaml.safe_load((CONFIGURATION / 'flipper.yaml').read_text(encoding='utf-8'))
+def configured(folder: Path, scenario: str, rate: float = 250.0, **parameters: float) -> Path:
+    """A scenario of few rotors, with a rate of frames [Hz] and parameters of the experiment."""
+    path = CONFIGURATION / f'{scenario}.yaml'
+    configuration = yaml.safe_load(path.read_text(encoding='utf-8'))
     configuration['/**/simulator']['ros__parameters']['publish_rate'] = rate
     configuration['/**/experiment']['ros__parameters'].update(parameters)
-    path = folder / 'flipper.yaml'
+    configuration['/**']['ros__parameters']['chain.number_of_rotors'] = ROTORS
+    path = folder / path.name
     path.write_text(yaml.safe_dump(configuration), encoding='utf-8')
     return path
 
