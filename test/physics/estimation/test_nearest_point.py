@@ -281,8 +281,6 @@ def test_it_is_found_with_missing_rotors_or_says_that_it_may_be_elsewhere(
         fit = fit_anywhere(orbit, frame)
         there = apart(orbit, fit.arc, arc) < 6 * sigma / math.sqrt(fit.information)
         found += there
-        # Odds of e^20 against where the wall is not would be false.
-        assert there or fit.lead < 20 * sigma**2
         if np.isfinite(frame[[0, -1]]).all() or orbit.chain.motion is Motion.SPINNER:
             assert there
     assert found > frames / 2
@@ -295,20 +293,10 @@ def test_an_edge_rotor_that_is_not_seen_may_have_toggled_or_not(example: Example
         arc = orbit.arc_at(19.8, leg)
         frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
         seen = fit_anywhere(orbit, frame)
-        other_legs = [
-            fit_near(orbit, frame, orbit.arc_at(19.8, other)).arc
-            for other in range(4)
-            if other != leg
-        ]
-        likeness = [np.cos(frame - orbit.configuration(each)).sum() for each in other_legs]
-        lead = np.cos(frame - orbit.configuration(seen.arc)).sum() - max(likeness)
-        assert seen.lead == pytest.approx(lead, rel=0, abs=FITTED)
-        assert seen.lead > 0.5
         for edge in (0, -1):
             hidden = frame.copy()
             hidden[edge] = np.nan
             fit = fit_anywhere(orbit, hidden)
-            assert fit.lead < FITTED
             assert orbit.place(fit.arc) == pytest.approx(orbit.place(seen.arc), abs=0.05)
 
 
@@ -337,7 +325,7 @@ def test_an_unseen_wall_is_not_moved_by_the_noise_of_rotors_that_know_nothing_of
     assert fit.arc == arc
     assert fit.information < 1e-6
     anywhere = fit_anywhere(orbit, frame)
-    assert anywhere.information < 0.01 or anywhere.lead < 20 * 0.05**2
+    assert anywhere.information < 0.01
 
 
 def test_a_single_rotor_gives_an_arc_but_no_misfit() -> None:

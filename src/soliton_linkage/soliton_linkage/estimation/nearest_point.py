@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from soliton_linkage.estimation.settings import DEFAULTS, SearchSettings
-from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.estimation.places.place_search import PlaceSearch
+from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings, SearchSettings
 from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, Stretch
 
@@ -31,17 +31,11 @@ class NearestPoint:
     misfit: root mean square of what is left of the rotors about the wall [rad], NaN for one or
         none. It estimates sigma: the sum of squares is divided by one less than the number of
         rotors.
-    lead: how much likelier the arc is than the next best one elsewhere on the orbit [1]. It is the
-        difference of sum_n cos(phi_n - Phi_n); divided by sigma^2, the logarithm of the odds. A
-        flipper whose edge rotor is not seen may have toggled it or not: then it is near 0.
-        Infinite where nothing else comes close; NaN from `fit_near`, which does not look
-        elsewhere.
     """
 
     arc: float
     information: float
     misfit: float
-    lead: float = math.nan
 
 
 def fit_near(
@@ -61,32 +55,21 @@ def fit_near(
 
 
 def fit_anywhere(
-    orbit: Orbit, angles: Array, settings: SearchSettings = DEFAULTS.search
+    orbit: Orbit, angles: Array, settings: EstimationSettings = DEFAULTS
 ) -> NearestPoint:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
 
-    Finds the largest likeness sum_n cos(phi_n - Phi_n(s)), which is blind to whole turns, along
-    the orbit, and refines it and the next largest. Where the wall is, to within what a wall is
-    wide, is first told by the rotors that are uniform on either side of it: O(N). The arc is
-    from 0 to that of the whole orbit; of frames without any known angle it is NaN, and the
-    information 0. Raises ValueError for angles of another shape or infinite ones.
+    It is near the likeliest of all places, as `PlaceSearch` finds it. The arc is from 0 to that
+    of the whole orbit; of frames without any known angle it is NaN, and the information 0. Raises
+    ValueError for angles of another shape or infinite ones.
     """
     frame = _checked(orbit, angles)
-    if np.isnan(frame).all():
+    search = PlaceSearch(orbit, settings.likelihood, settings.scan)
+    found = search.find(frame, 0.0, (False,)).places
+    if not found:
         return NearestPoint(math.nan, 0.0, math.nan)
-    search = _Search(orbit, frame, settings)
-    fits: list[NearestPoint] = []
-    for arc in search.peaks():
-        fit = _fit_near(orbit, frame, arc, settings)
-        apart = [abs(math.remainder(fit.arc - it.arc, orbit.length)) for it in fits]
-        if not any(each < settings.same_arc for each in apart):
-            fits.append(fit)
-        if len(fits) == 2:
-            break
-    likeness = [search.likeness(fit.arc) for fit in fits]
-    best = int(np.argmax(likeness))
-    lead = abs(likeness[0] - likeness[1]) if len(fits) == 2 else math.inf
-    return replace(fits[best], arc=fits[best].arc % orbit.length, lead=lead)
+    nearest = _fit_near(orbit, frame, found[0].arc, settings.search)
+    return replace(nearest, arc=nearest.arc % orbit.length)
 
 
 def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:
@@ -136,57 +119,3 @@ def _checked(orbit: Orbit, angles: Array) -> Array:
             'is unknown'
         )
     return frame
-
-
-class _Search:
-    """Likeness of a frame to the configurations of an orbit."""
-
-    def __init__(self, orbit: Orbit, frame: Array, settings: SearchSettings) -> None:
-        self._orbit = orbit
-        self._longest_step = settings.search_step
-        self._frame = frame
-        self._before, self._beyond = [], []
-        for leg in range(orbit.number_of_legs):
-            left, right = orbit.background(orbit.arc_at(orbit.middle, leg))
-            self._before.append(np.concatenate([[0.0], np.cumsum(_cosines(frame - left))]))
-            of_right = _cosines(frame - right)
-            self._beyond.append(np.concatenate([np.cumsum(of_right[::-1])[::-1], [0.0]]))
-
-    def peaks(self) -> list[float]:
-        """Arc lengths of the maxima of the likeness [rad], up to a step, the largest first."""
-        arcs = self._likely_arcs()
-        likeness = np.array([self.likeness(arc) for arc in arcs.tolist()])
-        peaks = (likeness >= np.roll(likeness, 1)) & (likeness >= np.roll(likeness, -1))
-        order = np.argsort(-likeness[peaks], kind='stable')
-        return [float(arc) for arc in arcs[peaks][order]]
-
-    def likeness(self, arc: float) -> float:
-        """Return sum_n cos(phi_n - Phi_n) over the rotors that are known."""
-        about = self._orbit.stretch(arc)
-        leg, beyond = self._orbit.leg(arc), about.first + len(about.angles)
-        seen = _cosines(self._frame[about.first : beyond] - about.angles)
-        ends = self._before[leg][about.first] + self._beyond[leg][beyond]
-        return float(ends + seen.sum())
-
-    def _likely_arcs(self) -> Array:
-        """Arc lengths to look at [rad], growing: in every leg those about the likeliest place."""
-        orbit = self._orbit
-        sums = np.array(self._before) + np.array(self._beyond)
-        place = int(np.argmax(sums.max(axis=0))) - 0.5
-        depth = penetration_depth(orbit.chain) / orbit.chain.spacing
-        step = min(self._longest_step, max(depth, 1.0) * orbit.site_arc)
-        arcs = []
-        for leg in range(orbit.number_of_legs):
-            begin, end = orbit.leg_arcs(leg)
-            centre = orbit.arc_at(place, leg)
-            low = max(begin, centre - orbit.reach)
-            high = min(end, centre + orbit.reach)
-            arcs.append(np.arange(low, max(high, low + step), step))
-        return np.concatenate(arcs)
-
-
-def _cosines(differences: Array) -> Array:
-    """Cosines of differences [rad], 0 where they are not known."""
-    cosines = np.cos(differences)
-    cosines[np.isnan(cosines)] = 0.0
-    return np.asarray(cosines)

@@ -188,8 +188,6 @@ class SearchSettings(_Part):
     longest_step: float = quantity(0.5, 'longest step', 'rad')
     least_slope: float = quantity(0.3, 'least slope that divides a step, and 1 over the largest')
     least_information: float = quantity(1e-6, 'information below which the arc is not fitted')
-    search_step: float = quantity(0.2, 'longest step of the search along the orbit', 'rad')
-    same_arc: float = quantity(1e-3, 'distance up to which two fits are the same', 'rad')
 
 
 @dataclass(frozen=True)
