@@ -51,7 +51,7 @@ class Story:
         self.names: dict[int, float] = {}
 
     def show(self, walls: Sequence[tuple[float, int]], scene: WallFrame | None = None) -> None:
-        seen = [SeenWall(place, 0.01, charge, math.nan, math.nan) for place, charge in walls]
+        seen = [SeenWall(place, 0.01, charge, (math.nan, math.nan)) for place, charge in walls]
         self.time += PERIOD
         shown, events = self.tracker.take(self.time, seen, scene or Scene())
         self._note(shown, events)
@@ -116,7 +116,8 @@ def test_two_that_leave_nothing_but_waves_are_annihilated() -> None:
     story.wait(3, swing=0.1)
     met = story.events[-1]
     assert story.kinds[2:] == [EventKind.ANNIHILATION]
-    assert (met.ids_before, met.ids_after, met.radiated) == ((1, 2), (), 2.0)
+    assert (met.ids_before, met.ids_after) == ((1, 2), ())
+    assert (met.energy_before, met.energy_after) == (2.0, 0.0)
 
 
 def test_two_that_go_on_swinging_are_a_breather_until_they_do_not() -> None:

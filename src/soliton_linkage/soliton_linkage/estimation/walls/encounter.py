@@ -51,6 +51,12 @@ class Encounter:
         """Whether the last frame showed both."""
         return self.left.is_seen and self.right.is_seen
 
+    @property
+    def ids_before(self) -> tuple[int, ...]:
+        """Names from left to right as they came, or that of the breather."""
+        ids = self.left.id, self.right.id
+        return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
+
     def see(self, time: float, turn: int) -> None:
         """Note a frame that shows both, with the sense in which rotors between them turned.
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass
 
 
@@ -61,13 +60,3 @@ class SolitonEvent:
     energy_before: float = 0.0
     energy_after: float = 0.0
     collisions: int = 0
-
-    @property
-    def radiated(self) -> float:
-        """Energy that waves, or an edge, took [J]."""
-        return self.energy_before - self.energy_after if self.is_told else math.nan
-
-    @property
-    def is_told(self) -> bool:
-        """Whether both energies are known."""
-        return math.isfinite(self.energy_before) and math.isfinite(self.energy_after)

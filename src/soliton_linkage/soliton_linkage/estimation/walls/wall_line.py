@@ -48,9 +48,9 @@ class WallLine:
         """Distance from the nearer edge [rotor spacings], infinite for a ring."""
         return math.inf if self.periodic else min(place, self.rotors - 1 - place)
 
-    def side(self, place: float) -> int:
-        """Nearer edge: -1 of the first rotor, +1 of the last."""
-        return -1 if place < (self.rotors - 1) / 2 else 1
+    def edge_of(self, place: float) -> float:
+        """Place of the nearer edge, that of the first rotor or of the last."""
+        return 0.0 if place < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def between(self, left: float, right: float) -> float:
         """Middle of the way from a place to the next on its right [rotor spacings]."""

@@ -154,8 +154,20 @@ class WallTracker:
         self._name_new_ones(time, frame, needed)
         self._look_at_encounters(time, frame)
         self._let_go(time, frame, needed)
-        for wait in self._waits.too_long(time):
-            self._tell_death(wait.track, wait.since, wait.energy)
+        for track in self._waits.too_long(time):
+            edge, charges, energies = (
+                self._line.edge_of(track.rotor),
+                (track.charge, 0),
+                (track.energy, 0.0),
+            )
+            self._tell(
+                EventKind.DEATH_AT_EDGE,
+                track.last_seen,
+                edge,
+                ((track.id,), ()),
+                charges,
+                energies,
+            )
         shown = sorted(
             (each for each in self._tracks if each.id and each.is_seen),
             key=lambda each: each.rotor,
@@ -194,28 +206,42 @@ class WallTracker:
         self._next += 1
         return track.id
 
+    def _tell(
+        self,
+        kind: EventKind,
+        time: float,
+        rotor: float,
+        ids: tuple[tuple[int, ...], tuple[int, ...]],
+        charges: tuple[int, int] = (0, 0),
+        energies: tuple[float, float] = (0.0, 0.0),
+        collisions: int = 0,
+    ) -> None:
+        """Tell of an event now, of pairs of what there was before and afterwards."""
+        self._events.append(SolitonEvent(kind, time, rotor, *ids, *charges, *energies, collisions))
+
     def _found(self, track: WallTrack, time: float, frame: WallFrame) -> None:
-        energy = frame.energy([track.rotor])
-        ids = (self._name(track),)
-        charge = track.charge
-        self._events.append(
-            SolitonEvent(
-                EventKind.FOUND, time, track.rotor, (), ids, charge, charge, energy, energy
-            )
-        )
+        energy, ids = frame.energy([track.rotor]), ((), (self._name(track),))
+        charges = track.charge, track.charge
+        self._tell(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
 
     def _came_from_edge(self, track: WallTrack, time: float) -> None:
-        wait, charge = self._waits.taken(track.rotor, track.charge), track.charge
-        edge = 0.0 if self._line.side(track.rotor) < 0 else self._line.rotors - 1.0
-        if wait is None:
+        """A wall that came back, or a new one; it is told of once it is sure to have left."""
+        edge, charge = self._line.edge_of(track.rotor), track.charge
+        before = self._waits.taken(track.rotor, charge)
+        if before is None:
             ids = (self._name(track),)
             event = SolitonEvent(EventKind.BIRTH_AT_EDGE, time, edge, (), ids, 0, charge)
         else:
-            track.id = wait.track.id
-            ids = (track.id,)
-            middle = (wait.since + time) / 2
+            track.id, middle = before.id, (before.last_seen + time) / 2
             event = SolitonEvent(
-                EventKind.REFLECTION, middle, edge, ids, ids, charge, charge, wait.energy
+                EventKind.REFLECTION,
+                middle,
+                edge,
+                ids_before=(track.id,),
+                ids_after=(track.id,),
+                charge_before=charge,
+                charge_after=charge,
+                energy_before=before.energy,
             )
         self._untold.append((event, track))
 
@@ -223,26 +249,24 @@ class WallTracker:
         self, track: WallTrack, new: list[WallTrack], time: float, frame: WallFrame
     ) -> None:
         """A wall that nobody saw come, unless another of the opposite charge came beside it."""
-        others = [
-            each
-            for each in new
-            if not each.id
-            and each.charge == -track.charge
-            and self._way(each, track.rotor) < self._line.parted
-        ]
-        if not others:
+        other = self._partner(track, [each for each in new if not each.id])
+        if other is None:
             self._found(track, time, frame)
             return
-        other = min(others, key=lambda each: self._way(each, track.rotor))
         left, right = self._in_order(track, other)
-        self._name(left)
-        self._name(right)
+        ids = (), (self._name(left), self._name(right))
         place = self._line.between(left.rotor, right.rotor)
-        energy = frame.energy([left.rotor, right.rotor])
-        ids = left.id, right.id
-        self._events.append(
-            SolitonEvent(EventKind.BIRTH_OF_PAIR, time, place, (), ids, 0, 0, 0.0, energy)
-        )
+        energies = 0.0, frame.energy([left.rotor, right.rotor])
+        self._tell(EventKind.BIRTH_OF_PAIR, time, place, ids, energies=energies)
+
+    def _partner(self, track: WallTrack, others: Sequence[WallTrack]) -> WallTrack | None:
+        """The nearest wall of the opposite charge that is not parted from one."""
+        near = [
+            each
+            for each in others
+            if each.charge == -track.charge and self._way(each, track.rotor) < self._line.parted
+        ]
+        return min(near, key=lambda each: self._way(each, track.rotor), default=None)
 
     def _in_order(self, one: WallTrack, other: WallTrack) -> tuple[WallTrack, WallTrack]:
         """The left one and the right one."""
@@ -299,17 +323,13 @@ class WallTracker:
         elif kind is not None:
             parted = met.both_seen
             places = [met.left.rotor, met.right.rotor]
-            self._events.append(
-                SolitonEvent(
-                    kind,
-                    time if met.breather else met.when,
-                    met.place,
-                    (met.breather,) if met.breather else self._ids_before(met),
-                    (met.left.id, met.right.id) if parted else (),
-                    energy_before=met.energy,
-                    energy_after=frame.energy(places) if parted else 0.0,
-                    collisions=met.collisions,
-                )
+            self._tell(
+                kind,
+                time if met.breather else met.when,
+                met.place,
+                (met.ids_before, (met.left.id, met.right.id) if parted else ()),
+                energies=(met.energy, frame.energy(places) if parted else 0.0),
+                collisions=met.collisions,
             )
         if met.is_over():
             self._encounters.remove(met)
@@ -317,27 +337,18 @@ class WallTracker:
             self._encounters.remove(met)
             self._tracks = [each for each in self._tracks if each not in (met.left, met.right)]
 
-    def _ids_before(self, met: Encounter) -> tuple[int, int]:
-        """Names from left to right as they came."""
-        ids = met.left.id, met.right.id
-        return (ids[1], ids[0]) if met.passed else ids
-
     def _tell_breather(self, met: Encounter, frame: WallFrame) -> None:
-        ids = self._ids_before(met)
-        met.breather = self._next
+        ids, met.breather = (met.ids_before, (self._next,)), self._next
         self._next += 1
         before, met.energy = met.energy, frame.energy([met.place])
-        self._events.append(
-            SolitonEvent(
-                EventKind.BREATHER_FORMED,
-                met.when,
-                met.place,
-                ids,
-                (met.breather,),
-                energy_before=before,
-                energy_after=met.energy,
-                collisions=met.collisions,
-            )
+        energies = before, met.energy
+        self._tell(
+            EventKind.BREATHER_FORMED,
+            met.when,
+            met.place,
+            ids,
+            energies=energies,
+            collisions=met.collisions,
         )
 
     def _let_go(self, time: float, frame: WallFrame, needed: int) -> None:
@@ -354,46 +365,15 @@ class WallTracker:
                 self._waits.add(track)
                 self._tracks.remove(track)
                 continue
-            others = [
-                each
-                for each in gone
-                if each.charge == -track.charge
-                and self._way(each, track.rotor) < self._line.parted
-                and not self._overlap(each)
-                and each in self._tracks
-            ]
-            if others:
-                other = min(others, key=lambda each: self._way(each, track.rotor))
-                left, right = self._in_order(track, other)
-                met = self._meet(left, right, time, frame)
-                met.overlap(time, 1.0)
-            else:
-                self._tracks.remove(track)
-                self._tell_loss(track)
-
-    def _tell_loss(self, track: WallTrack) -> None:
-        ids, charge = (track.id,), track.charge
-        self._events.append(
-            SolitonEvent(
-                EventKind.LOST,
-                track.last_seen,
-                track.rotor,
-                ids,
-                (),
-                charge,
-                charge,
-                math.nan,
-                math.nan,
-            )
-        )
-
-    def _tell_death(self, track: WallTrack, since: float, energy: float) -> None:
-        edge = 0.0 if self._line.side(track.rotor) < 0 else self._line.rotors - 1.0
-        self._events.append(
-            SolitonEvent(
-                EventKind.DEATH_AT_EDGE, since, edge, (track.id,), (), track.charge, 0, energy
-            )
-        )
+            others = [each for each in gone if each in self._tracks and not self._overlap(each)]
+            other = self._partner(track, others)
+            if other is not None:
+                self._meet(*self._in_order(track, other), time, frame).overlap(time, 1.0)
+                continue
+            self._tracks.remove(track)
+            charges, ids = (track.charge, track.charge), ((track.id,), ())
+            energies = math.nan, math.nan
+            self._tell(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _tell_those_that_left(self, time: float, frame: WallFrame) -> None:
         """Tell of walls that came from an edge once they are free of it, or after a while.
