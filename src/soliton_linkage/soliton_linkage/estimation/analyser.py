@@ -36,7 +36,7 @@ from soliton_linkage.estimation.state_report import (
     StateReporter,
     Topology,
 )
-from soliton_linkage.estimation.wall_width import Width, WidthReporter
+from soliton_linkage.estimation.wall_width import TheoryWidth, WidthReporter
 from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.estimation.walls.soliton_event import SolitonEvent
 from soliton_linkage.estimation.walls.wall_frame import WallFrame
@@ -46,9 +46,8 @@ from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporte
 from soliton_linkage.linkage.chain import Array, Chain, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.deviating_orbit import orbit_of
-from soliton_linkage.solitons.continuum import wall_theory
 
-_NO_WIDTH = Width(math.nan, math.nan, math.nan, math.nan, math.nan)
+_NO_WIDTH = math.nan, math.nan
 
 
 class Analyser:
@@ -90,7 +89,7 @@ class Analyser:
             self._widths = WidthReporter(self._walls.shapes, settings.width)
         self._wobbles = WobbleReporter(chain, settings.wobble)
         self._rate_noise = RateNoise(chain, settings.noise)
-        self._theory = wall_theory(chain)
+        self._theory_width = TheoryWidth(chain, settings.width)
         self._unwrapper = Unwrapper(chain.number_of_rotors)
         self._clock = FrameClock(settings.tracking.clock_limit)
         self._pushes = WaitingPushes()
@@ -235,35 +234,30 @@ class Analyser:
             return self._observer.observe_sines(state.sines, noise)
         return self._observer.observe(frame.seen, noise)
 
-    def _followed(
-        self, estimate: OrbitEstimate, frame: CompletedFrame, name: int
-    ) -> AnalysedSoliton:
-        """The wall on the orbit."""
-        chain, place = self.chain, estimate.place
-        velocity = estimate.place_rate * chain.spacing
-        width = self._width(estimate, frame, velocity)
+    def _soliton(self, track: WallTrack, width: tuple[float, float]) -> AnalysedSoliton:
+        """A wall that is followed, with its width and the deviation of that [m]."""
+        spacing = self.chain.spacing
+        velocity = track.place_rate * spacing
         return AnalysedSoliton(
-            id=name,
-            rotor=place,
-            position=place * chain.spacing,
+            id=track.id,
+            rotor=track.rotor,
+            position=track.rotor * spacing,
             velocity=velocity,
-            width=width.measured,
-            theory_width=width.theory,
-            charge=1,
-            position_deviation=estimate.place_deviation * chain.spacing,
-            velocity_deviation=estimate.place_rate_deviation * chain.spacing,
-            width_deviation=width.deviation,
+            width=width[0],
+            theory_width=self._theory_width(velocity),
+            charge=track.charge,
+            position_deviation=track.deviation * spacing,
+            velocity_deviation=track.rate_deviation * spacing,
+            width_deviation=width[1],
         )
 
-    def _width(self, estimate: OrbitEstimate, frame: CompletedFrame, velocity: float) -> Width:
-        """Width of the wall on the orbit, by the rotors that were seen."""
-        angles = frame.seen
-        if estimate.upside_down:
-            angles = math.pi - angles
+    def _width(self, estimate: OrbitEstimate, frame: CompletedFrame) -> tuple[float, float]:
+        """Width of the wall on the orbit and its deviation [m], by the rotors that were seen."""
         if frame.others or self._widths is None:
             return _NO_WIDTH
+        angles = math.pi - frame.seen if estimate.upside_down else frame.seen
         noise = max(estimate.noise, self._settings.width.least_noise)
-        return self._widths.update(angles, estimate.place, estimate.leg, velocity, noise)
+        return self._widths.update(angles, estimate.place, estimate.leg, noise)
 
     def _is_alone(self, estimate: OrbitEstimate, frame: CompletedFrame) -> bool:
         """Whether a frame shows one wall at most, where it is on the orbit."""
@@ -284,34 +278,16 @@ class Analyser:
         seen = WallFrame(self._reporter, self._walls.line, state, frame.rates, errors)
         if alone:
             tracks, events = self._walls.on_orbit(estimate, seen)
-            found = [self._followed(estimate, frame, track.id) for track in tracks]
+            found = [self._soliton(track, self._width(estimate, frame)) for track in tracks]
             return tuple(found), tuple(events), estimate.status
         if state is None or frame.number_filled == len(frame.filled):
             return (), (), estimate.status
         tracks, events = self._walls.beside_orbit(self._clock.time, state, frame.seen, seen)
         status = tracks[0].status if tracks else estimate.status
-        return tuple(map(self._tracked, tracks)), tuple(events), status
-
-    def _tracked(self, track: WallTrack) -> AnalysedSoliton:
-        """A wall that is followed by a filter of its own."""
-        spacing, seen = self.chain.spacing, track.seen
-        velocity = track.place_rate * spacing
-        return AnalysedSoliton(
-            id=track.id,
-            rotor=track.rotor,
-            position=track.rotor * spacing,
-            velocity=velocity,
-            width=math.nan if seen is None else seen.width,
-            theory_width=self._theory_width(velocity),
-            charge=track.charge,
-            position_deviation=track.deviation * spacing,
-            velocity_deviation=track.rate_deviation * spacing,
-            width_deviation=math.nan if seen is None else seen.width_deviation,
-        )
-
-    def _theory_width(self, velocity: float) -> float:
-        slower = abs(velocity) < self._theory.speed_of_sound
-        return self._theory.width(velocity) if slower else math.nan
+        found = [
+            self._soliton(each, each.seen.of_width if each.seen else _NO_WIDTH) for each in tracks
+        ]
+        return tuple(found), tuple(events), status
 
     def _topology(
         self, state: FrameState | None, solitons: tuple[AnalysedSoliton, ...]

@@ -14,13 +14,17 @@ frames, and `WidthReporter` says w / gamma, where the continuum theory has a wid
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
+import numpy as np
+
 from soliton_linkage.estimation.loops import wall_loops
+from soliton_linkage.estimation.loops.wall_loops import WallTable
 from soliton_linkage.estimation.settings import DEFAULTS, WidthSettings
 from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Motion, staggered
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.continuum import wall_theory
 
 
@@ -30,12 +34,10 @@ class Contraction(NamedTuple):
     logarithm: of the contraction gamma [1].
     deviation: standard deviation of the logarithm, the relative one of gamma [1]; infinite if
         unknown.
-    place: place of the wall that goes with it [rotor spacings].
     """
 
     logarithm: float
     deviation: float
-    place: float
 
     @property
     def factor(self) -> float:
@@ -43,28 +45,10 @@ class Contraction(NamedTuple):
         return math.exp(self.logarithm)
 
 
-_Seen = tuple[Array, int, Array, float, float]
+_Seen = tuple[Array, int, WallTable]
 """Staggered angles about a wall, the first of their rotors, and the table of its shape."""
 
-UNTOLD = Contraction(math.nan, math.inf, math.nan)
-
-
-class Width(NamedTuple):
-    """Width w of a wall tanh(x / w); NaN where it cannot be told.
-
-    measured: width at rest in the continuum over the measured contraction [m]; NaN from d = 2 to
-        d_c.
-    deviation: standard deviation of what is measured [m].
-    theory: width of the continuum theory at the wall's speed [m]; NaN from the speed of sound on.
-    contraction: how many times narrower than at rest the wall is, gamma [1].
-    contraction_deviation: standard deviation of the contraction [1].
-    """
-
-    measured: float
-    deviation: float
-    theory: float
-    contraction: float
-    contraction_deviation: float
+UNTOLD = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
@@ -89,68 +73,54 @@ class WallFamily:
         Nothing is told of a wall that is nearer to an edge than two of its widths or decay
         lengths, nor where the standard deviation would be more than a factor of 1.5.
         """
-        settings = self.settings
-        if not self._clear <= place <= self._last - self._clear:
+        seen, settings = self._seen(angles, place, leg), self.settings
+        if seen is None:
             return UNTOLD
+        start = place, math.exp(-logarithm)
+        centre, stretch, *_ = wall_loops.fit(*seen, *start, 1.0, math.inf, True)
+        found = self._step(seen, centre, -math.log(stretch), noise)
+        close = max(settings.close * found.deviation, settings.closest)
+        ends = abs(found.logarithm + math.log(stretch)) < close
+        near = abs(centre - place) < 1 + self._scale
+        return found if near and ends and found.deviation < settings.coarsest else UNTOLD
+
+    def step(
+        self, angles: Array, place: float, leg: int, noise: float, logarithm: float
+    ) -> Contraction:
+        """The same by one step of the method alone, as linear in the noise as it can be."""
         seen = self._seen(angles, place, leg)
-        centre, stretch, *_ = wall_loops.fit(
-            *seen, place, math.exp(-logarithm), 1.0, math.inf, True
-        )
-        logarithm = -math.log(stretch)
-        step = self._step(seen, centre, stretch)
-        deviation = noise * step.deviation
-        close = max(settings.close * deviation, settings.closest)
-        near = abs(centre - place) < 1 + self._scale and abs(step.contracted) < close
-        if near and deviation < settings.coarsest:
-            return Contraction(logarithm, deviation, centre)
-        return UNTOLD
+        return UNTOLD if seen is None else self._step(seen, place, logarithm, noise)
 
-    def step(self, angles: Array, centre: float, leg: int, logarithm: float) -> ContractionStep:
-        """Step of Gauss and Newton's method from X and ln(gamma), arguments as `fit`."""
-        if not self._clear <= centre <= self._last - self._clear:
-            return _NO_STEP
-        return self._step(self._seen(angles, centre, leg), centre, math.exp(-logarithm))
-
-    def _step(self, seen: _Seen, centre: float, stretch: float) -> ContractionStep:
+    def _step(self, seen: _Seen, centre: float, logarithm: float, noise: float) -> Contraction:
+        stretch = math.exp(-logarithm)
         places, stretches, both, ahead, wider = wall_loops.sums_of_fit(
             *seen, centre, stretch, 1.0, math.inf, True
         )
         determinant = places * stretches - both * both
         if not determinant > self.settings.degenerate * places * stretches:
-            return _NO_STEP
-        return ContractionStep(
-            contracted=(both * ahead - places * wider) / (determinant * stretch),
-            deviation=math.sqrt(places / determinant) / stretch,
-        )
+            return UNTOLD
+        contracted = (both * ahead - places * wider) / (determinant * stretch)
+        deviation = noise * math.sqrt(places / determinant) / stretch
+        return Contraction(logarithm + contracted, deviation)
 
-    def _seen(self, angles: Array, centre: float, leg: int) -> _Seen:
-        """Staggered angles about a wall, the first of their rotors, and the table of its shape."""
-        span, shapes = self.settings.span * self._scale + 2, self._shapes
-        first = max(math.ceil(centre - span), 1)
-        theta = staggered(angles)[first : min(math.floor(centre + span) + 1, self._last)]
-        return theta, first, shapes.of_leg(leg).table, shapes.points, shapes.reach
-
-
-class ContractionStep(NamedTuple):
-    """Step of Gauss and Newton's method towards the least squares."""
-
-    contracted: float
-    """Of the logarithm of gamma [1]."""
-    deviation: float
-    """Standard deviation of that logarithm for a noise of 1 rad [1/rad]."""
-
-
-_NO_STEP = ContractionStep(0.0, math.inf)
-"""Of a frame that tells nothing."""
+    def _seen(self, angles: Array, place: float, leg: int) -> _Seen | None:
+        """What there is to fit; None of a wall that is at an edge, or nowhere."""
+        if not self._clear <= place <= self._last - self._clear:
+            return None
+        span, table = self.settings.span * self._scale + 2, self._shapes.of_leg(leg).table
+        first = max(math.ceil(place - span), 1)
+        theta = staggered(angles)[first : min(math.floor(place + span) + 1, self._last)]
+        return theta, first, table
 
 
 class ContractionMean:
     """Mean contraction over the last few rotors that a wall has passed.
 
     Each frame is a step of Gauss and Newton's method from the mean so far, where it is nearly
-    linear in the noise, with its information as a weight. Frames are gathered in passages of one
-    rotor, of which each counts e^(-1/5) of the next; `PassageScatter` tells what the springs of
-    a wall in motion, and waves, add to the noise.
+    linear in the noise. It counts by its information, and with what springs do to a wall between
+    two rotors as one more noise, so that no place between them counts for all. Frames are
+    gathered in passages of one rotor, of which each counts e^(-1/5) of the next;
+    `passage_scatter` tells what the springs of a wall in motion, and waves, add to the noise.
     """
 
     def __init__(self, family: WallFamily) -> None:
@@ -158,17 +128,18 @@ class ContractionMean:
         self._family = family
         self._settings = family.settings
         self._fade = math.exp(-1 / self._settings.memory)
-        self._scatter = PassageScatter(self._settings)
+        self._scatter = self._settings.typical_scatter**2
         self.restart()
 
     def restart(self) -> None:
         """Forget the mean, as after a kick or a reflection; not how much passages differ."""
-        self._leg = -1
-        self._anchor = math.nan
-        self._before = _NOTHING
-        self._passage = RotorPassage()
-        self._scatter.restart()
-        self._mean: Contraction | None = None
+        self._leg, self._anchor = -1, math.nan
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._passages: deque[tuple[float, float]] = deque(maxlen=self._settings.passages)
+        self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        self._mean, self._alike = UNTOLD, 1.0
 
     def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
         """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
@@ -182,243 +153,113 @@ class ContractionMean:
         if abs(place - self._anchor) >= 1:
             self._pass()
             self._anchor = place
-        mean = self.mean
-        if mean.deviation > self._settings.rough:
-            fit = self._family.fit(angles, place, leg, noise)
-            value, deviation = fit.logarithm, fit.deviation
+        mean, settings = self._mean, self._settings
+        if mean.deviation > settings.rough:
+            found = self._family.fit(angles, place, leg, noise)
         else:
-            step = self._family.step(angles, place, leg, mean.logarithm)
-            value, deviation = mean.logarithm + step.contracted, noise * step.deviation
-        if not deviation < self._settings.coarsest:
+            found = self._family.step(angles, place, leg, noise, mean.logarithm)
+        if not found.deviation < settings.coarsest:
             return UNTOLD
-        self._passage.add(value, max(deviation, self._settings.least_deviation))
-        self._mean = None
-        found = self.mean
-        return Contraction(found.logarithm, found.deviation, place)
-
-    @property
-    def mean(self) -> Contraction:
-        """The mean so far."""
-        if self._mean is None:
-            self._mean = self._reckoned()
+        weight = 1 / (found.deviation**2 + settings.typical_scatter**2)
+        value, before, noise = self._passage
+        noise += (weight * found.deviation) ** 2
+        self._passage = value + weight * found.logarithm, before + weight, noise
+        self._mean = self._reckoned()
         return self._mean
 
+    def _sums(self) -> tuple[float, float, float, float]:
+        """Weighted values, weights, variances by noise and squares of weights of all passages."""
+        value, weight, noise = self._passage
+        values, weights, noises, squares = self._before
+        return values + value, weights + weight, noises + noise, squares + weight**2
+
     def _reckoned(self) -> Contraction:
-        sums = self._before
-        if self._passage.weight:
-            sums = sums.plus(self._passage.mean, self._passage.weight)
-        if not sums.weight:
+        """Mean of the passages before and of this one."""
+        whole, weights, noises, squares = self._sums()
+        if not weights:
             return UNTOLD
-        variance = sums.noise_variance + self._scatter.variance_of_mean(sums.share)
-        return Contraction(sums.mean, math.sqrt(variance), math.nan)
+        alike = min(squares / weights**2 * self._alike, 1.0)
+        variance = noises / weights**2 + alike * self._scatter
+        least = self._settings.least_deviation
+        return Contraction(whole / weights, math.sqrt(variance + least**2))
 
     def _pass(self) -> None:
         """Take in the passage that is over, unless it contradicts: then it is a new beginning."""
-        done, self._passage = self._passage, RotorPassage()
-        if not done.weight:
+        value, weight, noise = self._passage
+        if not weight:
             return
-        self._mean = None
-        if self._before.weight:
-            noise = 1 / done.weight + self._before.noise_variance
-            allowed = noise + (1 + self._before.share) * self._scatter.variance
-            if (done.mean - self._before.mean) ** 2 > self._settings.contradiction**2 * allowed:
-                self._before = _NOTHING
-                self._scatter.restart()
-        self._scatter.update(done)
-        self._before = self._before.faded(self._fade).plus(done.mean, done.weight)
+        settings, sums = self._settings, self._sums()
+        value, variance, self._passage = value / weight, noise / weight**2, (0.0, 0.0, 0.0)
+        before = self._reckoned()
+        allowed = before.deviation**2 + variance + self._scatter
+        if (value - before.logarithm) ** 2 > settings.contradiction**2 * allowed:
+            self._begin_anew()
+            sums = weight * value, weight, noise, weight**2
+        self._passages.append((value, variance))
+        if len(self._passages) >= settings.fewest_passages:
+            values, variances = np.array(self._passages).T
+            self._scatter, self._alike = passage_scatter(values, variances, settings)
+        fade = self._fade
+        self._before = fade * sums[0], fade * sums[1], fade**2 * sums[2], fade**2 * sums[3]
 
 
-class RotorPassage:
-    """Frames while a wall passes a rotor."""
+def passage_scatter(
+    values: Array, variances: Array, settings: WidthSettings = DEFAULTS.width
+) -> tuple[float, float]:
+    """How much passages differ beyond what noise gives them, and how many go together.
 
-    def __init__(self) -> None:
-        """Begin without frames."""
-        self.weight = self._sum = self._plain = self._variances = 0.0
-        self._count = 0
-
-    def add(self, value: float, deviation: float) -> None:
-        """Take in a frame."""
-        weight = 1 / deviation**2
-        self._sum += weight * value
-        self.weight += weight
-        self._plain += value
-        self._variances += deviation**2
-        self._count += 1
-
-    @property
-    def mean(self) -> float:
-        """Mean with weights."""
-        return self._sum / self.weight
-
-    @property
-    def disagreement(self) -> float:
-        """Mean without weights less that with them."""
-        return self._plain / self._count - self.mean
-
-    @property
-    def disagreement_variance(self) -> float:
-        """Its variance where there is nothing but noise."""
-        return max(self._variances / self._count**2 - 1 / self.weight, 0.0)
-
-
-class _Sums(NamedTuple):
-    """Sums over passages, for a weighted mean and its variance."""
-
-    values: float
-    weight: float
-    noises: float
-    squares: float
-
-    @property
-    def mean(self) -> float:
-        return self.values / self.weight
-
-    @property
-    def noise_variance(self) -> float:
-        """Variance of the mean by noise."""
-        return self.noises / self.weight**2
-
-    @property
-    def share(self) -> float:
-        """One over the number of passages that the mean is made of."""
-        return self.squares / self.weight**2
-
-    def plus(self, value: float, weight: float) -> _Sums:
-        return _Sums(
-            self.values + weight * value,
-            self.weight + weight,
-            self.noises + weight,
-            self.squares + weight**2,
-        )
-
-    def faded(self, fade: float) -> _Sums:
-        return _Sums(
-            fade * self.values, fade * self.weight, fade**2 * self.noises, fade**2 * self.squares
-        )
-
-
-_NOTHING = _Sums(0.0, 0.0, 0.0, 0.0)
-"""Of no passage."""
-
-
-class PassageScatter:
-    """How much passages differ beyond what noise gives them, and for how long.
-
-    Their differences from the mean of the last 30 have a variance tau^2 beside the noise, and a
-    correlation rho from one to the next, with which a mean of M passages has
+    Differences of values, shape (M,), from their mean have a variance tau^2 beside those of the
+    noise, shape (M,), and a correlation rho from one to the next, with which a mean of M passages
+    has
 
         min(1, (1 + rho) / ((1 - rho) M)) tau^2.
 
-    What repeats with every rotor, and so in every passage, makes means with and without weights
-    disagree. Either counts where it is more than chance; until three passages are over tau is
-    taken for a typical one.
+    Returns tau^2, 0 where noise alone may have done it, and (1 + rho) / (1 - rho).
     """
-
-    def __init__(self, settings: WidthSettings = DEFAULTS.width) -> None:
-        """Begin without passages."""
-        self._settings = settings
-        self._fade = math.exp(-1 / settings.long_memory)
-        self._excess = self._product = self._shares = self._ratio = self._count = 0.0
-        self._disagreement = self._disagreement_variance = self._passages = 0.0
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin a new mean; what is known of the differences stays."""
-        self._slow = _NOTHING
-        self._last = 0.0
-        self._summarise()
-
-    def update(self, done: RotorPassage) -> None:
-        """Take in a passage."""
-        if self._slow.weight:
-            apart = done.mean - self._slow.mean
-            noise = 1 / done.weight + self._slow.noise_variance
-            self._excess = self._fade * self._excess + apart**2 - noise
-            self._product = self._fade * self._product + apart * self._last
-            self._shares = self._fade * self._shares + 1 + self._slow.share
-            self._ratio = self._fade * self._ratio + apart**2 / noise
-            self._count = self._fade * self._count + 1
-            self._last = apart
-        self._disagreement = self._fade * self._disagreement + done.disagreement
-        self._disagreement_variance = (
-            self._fade**2 * self._disagreement_variance + done.disagreement_variance
-        )
-        self._passages = self._fade * self._passages + 1
-        self._slow = self._slow.faded(self._fade).plus(done.mean, done.weight)
-        self._summarise()
-
-    def variance_of_mean(self, share: float) -> float:
-        """What is added to the variance of a mean of 1 / share passages [1]."""
-        return self._repeated + min(share * self._lasting, 1.0) * self.variance
-
-    def _summarise(self) -> None:
-        """Work out what the next frames have in common."""
-        self.variance = self._variance()
-        """tau^2 [1]; 0 where the noise alone may have done it."""
-        self._lasting = self._together()
-        self._repeated = self._in_all()
-
-    def _variance(self) -> float:
-        settings = self._settings
-        if self._count < settings.fewest_passages:
-            return settings.typical_scatter**2
-        if self._ratio < self._count + settings.significance * math.sqrt(2 * self._count):
-            return 0.0
-        return max(self._excess / self._shares, 0.0)
-
-    def _together(self) -> float:
-        """Number of passages that go together, (1 + rho) / (1 - rho)."""
-        if self._count < self._settings.fewest_passages or self._product <= 0:
-            return 1.0
-        rho = self._product / max(self._excess, self._product)
-        rho = min(rho, self._settings.most_alike)
-        return (1 + rho) / (1 - rho)
-
-    def _in_all(self) -> float:
-        """Square of the disagreement of means with and without weights, beyond chance."""
-        by_chance = self._settings.significance**2 * self._disagreement_variance
-        if self._disagreement**2 <= by_chance:
-            return 0.0
-        return (self._disagreement / self._passages) ** 2
+    apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
+    by_chance = freedoms + settings.significance * math.sqrt(2 * freedoms)
+    if np.sum(apart**2 / variances) < by_chance:
+        return 0.0, 1.0
+    excess = max(float(apart @ apart) - freedoms * float(np.mean(variances)), 0.0)
+    # The mean takes its share of what neighbours have in common.
+    product = float(apart[1:] @ apart[:-1] + apart @ apart / len(apart))
+    rho = min(product / max(excess, product), settings.most_alike) if product > 0 else 0.0
+    return excess / freedoms, (1 + rho) / (1 - rho)
 
 
 class WidthReporter:
-    """Reports the width of the wall of a chain, frame by frame, beside that of the theory."""
+    """Reports the width w of the wall tanh(x / w) of a chain, frame by frame."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         """Begin without any frame of the chain of the shapes."""
-        chain = shapes.chain
+        self._mean = ContractionMean(WallFamily(shapes, settings))
+        self._at_rest = TheoryWidth(shapes.chain, settings)(0.0)
+
+    def update(self, angles: Array, place: float, leg: int, noise: float) -> tuple[float, float]:
+        """Width and its standard deviation [m] with one more frame, NaN where they are not told.
+
+        Arguments as `ContractionMean.update`.
+        """
+        found = self._mean.update(angles, place, leg, noise)
+        width = self._at_rest / found.factor
+        return width, width * found.deviation
+
+
+class TheoryWidth:
+    """Width that the continuum theory gives walls of a chain; NaN from d = 2 to d_c."""
+
+    def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
+        """Work out what all speeds have in common."""
         theory = wall_theory(chain)
         self._speed_of_sound = theory.speed_of_sound
-        self._mean = ContractionMean(WallFamily(shapes, settings))
-        undefined = chain.motion is not Motion.SPINNER
-        undefined &= chain.lean_ratio >= settings.widest_lean_ratio
-        self._at_rest = math.nan if undefined else theory.width()
+        defined = chain.motion is Motion.SPINNER or chain.lean_ratio < settings.widest_lean_ratio
+        self._at_rest = theory.width() if defined else math.nan
 
-    def restart(self) -> None:
-        """Forget the frames so far, as after a kick."""
-        self._mean.restart()
-
-    def update(
-        self, angles: Array, place: float, leg: int, velocity: float, noise: float
-    ) -> Width:
-        """Width with one more frame; the velocity [m/s], all else as `ContractionMean.update`."""
-        found = self._mean.update(angles, place, leg, noise)
-        width, factor = self._at_rest * math.exp(-found.logarithm), found.factor
-        known = math.isfinite(found.logarithm)
-        return Width(
-            measured=width,
-            deviation=width * found.deviation if known else math.nan,
-            theory=self._at_rest * self._theory_ratio(velocity),
-            contraction=factor,
-            contraction_deviation=factor * found.deviation if known else math.nan,
-        )
-
-    def _theory_ratio(self, velocity: float) -> float:
-        """Width at a velocity [m/s] over that at rest, sqrt(1 - v^2 / c^2); NaN from c on."""
+    def __call__(self, velocity: float) -> float:
+        """Width at a velocity [m], sqrt(1 - v^2 / c^2) of that at rest; NaN from c on."""
         if velocity == 0:
-            return 1.0
+            return self._at_rest
         if not abs(velocity) < self._speed_of_sound:
             return math.nan
         share = velocity / self._speed_of_sound
-        return math.sqrt((1 - share) * (1 + share))
+        return self._at_rest * math.sqrt((1 - share) * (1 + share))

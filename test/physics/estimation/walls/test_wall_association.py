@@ -20,7 +20,7 @@ RING = WallLine(Chain(60, periodic=True), DEFAULTS.walls, DEFAULTS.report)
 
 
 def seen(rotor: float, charge: int) -> SeenWall:
-    return SeenWall(rotor, 0.01, charge, math.nan, math.nan)
+    return SeenWall(rotor, 0.01, charge, (math.nan, math.nan))
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -38,12 +38,8 @@ def test_a_kink_leaves_nothing_of_a_static_wall_and_its_image_nothing_of_an_imag
                 table = shapes(charge, turn * charge).table
                 inner = seen[EDGE:-EDGE]
                 left = np.empty_like(inner)
-                wall_loops.leave(
-                    inner, EDGE, table, shapes.points, shapes.reach, centre, 1.0, left
-                )
+                wall_loops.leave(inner, EDGE, table, centre, 1.0, left)
                 assert np.abs(left).max() < 1e-4
                 start = centre + 0.2
-                found, *_ = wall_loops.fit(
-                    inner, EDGE, table, shapes.points, shapes.reach, start, 1.0, 1e-2, 2.5, False
-                )
+                found, *_ = wall_loops.fit(inner, EDGE, table, start, 1.0, 1e-2, 2.5, False)
                 assert found == pytest.approx(centre, abs=1e-4)

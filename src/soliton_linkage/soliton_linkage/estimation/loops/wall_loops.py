@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +13,11 @@ from soliton_linkage.compiling import (
     FLAGS,
     NUMBER,
     READ,
-    READ_TABLE,
     ROW,
+    TABLE,
     YES,
     compiled,
+    named_tuple,
 )
 from soliton_linkage.estimation.loops.frame_loops import Flags, wrapped
 from soliton_linkage.linkage.chain import Array
@@ -32,6 +34,20 @@ _CLOSE = 1e-6
 """Step that is the last [rotor spacings]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
 """Of a wall, over its width at rest [1]."""
+
+
+class WallTable(NamedTuple):
+    """Staggered angles that rotors have at a distance from a wall."""
+
+    angles: Array
+    """Of even and of odd rotors [rad], and their slopes [rad a spacing], shape (4, J)."""
+    points: float
+    """Columns in a spacing [1]."""
+    reach: float
+    """Distance of the first column before the wall, and of the last beyond it [rotor spacings]."""
+
+
+_TABLE = named_tuple(WallTable, TABLE, NUMBER, NUMBER)
 
 
 @compiled(READ, NUMBER, FLAGS)
@@ -60,38 +76,28 @@ def domains(polarised: Array, cost: float, right: Flags) -> None:
         leans = (not from_left[n]) if leans else from_right[n]
 
 
-@compiled(READ_TABLE, NUMBER, NUMBER, COUNT, NUMBER)
-def _shape(
-    table: Array, points: float, reach: float, parity: int, x: float
-) -> tuple[float, float]:
+@compiled(_TABLE, COUNT, NUMBER)
+def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
     """Staggered angle of a rotor at a distance x from a wall [rad], by a cubic between points.
 
-    The table has angles of even and of odd rotors and their slopes [rad a spacing], shape
-    (4, J), at distances from -reach on, so many points a spacing. The second number is the slope
-    of the angle [rad a spacing], 0 beyond the table.
+    The second number is the slope of the angle [rad a spacing], 0 beyond the table.
     """
+    angles, points, reach = table
     at = (x + reach) * points
-    last = table.shape[1] - 1
+    last = angles.shape[1] - 1
     k = min(max(math.floor(at), 0), last - 1)
     s = min(max(at - k, 0.0), 1.0)
-    p, q = table[parity, k], table[parity, k + 1]
-    u, v = table[2 + parity, k] / points, table[2 + parity, k + 1] / points
+    p, q = angles[parity, k], angles[parity, k + 1]
+    u, v = angles[2 + parity, k] / points, angles[2 + parity, k + 1] / points
     bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
     angle: float = p + s * (u + s * (bend + s * twist))
     slope: float = (u + s * (2 * bend + 3 * s * twist)) * points if 0 < at < last else 0.0
     return angle, slope
 
 
-@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, ROW)
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, ROW)
 def leave(
-    theta: Array,
-    first: int,
-    table: Array,
-    points: float,
-    reach: float,
-    place: float,
-    stretch: float,
-    left: Array,
+    theta: Array, first: int, table: WallTable, place: float, stretch: float, left: Array
 ) -> None:
     """Set what a wall leaves of staggered angles of rotors from a first one on [rad], (n,).
 
@@ -99,20 +105,13 @@ def leave(
     """
     for k in range(theta.size):
         n = first + k
-        shape, _ = _shape(table, points, reach, n % 2, (n - place) / stretch)
+        shape, _ = _shape(table, n % 2, (n - place) / stretch)
         left[k] = wrapped(theta[k] - shape)
 
 
-@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER)
 def scan(
-    theta: Array,
-    first: int,
-    table: Array,
-    points: float,
-    reach: float,
-    start: float,
-    beside: float,
-    bound: float,
+    theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> float:
     """Place of least sum of squares, each no more than a bound [rad^2], up to so far beside."""
     best, least = start, np.inf
@@ -122,7 +121,7 @@ def scan(
         whole = 0.0
         for k in range(theta.size):
             n = first + k
-            shape, _ = _shape(table, points, reach, n % 2, n - place)
+            shape, _ = _shape(table, n % 2, n - place)
             apart = wrapped(theta[k] - shape)
             if math.isfinite(apart):
                 whole += min(apart * apart, bound)
@@ -131,13 +130,11 @@ def scan(
     return best
 
 
-@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)
 def sums_of_fit(
     theta: Array,
     first: int,
-    table: Array,
-    points: float,
-    reach: float,
+    table: WallTable,
     place: float,
     stretch: float,
     variance: float,
@@ -153,7 +150,7 @@ def sums_of_fit(
     for k in range(theta.size):
         n = first + k
         x = (n - place) / stretch
-        shape, slope = _shape(table, points, reach, n % 2, x)
+        shape, slope = _shape(table, n % 2, x)
         apart = wrapped(theta[k] - shape)
         if not math.isfinite(apart):
             continue
@@ -169,13 +166,11 @@ def sums_of_fit(
     return of_place, of_stretch, both, ahead, wider
 
 
-@compiled(READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)
 def fit(
     theta: Array,
     first: int,
-    table: Array,
-    points: float,
-    reach: float,
+    table: WallTable,
     place: float,
     stretch: float,
     variance: float,
@@ -190,7 +185,7 @@ def fit(
     of_place, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
         of_place, of_stretch, both, ahead, wider = sums_of_fit(
-            theta, first, table, points, reach, place, stretch, variance, bound, free
+            theta, first, table, place, stretch, variance, bound, free
         )
         determinant = of_place * of_stretch - both * both
         if of_place <= 0:
@@ -210,16 +205,9 @@ def fit(
     return place, stretch, of_place, of_stretch
 
 
-@compiled(READ, READ, COUNT, READ_TABLE, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(READ, READ, COUNT, _TABLE, NUMBER, NUMBER)
 def lasting(
-    left: Array,
-    before: Array,
-    first: int,
-    table: Array,
-    points: float,
-    reach: float,
-    place: float,
-    stretch: float,
+    left: Array, before: Array, first: int, table: WallTable, place: float, stretch: float
 ) -> tuple[float, float]:
     """Mean product of what a wall leaves of rotors in two frames running [rad^2], by t^2.
 
@@ -232,7 +220,7 @@ def lasting(
         if not math.isfinite(apart):
             continue
         n = first + k
-        _, moves = _shape(table, points, reach, n % 2, (n - place) / stretch)
+        _, moves = _shape(table, n % 2, (n - place) / stretch)
         share = moves * moves
         whole += share
         squares += share * share

@@ -65,22 +65,22 @@ class WallReporter:
     def _shaped(self) -> WallPlacer | None:
         """Made where there are several walls, as it may take a while; None where it cannot be."""
         if self._placer is None and self._has_shapes:
-            settings = self._settings
             try:
-                shapes = self.shapes
+                self._placer = WallPlacer(self.shapes, self.line, self._settings)
             except (ValueError, ArithmeticError):
                 self._has_shapes = False
-                return None
-            self._placer = WallPlacer(
-                shapes, self._chain, self.line, settings.walls, settings.likelihood
-            )
         return self._placer
 
     def on_orbit(self, estimate: OrbitEstimate, frame: WallFrame) -> Walls:
         """The wall on the orbit, none while it is at an edge."""
         inside = self._inside <= estimate.place <= self.line.rotors - 1 - self._inside
-        wall = FollowedWall(estimate.place, estimate.place_rate) if inside else None
-        return self._tracker.follow(estimate.time, wall, frame)
+        wall = FollowedWall(
+            estimate.place,
+            estimate.place_rate,
+            estimate.place_deviation,
+            estimate.place_rate_deviation,
+        )
+        return self._tracker.follow(estimate.time, wall if inside else None, frame)
 
     def beside_orbit(self, time: float, state: FrameState, seen: Array, frame: WallFrame) -> Walls:
         """All walls that a frame shows at an instant [s].
@@ -110,8 +110,7 @@ class WallReporter:
                 each.rotor,
                 each.position_deviation / spacing,
                 each.charge,
-                each.width,
-                each.width_deviation,
+                (each.width, each.width_deviation),
             )
             for each in find_solitons(
                 self._chain, angles, None, partial(domain_borders, opposite=self._opposite)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from soliton_linkage.estimation.loops.wall_loops import WallTable
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -33,8 +34,7 @@ _DEGREE = 5
 class WallShape:
     """One kind of wall."""
 
-    table: Array
-    """Angles of even and odd rotors [rad], and their slopes [rad a spacing], shape (4, J)."""
+    table: WallTable
     sides: Array
     """Angles far on the left and on the right [rad], of even and of odd rotors, shape (2, 2)."""
 
@@ -54,17 +54,16 @@ class WallShapes:
             chain, number_of_rotors=2 * even + 10, periodic=False, deviations=NO_DEVIATIONS
         )
         self.chain = chain
-        self.points, self.reach = float(_POINTS), float(beside)
+        self.reach = float(beside)
         self._shapes: dict[tuple[int, int], WallShape] = {}
         self._turns: list[int] = []
         for leg in range(2 if chain.motion is Motion.SPINNER else 1):
             kink, turn = self._sampled(window, even + 4, leg)
             self._turns.append(turn)
             mirrored = kink[:, ::-1] * np.array([[1.0], [1.0], [-1.0], [-1.0]])
-            for charge, table in ((1, kink), (-1, mirrored)):
-                table = np.ascontiguousarray(table)
-                sides = table[:2, [0, -1]]
-                self._shapes[charge, turn * charge] = WallShape(table, sides)
+            for charge, angles in ((1, kink), (-1, np.ascontiguousarray(mirrored))):
+                table = WallTable(angles, float(_POINTS), self.reach)
+                self._shapes[charge, turn * charge] = WallShape(table, angles[:2, [0, -1]])
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Of a wall at rest [m], NaN where it has no such profile."""

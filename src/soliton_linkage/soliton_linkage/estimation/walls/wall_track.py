@@ -30,10 +30,8 @@ class SeenWall(NamedTuple):
     """Standard deviation of the centre [rotor spacings], NaN where it is not known."""
     charge: int
     """+1 or -1."""
-    width: float
-    """Width [m], NaN where it cannot be told."""
-    width_deviation: float
-    """Standard deviation of the width [m]."""
+    of_width: tuple[float, float]
+    """Width and its standard deviation [m], NaN where they cannot be told."""
     lasting: float = 0.0
     """Variance of the centre by what lasts, or by chance [rotor spacings^2]."""
     chance: float = 0.0
@@ -49,6 +47,10 @@ class FollowedWall(NamedTuple):
     """Centre [rotor spacings]."""
     place_rate: float
     """Rate of the centre [rotor spacings / s]."""
+    deviation: float = math.nan
+    """Standard deviation of the centre [rotor spacings]."""
+    rate_deviation: float = math.nan
+    """Standard deviation of the rate [rotor spacings / s]."""
 
 
 class WallTrack:
@@ -142,7 +144,7 @@ class WallTrack:
     def follow(self, wall: FollowedWall, time: float) -> None:
         """Be where another filter has it."""
         self._note(time)
-        self.rotor, self.place_rate = wall
+        self.rotor, self.place_rate, self.deviation, self.rate_deviation = wall
         self._motion, self._variance, self.seen = None, 0.0, None
 
     def miss(self) -> None:
