@@ -226,7 +226,7 @@ def wobble(
     k: float,
     calm: float,
     errors: AngleErrors,
-) -> tuple[Overshoot, Overshoot, tuple[float, float], tuple[float, float]]:
+) -> tuple[Overshoot, tuple[float, float], tuple[float, float]]:
     given, (noise, error) = settings[0], errors
     _, low, middle, high, spins = beside
     expected, measured = np.empty((2, high - low))
@@ -249,13 +249,13 @@ def wobble(
         if math.isfinite(half):
             weight += 1 / of_half
             distance += half / of_half
-    before, beyond = overshoots
+    overshoot = max(overshoots, key=lambda each: np.nan_to_num(each[2], nan=-np.inf))
     tails = zeros = (math.nan, math.nan)
     if square > 0:
         tails = product / square, error * math.sqrt(max(variance, 0.0)) / square
     if weight > 0:
         zeros = distance / weight, 1 / math.sqrt(weight)
-    return before, beyond, tails, zeros
+    return overshoot, tails, zeros
 
 
 def overshoot_of(

@@ -200,7 +200,7 @@ ANALYSES = st.builds(
     | st.builds(EdgeRotors, st.none() | st.tuples(st.booleans(), st.booleans()), PAIRS),
     energies=st.none() | st.builds(Energies, *6 * [FLOATS]),
     wobble=st.none()
-    | st.builds(WOBBLE._replace, amplitudes=PAIRS, decay_length=FLOATS, wavelength=FLOATS),
+    | st.builds(WOBBLE._replace, amplitude=FLOATS, decay_length=FLOATS, wavelength=FLOATS),
     unseen=st.integers(0, 2**32 - 1),
 )
 HEADERS = st.builds(

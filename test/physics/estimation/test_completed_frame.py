@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from soliton_linkage.estimation.completed_frame import OnOrbit, Unwrapper, complete
 from soliton_linkage.linkage.chain import Array, Chain, wrapped
-from soliton_linkage.orbit.orbit import Stretch
 
 CHAINS = {
     'flipper': Chain(number_of_rotors=9),
@@ -24,7 +23,7 @@ def there(chain: Chain, frame: Array) -> OnOrbit:
     """A chain at rest, leaning right, with what a frame differs from it."""
     angles = chain.uniform_state(1)
     rates = np.linspace(1, 2, 9)
-    return OnOrbit(angles, rates, wrapped(frame - angles), Stretch(0, angles, rates))
+    return OnOrbit(angles, rates, wrapped(frame - angles))
 
 
 @given(st.integers(0, 2**32 - 1))

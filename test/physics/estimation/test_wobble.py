@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -74,6 +74,8 @@ def flat(wobbling: Wobble) -> list[float]:
 def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
     example: tuple[float, float], place: float, seed: int
 ) -> None:
+    # Where both sides are as large it is either of them that is told.
+    assume(abs(2 * place - round(2 * place)) > 0.02)
     chain = chain_of(example, ROTORS)
     noisy = 0.01 * np.random.default_rng(seed).standard_normal(ROTORS)
     angles = static_wall(chain, place) + noisy
@@ -83,11 +85,6 @@ def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
         for state, at in ((angles, place), (np.pi - angles, place), (mirrored, there))
     )
     assert flat(turned) == pytest.approx(flat(found), rel=1e-6, nan_ok=True)
-    image = image._replace(
-        amplitudes=image.amplitudes[::-1],
-        amplitude_deviations=image.amplitude_deviations[::-1],
-        rest_amplitudes=image.rest_amplitudes[::-1],
-    )
     assert flat(image) == pytest.approx(flat(found), rel=1e-4, abs=1e-7, nan_ok=True)
 
 
@@ -122,11 +119,8 @@ def test_the_amplitude_is_how_far_a_rotor_leans_beyond_rest(
         angles = static_wall(chain, float(place))
         beyond = chain.rotor_length * np.abs(np.sin(angles)) - lean
         found = wobble(chain, angles, wall_at(chain, float(place)))
-        middle = math.floor(place) + 1
-        sides = float(beyond[1:middle].max()), float(beyond[middle:-1].max())
-        assert found.amplitudes == pytest.approx(sides, abs=1e-9)
-        assert found.amplitude == pytest.approx(max(sides), abs=1e-9)
-        assert found.amplitudes == pytest.approx(found.rest_amplitudes, abs=1e-12)
+        assert found.amplitude == pytest.approx(float(beyond[1:-1].max()), abs=1e-9)
+        assert found.amplitude == pytest.approx(found.rest_amplitude, abs=1e-12)
         largest = max(largest, found.amplitude / lean)
     # The overshoot that was measured on such chains.
     assert largest == pytest.approx(0.033 if example == WOBBLER else 0.17, rel=0.05)
@@ -137,7 +131,7 @@ def test_without_wobble_there_is_no_amplitude(example: tuple[float, float]) -> N
     chain = chain_of(example, ROTORS)
     found = wobble(chain, static_wall(chain, 29.3), wall_at(chain, 29.3), 0.01)
     if chain.motion is Motion.SPINNER:
-        assert np.isnan(found.amplitudes).all()
+        assert math.isnan(found.amplitude)
     else:
         assert -found.amplitude_deviation < found.amplitude <= 0
 
@@ -229,8 +223,7 @@ def test_the_wall_of_a_cycle_says_the_same(example: tuple[float, float]) -> None
         assert flat(by_cycle) == pytest.approx(flat(by_place), rel=1e-3, abs=1e-6, nan_ok=True)
     # Where the wall is at the first rotor there is no side before it.
     edge = wobble(chain, orbit.configuration(0.0), wall_on_orbit(orbit, 0.0), 0.01)
-    assert math.isnan(edge.amplitudes[0])
-    assert math.isnan(edge.amplitudes[1]) == (chain.motion is Motion.SPINNER)
+    assert math.isnan(edge.amplitude) == (chain.motion is Motion.SPINNER)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -243,11 +236,12 @@ def test_what_lasts_beside_the_orbit_makes_deviations_larger_and_moves_nothing(
         wobble(chain, angles, wall_at(chain, 29.3), 3e-4, lasting) for lasting in (0.0, 4e-4)
     )
     assert doubted.tail_ratio == plain.tail_ratio
-    assert doubted.amplitudes == pytest.approx(plain.amplitudes, nan_ok=True)
+    assert doubted.amplitude == pytest.approx(plain.amplitude, nan_ok=True)
     ratio = doubted.tail_ratio_deviation / plain.tail_ratio_deviation
     assert ratio == pytest.approx(5 / 3)
-    larger = np.array(doubted.amplitude_deviations) / np.array(plain.amplitude_deviations)
-    assert larger == pytest.approx([5 / 3, 5 / 3], nan_ok=True) or np.isnan(larger).all()
+    if chain.motion is not Motion.SPINNER:
+        larger = doubted.amplitude_deviation / plain.amplitude_deviation
+        assert larger == pytest.approx(5 / 3)
     if chain.lean_ratio > 1:
         assert doubted.wavelength_deviation > plain.wavelength_deviation
 
@@ -264,12 +258,10 @@ def test_a_wall_next_to_an_edge_leans_to_the_side_that_it_must(
         found = wobble(chain, angles, wall, noise)
         if chain.motion is not Motion.SPINNER:
             # Masses before the wall are counted to the right, those beyond it to the left.
-            before, beyond = chain.rotor_length * math.sin(chain.rest_angle) + np.array(
-                found.amplitudes
-            )
+            lean = chain.rotor_length * math.sin(chain.rest_angle) + found.amplitude
             to_the_right, _ = chain.positions(angles)
-            assert np.abs(to_the_right[1:3] - before).min() < 1e-12
-            assert np.abs(to_the_right[3:-1] + beyond).min() < 1e-12
+            outwards = np.append(to_the_right[1:3], -to_the_right[3:-1])
+            assert np.abs(outwards - lean).min() < 1e-12
         assert flat(wobble(chain, np.pi - angles, wall, noise)) == pytest.approx(
             flat(found), rel=1e-6, nan_ok=True
         )

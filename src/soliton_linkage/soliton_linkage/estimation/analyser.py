@@ -307,8 +307,10 @@ class Analyser:
         if state is None or (frame.number_filled and not frame.placed):
             return None
         rates: Array | ArcRate | None = frame.rates
-        if rates is None and frame.placed and estimate.rate_deviation < abs(estimate.rate):
-            rates = ArcRate(estimate.rate, estimate.rate_deviation)
+        known = frame.placed and estimate.rate_deviation < abs(estimate.rate)
+        if rates is None and known and self._filter is not None:
+            free = self._filter.orbit.free_rate(estimate.arc)
+            rates = ArcRate(estimate.rate / free, estimate.rate_deviation / free)
         return self._reporter.energies(state, [each.rotor for each in solitons], rates, errors)
 
     def _wobble(

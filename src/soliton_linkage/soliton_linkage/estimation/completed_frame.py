@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.places.frame_view import FrameView, swing_of
 from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate
 from soliton_linkage.linkage.chain import Array, Chain, staggered
-from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.orbit import Orbit
 
 
 class CompletedFrame(NamedTuple):
@@ -40,8 +39,7 @@ class CompletedFrame(NamedTuple):
         return np.where(self.filled, np.nan, self.angles) if self.number_filled else self.angles
 
 
-@dataclass(frozen=True)
-class OnOrbit:
+class OnOrbit(NamedTuple):
     """Where an orbit has the rotors of a frame, each of shape (N,)."""
 
     angles: Array
@@ -50,23 +48,16 @@ class OnOrbit:
     """Rates [rad/s]."""
     residuals: Array
     """Angles of the frame less these [rad], from -pi to pi, NaN where they are not known."""
-    about: Stretch
-    """Rotors about the wall, in the orientation of the orbit."""
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, view: FrameView | None) -> OnOrbit:
     """Where an estimate has the rotors, and how a frame, as it was viewed, differs from that."""
-    about = orbit.stretch(estimate.arc)
-    angles, beyond = orbit.background(estimate.arc)
-    end = about.first + len(about.angles)
-    angles[end:] = beyond[end:]
-    angles[about.first : end] = about.angles
-    rates = np.zeros_like(angles)
-    rates[about.first : end] = about.tangent * estimate.rate
+    angles = orbit.configuration(estimate.arc)
+    rates = orbit.tangent(estimate.arc) * estimate.rate
     residuals = np.full_like(angles, np.nan) if view is None else view.residuals
     if estimate.upside_down:
-        return OnOrbit(math.pi - angles, -rates, -residuals, about)
-    return OnOrbit(angles, rates, residuals, about)
+        return OnOrbit(math.pi - angles, -rates, -residuals)
+    return OnOrbit(angles, rates, residuals)
 
 
 class Unwrapper:

@@ -8,7 +8,6 @@ taken off them.
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +18,6 @@ from soliton_linkage.estimation.loops.frame_loops import Flags, FrameSines
 from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
-
-_LEAST_LOGARITHM = -600.0
-"""Logarithm of a square of the zero mode [1], over the largest, below which it is as good as 0."""
-_TINY = float(np.finfo(np.float64).tiny)
-"""Smallest number that is not subnormal [1], which keeps quotients finite."""
 
 
 class Energies(NamedTuple):
@@ -111,8 +105,9 @@ class FrameErrors(NamedTuple):
 class ArcRate(NamedTuple):
     """How fast a chain goes along its orbit, for want of the rates of its rotors.
 
-    rate: of the arc length [rad/s].
-    deviation: standard deviation of the rate [rad/s].
+    rate: of the arc length, over that of free motion where equal rotors have 1 [rad/s]: see
+        `Orbit.free_rate`.
+    deviation: standard deviation of the rate, over the same [rad/s].
     """
 
     rate: float
@@ -148,24 +143,6 @@ class FrameState:
     def second(self) -> Array:
         """Levers B [m/rad], shape (springs,)."""
         return np.asarray(self.springs[2])
-
-    @cached_property
-    def mode_squares(self) -> Array:
-        """Squares t_n^2 of the unit zero mode [1], t_{n+1} / t_n = -A_n / B_n, shape (N,).
-
-        From the running sum of the logarithms of the ratios: `zero_mode` without signs. Raises
-        ValueError for periodic ends.
-        """
-        if self.chain.periodic:
-            raise ValueError(
-                'a chain with periodic ends has no zero mode of its own; free its ends'
-            )
-        logarithms = np.zeros(self.chain.number_of_rotors)
-        ratios = np.maximum(self.first**2, _TINY) / np.maximum(self.second**2, _TINY)
-        np.log(ratios).cumsum(out=logarithms[1:])
-        logarithms -= logarithms.max()
-        modes = np.exp(np.maximum(logarithms, _LEAST_LOGARITHM))
-        return np.asarray(modes / modes.sum())
 
 
 def energy_reach(chain: Chain, settings: ReportSettings = DEFAULTS.report) -> float:
@@ -209,21 +186,15 @@ class StateReporter:
         Noise adds (k_e / 2) (A_n^2 + B_n^2) sigma^2 to the energy of a spring and (I / 2)
         sigma_rate^2 to that of a rotor, which are taken off, so that energies near 0 may come
         out negative. Without walls all is wake. Rates are those of the rotors [rad/s], shape
-        (N,), or that of the arc, which tells the kinetic energy (I / 2) sum_n t_n^2 rate^2 but
-        not that of the wake. A rotor that was not seen may hide as much energy as the noise and
+        (N,), or that of the arc, which tells the kinetic energy (I / 2) rate^2 but not that of
+        the wake. A rotor that was not seen may hide as much energy as the noise and
         what the orbit leaves of the others would give it; the deviations count it in full.
         """
         walls = self._walls(places)
-        kinetic, kinetic_wake, kinetic_deviation = self._kinetic(state, walls, rates, errors)
-        elastic, elastic_wake, elastic_deviation = self._elastic(state, walls, errors)
-        return Energies(
-            kinetic=kinetic,
-            elastic=elastic,
-            kinetic_wake=kinetic_wake,
-            elastic_wake=elastic_wake,
-            kinetic_deviation=kinetic_deviation,
-            elastic_deviation=elastic_deviation,
-        )
+        kinetic = self._kinetic(walls, rates, errors)
+        elastic = self._elastic(state, walls, errors)
+        pairs = zip(kinetic, elastic, strict=True)
+        return Energies(*(each for pair in pairs for each in pair))
 
     def topology(self, state: FrameState, places: ArrayLike) -> Topology:
         """Topology of a state.
@@ -270,11 +241,7 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last < 0), (math.nan, math.nan))
 
     def _kinetic(
-        self,
-        state: FrameState,
-        walls: Array,
-        rates: Array | ArcRate | None,
-        errors: FrameErrors,
+        self, walls: Array, rates: Array | ArcRate | None, errors: FrameErrors
     ) -> tuple[float, float, float]:
         """Kinetic energy, its part in the wake, and the deviation of the whole [J].
 
@@ -284,7 +251,7 @@ class StateReporter:
         if rates is None:
             return math.nan, math.nan, math.nan
         if isinstance(rates, ArcRate):
-            half = float(self._half_inertias @ state.mode_squares)
+            half = 0.5 * self.chain.moment_of_inertia
             variance = rates.deviation**2
             moving = rates.rate**2 - variance
             spread = 4 * variance * (max(moving, 0.0) + variance / 2)

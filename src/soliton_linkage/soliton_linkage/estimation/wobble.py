@@ -22,11 +22,11 @@ from soliton_linkage.solitons.tail import exact_tail
 class Wobble(NamedTuple):
     """How rotors beside a wall deviate from the uniform states; NaN where it cannot be told.
 
-    amplitudes: overshoot of |u| beyond ub [m] before the wall and beyond it, each of one rotor. It
-        is the rotor that leans the most where the wall is at rest; without wobble, d <= 1, the
-        nearest that is at rest to within the noise.
-    amplitude_deviations: standard deviations of the amplitudes [m].
-    rest_amplitudes: the same overshoots for a wall at rest [m].
+    amplitude: overshoot of |u| beyond ub [m] of one rotor, on the side of the wall where one at
+        rest overshoots more. It is the rotor that leans the most where the wall is at rest;
+        without wobble, d <= 1, the nearest that is at rest to within the noise.
+    amplitude_deviation: standard deviation of the amplitude [m].
+    rest_amplitude: the same overshoot for a wall at rest [m].
     tail_ratio: deviation of a rotor over that of its inner neighbour in the tails [1].
     tail_ratio_deviation: standard deviation of the ratio [1].
     decay_length: distance over which the tails fall by e [m].
@@ -38,9 +38,9 @@ class Wobble(NamedTuple):
     exact_wavelength: theory's wavelength [m]: 2 a for d > 1, else infinite.
     """
 
-    amplitudes: tuple[float, float]
-    amplitude_deviations: tuple[float, float]
-    rest_amplitudes: tuple[float, float]
+    amplitude: float
+    amplitude_deviation: float
+    rest_amplitude: float
     tail_ratio: float
     tail_ratio_deviation: float
     decay_length: float
@@ -49,26 +49,6 @@ class Wobble(NamedTuple):
     wavelength_deviation: float
     exact_decay_length: float
     exact_wavelength: float
-
-    @property
-    def amplitude(self) -> float:
-        """Amplitude on the side where a wall at rest overshoots more [m]."""
-        return self.amplitudes[self._larger]
-
-    @property
-    def amplitude_deviation(self) -> float:
-        """Standard deviation of that amplitude [m]."""
-        return self.amplitude_deviations[self._larger]
-
-    @property
-    def rest_amplitude(self) -> float:
-        """The same overshoot for a wall at rest [m]."""
-        return self.rest_amplitudes[self._larger]
-
-    @property
-    def _larger(self) -> int:
-        before, beyond = self.rest_amplitudes
-        return int(math.isnan(before) or beyond > before)
 
 
 class RestingWall(NamedTuple):
@@ -118,7 +98,7 @@ class WobbleReporter:
         high = min(wall.first + len(wall.angles), chain.number_of_rotors - 1)
         middle = min(max(math.floor(wall.place) + 1, low), high)
         spins = chain.motion is Motion.SPINNER
-        before, beyond, tails, zeros = wobble_loops.wobble(
+        overshoot, tails, zeros = wobble_loops.wobble(
             self._settings.record,
             angles,
             np.ascontiguousarray(wall.angles),
@@ -132,9 +112,9 @@ class WobbleReporter:
         ratio, ratio_deviation = self._ratio + tails[0], tails[1]
         decay, decay_deviation = self._decay_length(ratio, ratio_deviation)
         return Wobble(
-            amplitudes=(before[0], beyond[0]),
-            amplitude_deviations=(before[1], beyond[1]),
-            rest_amplitudes=(before[2], beyond[2]),
+            amplitude=overshoot[0],
+            amplitude_deviation=overshoot[1],
+            rest_amplitude=overshoot[2],
             tail_ratio=ratio,
             tail_ratio_deviation=ratio_deviation,
             decay_length=decay,

@@ -202,27 +202,28 @@ def wobble(
     k: float,
     calm: float,
     errors: AngleErrors,
-) -> tuple[Overshoot, Overshoot, tuple[float, float], tuple[float, float]]:
-    """Overshoots, ratio of the tails and distance of their zeros; see `WobbleReporter.wobble`.
+) -> tuple[Overshoot, tuple[float, float], tuple[float, float]]:
+    """Overshoot, ratio of the tails and distance of their zeros; see `WobbleReporter.wobble`.
 
     The wall is that of `beside_wall`; rotors have a length [m] and the pitch k = a / r. Calm are
-    deviations below that [rad]. Overshoots are, before and beyond, that measured, its deviation,
-    and that at rest [m], NaN of spinners and of no rotor. Of the ratio it is what it differs
-    from the exact one, with its deviation [1]; zeros [rotor spacings] are half a wavelength
-    apart, also with a deviation. NaN where they are not told.
+    deviations below that [rad]. The overshoot is, on the side where it is larger at rest, that
+    measured, its deviation, and that at rest [m], NaN of spinners and of no rotor. Of the ratio
+    it is what it differs from the exact one, with its deviation [1]; zeros [rotor spacings] are
+    half a wavelength apart, also with a deviation. NaN where they are not told.
     """
     numbers, noise, error = settings[0], errors.noise, errors.whole
     split, count = beside.middle - beside.low, beside.high - beside.low
     expected, measured = np.empty(count), np.empty(count)
     beside_wall(angles, at_rest, beside, rest_angle, expected, measured)
-    before, beyond = _NOT_TOLD, _NOT_TOLD
+    overshoot = _NOT_TOLD
     square, product, variance, weight, distance = 0.0, 0.0, 0.0, 0.0, 0.0
     for side in range(2):
         there = expected[:split] if side == 0 else expected[split:]
         seen = measured[:split] if side == 0 else measured[split:]
         if not beside.spins:
-            overshoot = _overshoot(there, seen, rest_angle, length, calm, error)
-            before, beyond = (overshoot, beyond) if side == 0 else (before, overshoot)
+            found = _overshoot(there, seen, rest_angle, length, calm, error)
+            if math.isnan(overshoot[2]) or found[2] > overshoot[2]:
+                overshoot = found
         large, small = numbers['largest'] * rest_angle, numbers['above_noise'] * noise
         begin, end = tail_of_side(there, large, small)
         sums = tail_sums(seen, begin, min(end, seen.size - 1), rest_angle, k)
@@ -238,4 +239,4 @@ def wobble(
         tails = product / square, error * math.sqrt(max(variance, 0.0)) / square
     if weight > 0:
         zeros = distance / weight, 1 / math.sqrt(weight)
-    return before, beyond, tails, zeros
+    return overshoot, tails, zeros
