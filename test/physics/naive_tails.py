@@ -44,15 +44,20 @@ def uniform_part(
 
 
 def tail_products(
+    settings: Records,
     angles: Array,
     nearest: int,
     edge: int,
+    count: int,
     mean: float,
     handed: float,
-    rest_angle: float,
-    flat: float,
+    noise: float,
     sums: Array,
 ) -> None:
+    given, rest_angle = settings[0], math.pi / 2 - abs(math.asin(math.cos(mean)))
+    if noise > given['noisiest'] * rest_angle:
+        return
+    flat = max(given['flat_in_noise'] * noise, given['flat'] * rest_angle)
     way, half = (1 if edge > nearest else -1), abs(edge - nearest) // 2
     first, last = sorted((nearest, nearest + way * half))
     theta = staggered(angles)[first : last + 1][::way]
@@ -66,7 +71,7 @@ def tail_products(
     inner, outer = inner[known], outer[known]
     following, _ = next_deviation(inner, rest_angle, 2 * math.sin(rest_angle))
     rows = np.array((inner, inner * inner, outer - following))
-    sums += rows @ rows.T
+    sums += rows @ rows.T / (noise**2 * (given['spread'] + 1 / count))
 
 
 def beside_wall(
@@ -150,30 +155,14 @@ def evidence(
     if not (leans[0] * leans[1] < 0 and min(map(abs, leans)) > given['leaning']):
         return NO_EVIDENCE
     handed = handed_of(left[1], left[2]), handed_of(right[1], right[2])
-    add_tail_of(given, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
-    add_tail_of(given, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1])
+    tail_products(settings, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
+    tail_products(
+        settings, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1]
+    )
     lean = math.pi / 2 - (steepness_of(left[3]) + steepness_of(right[3])) / 2
     crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left[0] + 1 / right[0])
     return crossing, flipping_of(left[3], right[3], variance, given['strongest_frame']), lean
-
-
-def add_evidence(
-    flipping: float,
-    rest_angle: float,
-    tails: Array,
-    other_flipping: float,
-    other_rest_angle: float,
-    other_tails: Array,
-    strongest: float,
-    sums: Array,
-) -> tuple[float, float]:
-    sums[:] = tails + other_tails
-    each = ((tails, rest_angle), (other_tails, other_rest_angle))
-    known = [(1e-300 + float(t[0, 0, 0] + t[1, 0, 0]), a) for t, a in each if math.isfinite(a)]
-    whole = sum(weight for weight, _ in known)
-    mean = sum(weight * angle for weight, angle in known) / whole if known else math.nan
-    return min(max(flipping + other_flipping, -strongest), strongest), mean
 
 
 def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
@@ -279,25 +268,6 @@ def steepness_of(mean: float) -> float:
     return abs(math.asin(math.cos(mean)))
 
 
-def add_tail_of(
-    given: np.void,
-    angles: Array,
-    nearest: int,
-    edge: int,
-    count: int,
-    mean: float,
-    handed: float,
-    noise: float,
-    sums: Array,
-) -> None:
-    rest_angle = math.pi / 2 - steepness_of(mean)
-    if noise > given['noisiest'] * rest_angle:
-        return
-    flat = max(given['flat_in_noise'] * noise, given['flat'] * rest_angle)
-    tail_products(angles, nearest, edge, mean, handed, rest_angle, flat, sums)
-    sums /= noise**2 * (given['spread'] + 1 / count)
-
-
 def flipping_of(left: float, right: float, variance: float, strongest: float) -> float:
     flipped = math.remainder(right + left, 2 * math.pi) ** 2
     spun = math.remainder(right - left - math.pi, 2 * math.pi) ** 2
@@ -329,8 +299,11 @@ def observe(
     place, more, lean = evidence(settings, angles, sines, cosines, noise, of_frame)
     if not (math.isnan(place) or abs(place - anchor) < 1):
         forwards, anchor = place > anchor, place
-    added = (more, lean, of_frame[::-1] if forwards else of_frame)
-    both = add_evidence(
-        flipping, rest_angle, tails.copy(), *added, settings[0]['strongest'], tails
-    )
+    weights = np.array([tails[:, 0, 0].sum(), of_frame[:, 0, 0].sum() + 1e-300])
+    known = np.isfinite([rest_angle, lean])
+    if known.any():
+        rest_angle = float(np.average(np.array([rest_angle, lean])[known], weights=weights[known]))
+    tails += of_frame[::-1] if forwards else of_frame
+    strongest = settings[0]['strongest']
+    both = min(max(flipping + more, -strongest), strongest), rest_angle
     return (place, *both), (anchor, forwards), tail_ratio(settings, tails, both[1])

@@ -231,26 +231,26 @@ def of_motion(random: np.random.Generator) -> list[Case]:
     other = one * [[[0.3]], [[0.0]]]
     return [
         *[
-            ('observe', (settings, each, *sides, 0.01, 3.0, 0.9, one, anchor, True))
+            ('observe', (settings, each, *sides, 0.01, 29.0, lean, one, anchor, True))
             for each, sides in ((angles, (sines, cosines)), (spun, (np.sin(spun), np.cos(spun))))
             for anchor in (math.nan, 26.9, 24.0, 40.0)
+            for lean in (0.9, math.nan)
         ],
         ('bond_of_wall', (sines,)),
         ('bond_of_wall', (np.array([]),)),
         ('bond_of_wall', (np.array([0.0, 0.0, -1.0]),)),
         ('uniform_part', (angles, sines, cosines, WALL, ROTORS - 1)),
         ('uniform_part', (angles, sines, cosines, WALL - 1, 0)),
-        ('tail_products', (angles, WALL, ROTORS - 1, -lean, -1.0, lean, 0.05, np.ones((3, 3)))),
-        ('tail_products', (angles, WALL - 1, 0, lean, 1.0, lean, 0.01, np.ones((3, 3)))),
+        *[
+            ('tail_products', (settings, angles, *side, noise, np.zeros((3, 3))))
+            for side in ((WALL, ROTORS - 1, 7, -lean, -1.0), (WALL - 1, 0, 9, lean, 1.0))
+            for noise in (0.005, 0.03, 0.2)
+        ],
         *[
             ('evidence', (settings, each, np.sin(each), np.cos(each), noise, flat))
             for each in (angles, spun, math.pi - spun, angles[:30], angles[WALL:], angles[:6])
             for noise in (0.0, 0.2)
         ],
-        ('add_evidence', (3.0, 0.9, one, 29.0, 1.1, other, 30.0, flat)),
-        ('add_evidence', (-3.0, math.nan, one, -29.0, 1.1, other, 30.0, flat)),
-        ('add_evidence', (-3.0, 0.9, one, 0.5, math.nan, flat, 30.0, flat)),
-        ('add_evidence', (0.0, math.nan, flat, 0.5, math.nan, flat, 30.0, flat)),
         ('tail_ratio', (settings, one, 0.97)),
         ('tail_ratio', (settings, other, 0.97)),
         ('tail_ratio', (settings, flat, math.nan)),

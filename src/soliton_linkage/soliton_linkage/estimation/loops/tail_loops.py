@@ -119,42 +119,6 @@ def _deviation(
     return handed * wrapped(_staggered(angles, nearest + way * beyond) - mean)
 
 
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER, NUMBER, TABLE)
-def tail_products(
-    angles: Array,
-    nearest: int,
-    edge: int,
-    mean: float,
-    handed: float,
-    rest_angle: float,
-    flat: float,
-    sums: Array,
-) -> None:
-    """Add up products of (e, e^2, e' - F(e)) outwards from a wall, shape (3, 3).
-
-    The deviation e of a rotor is handed (theta - mean) [rad]; they count from the middle of the
-    wall on, as far as they are not flat, in the inner half of the rotors up to an edge.
-    """
-    way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
-    begin = 0
-    for n in range(half + 1):
-        if _deviation(angles, nearest, way, mean, handed, n) <= -rest_angle:
-            begin = n + 1
-    end = begin
-    while end < half and abs(_deviation(angles, nearest, way, mean, handed, end)) > flat:
-        end += 1
-    k = 2 * math.sin(rest_angle)
-    for n in range(begin, end):
-        e = _deviation(angles, nearest, way, mean, handed, n)
-        outer = _deviation(angles, nearest, way, mean, handed, n + 1)
-        if math.isfinite(outer):
-            beyond = outer - next_deviation(e, rest_angle, k)[0]
-            row = (e, e * e, beyond)
-            for i in range(3):
-                for j in range(3):
-                    sums[i, j] += row[i] * row[j]
-
-
 @compiled(NUMBER, NUMBER)
 def _handed(sine: float, cosine: float) -> float:
     """Sign of the deviations of a side, with the sums of its sines and cosines."""
@@ -168,7 +132,7 @@ def _steepness(mean: float) -> float:
 
 
 @compiled(_NUMBERS, READ, COUNT, COUNT, COUNT, NUMBER, NUMBER, NUMBER, TABLE)
-def _add_tail(
+def tail_products(
     settings: Records,
     angles: Array,
     nearest: int,
@@ -179,13 +143,34 @@ def _add_tail(
     noise: float,
     sums: Array,
 ) -> None:
-    """Add products of (e, e^2, e' - F(e)) over the variance of e', shape (3, 3)."""
+    """Set products of (e, e^2, e' - F(e)) outwards from a wall, over the variance of e', (3, 3).
+
+    The deviation e of a rotor is handed (theta - mean) [rad], the mean being of so many; they
+    count from the middle of the wall on, as far as they are not flat, in the inner half of the
+    rotors up to an edge. Sums are 0, and stay so where noise hides the tail.
+    """
     rest_angle = math.pi / 2 - _steepness(mean)
     if noise > settings[0]['noisiest'] * rest_angle:
         return
     flat = max(settings[0]['flat_in_noise'] * noise, settings[0]['flat'] * rest_angle)
-    tail_products(angles, nearest, edge, mean, handed, rest_angle, flat, sums)
-    sums /= noise * noise * (settings[0]['spread'] + 1 / count)
+    way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
+    begin = 0
+    for n in range(half + 1):
+        if _deviation(angles, nearest, way, mean, handed, n) <= -rest_angle:
+            begin = n + 1
+    end = begin
+    while end < half and abs(_deviation(angles, nearest, way, mean, handed, end)) > flat:
+        end += 1
+    k = 2 * math.sin(rest_angle)
+    variance = noise * noise * (settings[0]['spread'] + 1 / count)
+    for n in range(begin, end):
+        e = _deviation(angles, nearest, way, mean, handed, n)
+        outer = _deviation(angles, nearest, way, mean, handed, n + 1)
+        if math.isfinite(outer):
+            row = (e, e * e, outer - next_deviation(e, rest_angle, k)[0])
+            for i in range(3):
+                for j in range(3):
+                    sums[i, j] += row[i] * row[j] / variance
 
 
 @compiled(NUMBER, NUMBER, NUMBER)
@@ -230,42 +215,14 @@ def evidence(
     if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > settings[0]['leaning']):
         return _NO_EVIDENCE
     handed = _handed(left[1], left[2]), _handed(right[1], right[2])
-    _add_tail(settings, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
-    _add_tail(settings, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1])
+    inner, last = bond - 1, rotors - 1
+    tail_products(settings, angles, inner, 0, left[0], left[3], handed[0], noise, tails[0])
+    tail_products(settings, angles, bond, last, right[0], right[3], handed[1], noise, tails[1])
     lean = math.pi / 2 - (_steepness(left[3]) + _steepness(right[3])) / 2
-    crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
+    crossing = inner + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left[0] + 1 / right[0])
     flipping = _limited(_flipping(left[3], right[3], variance), settings[0]['strongest_frame'])
     return crossing, flipping, lean
-
-
-@compiled(NUMBER, NUMBER, READ_BOX, NUMBER, NUMBER, READ_BOX, NUMBER, BOX)
-def add_evidence(
-    flipping: float,
-    rest_angle: float,
-    tails: Array,
-    other_flipping: float,
-    other_rest_angle: float,
-    other_tails: Array,
-    strongest: float,
-    sums: Array,
-) -> tuple[float, float]:
-    """Flipping and angle at rest of two evidences together, and the sums of their tails.
-
-    Angles, NaN where unknown, weigh as much as the tails tell; never quite nothing. Flipping is
-    limited by the strongest.
-    """
-    first, second = tails[0, 0, 0] + tails[1, 0, 0], other_tails[0, 0, 0] + other_tails[1, 0, 0]
-    first, second = first + _LEAST_WEIGHT, second + _LEAST_WEIGHT
-    for side in range(2):
-        for i in range(3):
-            for j in range(3):
-                sums[side, i, j] = tails[side, i, j] + other_tails[side, i, j]
-    if math.isfinite(rest_angle) and math.isfinite(other_rest_angle):
-        mean = (first * rest_angle + second * other_rest_angle) / (first + second)
-    else:
-        mean = rest_angle if math.isfinite(rest_angle) else other_rest_angle
-    return _limited(flipping + other_flipping, strongest), mean
 
 
 @compiled(_NUMBERS, READ_BOX, NUMBER)
@@ -322,8 +279,13 @@ def observe(
     if forwards:
         ahead = of_frame[1].copy()
         of_frame[1], of_frame[0] = of_frame[0], ahead
-    flipping, rest_angle = add_evidence(
-        flipping, rest_angle, tails, more, lean, of_frame, settings[0]['strongest'], tails
-    )
+    flipping = _limited(flipping + more, settings[0]['strongest'])
+    if math.isfinite(lean) and math.isfinite(rest_angle):
+        # Each weighs as much as the tails tell, never quite nothing.
+        known, added = tails[:, 0, 0].sum(), of_frame[:, 0, 0].sum() + _LEAST_WEIGHT
+        rest_angle += added / (known + added) * (lean - rest_angle)
+    elif math.isfinite(lean):
+        rest_angle = lean
+    tails += of_frame
     ratio = tail_ratio(settings, tails, rest_angle)
     return (place, flipping, rest_angle), (anchor, forwards), ratio
