@@ -84,12 +84,6 @@ def of_angles(
     rows: Array,
 ) -> tuple[float, float]:
     sines_and_cosines(angles, sines, cosines)
-    return springs(sines, cosines, parameters, periodic, rows)
-
-
-def springs(
-    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
-) -> tuple[float, float]:
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
     h, v = lengths * sines, lengths * cosines

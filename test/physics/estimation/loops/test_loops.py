@@ -157,7 +157,6 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         ends = np.array([-math.inf, 20.3, 31.8, math.inf])
         ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
-            ('springs', (sines, cosines, chain.spring_parameters, periodic, empty)),
             ('of_angles', (angles, chain.spring_parameters, periodic, sines, cosines, empty)),
             *[
                 ('elastic', (rows, half, seen, half, periodic, 1e-4, walls, reach))
@@ -353,9 +352,8 @@ def test_springs_are_those_of_the_chain(periodic: bool) -> None:
     deviations = drawn_deviations(12, 3, periodic, rotor_length=0.1, spacing=0.1, rest_length=0.1)
     chain = Chain(number_of_rotors=12, periodic=periodic, deviations=deviations)
     angles = np.random.default_rng(2).uniform(-4, 4, 12)
-    rows = np.empty((3, chain.number_of_springs))
-    parameters = chain.spring_parameters
-    state_loops.springs(np.sin(angles), np.cos(angles), parameters, periodic, rows)
+    rows, sides = np.empty((3, chain.number_of_springs)), np.empty((2, 12))
+    state_loops.of_angles(angles, chain.spring_parameters, periodic, *sides, rows)
     assert rows == pytest.approx(np.array(chain.springs(angles)), rel=1e-12, abs=1e-15)
 
 

@@ -38,16 +38,18 @@ def _spring(
     rows[2, n] = (v_next * across - h_next * up) / divisor
 
 
-@compiled(READ, READ, READ_TABLE, YES, TABLE)
-def springs(
-    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+@compiled(READ, READ_TABLE, YES, ROW, ROW, TABLE)
+def of_angles(
+    angles: Array, parameters: Array, periodic: bool, sines: Array, cosines: Array, rows: Array
 ) -> tuple[float, float]:
-    """Set rows of springs; parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`.
+    """Set sines and cosines of angles [rad], shape (N,), and the rows of springs.
 
-    They are of shape (4, N), of which those of springs count as far as there are springs.
-    Returns how the rotors twist and stand, the sums of sin(theta_n + theta_{n+1}) =
-    (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge rotors, of cos(theta_n).
+    Parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`, shape (4, N), of which
+    those of springs count as far as there are springs. Returns how the rotors twist and stand,
+    the sums of sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge
+    rotors, of cos(theta_n).
     """
+    sines_and_cosines(angles, sines, cosines)
     rotors = sines.size
     for n in range(rotors - 1):
         _spring(sines, cosines, parameters, n, n + 1, rows)
@@ -59,20 +61,6 @@ def springs(
         upright += sign * cosines[n] if n else 0.0
         sign = -sign
     return twists, upright
-
-
-@compiled(READ, READ_TABLE, YES, ROW, ROW, TABLE)
-def of_angles(
-    angles: Array,
-    parameters: Array,
-    periodic: bool,
-    sines: Array,
-    cosines: Array,
-    rows: Array,
-) -> tuple[float, float]:
-    """Set sines and cosines of angles [rad], shape (N,), and the rows of `springs`."""
-    sines_and_cosines(angles, sines, cosines)
-    return springs(sines, cosines, parameters, periodic, rows)
 
 
 @compiled(READ, NUMBER, READ, NUMBER)

@@ -46,9 +46,8 @@ class WallFrame:
         if self._state is None:
             return 0.0
         field, _ = order_field(self._chain, self._state.angles)
-        rotors: Array = np.arange(len(field), dtype=np.float64)
-        near = np.abs(self._ways(rotors, place)) <= self._line.near
-        return float(np.abs(field[near] - lean).max() / 2)
+        near = self._line.numbers(place - self._line.near, place + self._line.near)
+        return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
         """Sense in which a spinner's rotors turn in the left one of two walls, +1 or -1.
@@ -56,23 +55,11 @@ class WallFrame:
         Neighbours are less than half a turn apart from how they are in a uniform state. It is 0
         for flippers, and where rotors are not known.
         """
-        chain, state = self._chain, self._state
+        chain, line, state = self._chain, self._line, self._state
         if state is None or chain.motion is not Motion.SPINNER:
             return 0
         family = 1 if state.twists > 0 else -1
-        reach = max(round(self._line.near), 2)
-        last = round(self._line.between(left, right))
-        rotors = np.arange(
-            round(left) - reach, last + (chain.number_of_rotors if last < left else 0) + 1
-        )
-        if not chain.periodic:
-            rotors = rotors[(rotors >= 0) & (rotors < chain.number_of_rotors)]
-        rotors %= chain.number_of_rotors
+        middle = left + line.apart(line.between(left, right), left)
+        rotors = line.numbers(left - max(line.near, 2.0), middle) % line.rotors
         steps = np.diff((state.angles - chain.uniform_state(family))[rotors])
         return int(np.sign(np.sum(wrapped(steps))))
-
-    def _ways(self, where: Array, place: float) -> Array:
-        ways = where - place
-        if self._line.periodic:
-            ways -= self._line.rotors * np.rint(ways / self._line.rotors)
-        return np.asarray(ways)

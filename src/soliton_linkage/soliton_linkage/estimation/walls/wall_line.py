@@ -5,6 +5,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from soliton_linkage.estimation.settings import ReportSettings, WallSettings
 from soliton_linkage.estimation.state_report import energy_reach
 from soliton_linkage.linear.bands import gap, penetration_depth
@@ -51,6 +54,16 @@ class WallLine:
     def edge_of(self, place: float) -> float:
         """Place of the nearer edge, that of the first rotor or of the last."""
         return 0.0 if place < (self.rotors - 1) / 2 else self.rotors - 1.0
+
+    def numbers(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
+        """Numbers of the rotors between two places; round a ring they run beyond 0 and N.
+
+        So many at each edge of a chain are left out.
+        """
+        first, last = math.ceil(low), math.floor(high)
+        if not self.periodic:
+            first, last = max(first, edge), min(last, self.rotors - 1 - edge)
+        return np.arange(first, last + 1)
 
     def between(self, left: float, right: float) -> float:
         """Middle of the way from a place to the next on its right [rotor spacings]."""

@@ -13,7 +13,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soliton_linkage.estimation.loops import wall_loops
 from soliton_linkage.estimation.places.frame_view import swing_of
@@ -107,18 +106,10 @@ class WallPlacer:
         if self._chain.motion is not Motion.SPINNER:
             return self._shapes(charge, 0)
         reach = min(self._shapes.reach, self._line.near)
-        rotors = self._rotors(place - reach, place + reach)
+        rotors = self._line.numbers(place - reach, place + reach, self._edge)
         turned = (angles - self._uniform)[rotors % len(angles)]
         steps = wrapped(np.diff(turned[np.isfinite(turned)]))
         return self._shapes(charge, 1 if float(steps.sum()) > 0 else -1)
-
-    def _rotors(self, low: float, high: float) -> NDArray[np.int64]:
-        """Numbers of the rotors between two places; round a ring they run beyond 0 and N."""
-        first, last = math.ceil(low), math.floor(high)
-        if not self._line.periodic:
-            first = max(first, self._edge)
-            last = min(last, self._line.rotors - 1 - self._edge)
-        return np.arange(first, last + 1)
 
     def _alone(self, theta: Array, walls: Sequence[_Fitted], wall: _Fitted) -> tuple[int, Array]:
         """Rotors about a wall that are nearer to it than to others: the first of them, and angles.
@@ -130,7 +121,7 @@ class WallPlacer:
         ways = [(way, each) for way, each in ways if each is not wall]
         low = max([-reach, *(way / 2 for way, _ in ways if way < 0)])
         high = min([reach, *(way / 2 for way, _ in ways if way >= 0)])
-        rotors = self._rotors(wall.place + low, wall.place + high)
+        rotors = self._line.numbers(wall.place + low, wall.place + high, self._edge)
         own = theta[rotors % len(theta)]
         first = int(rotors[0]) if len(rotors) else 0
         for way, other in ways:
