@@ -38,6 +38,18 @@ def test_frames_keep_their_deviations_whichever_comes_first_and_are_thinned() ->
     assert np.isnan(readings.deviations[:, 1]).all()
 
 
+def test_the_first_frame_has_its_deviations_which_come_before_it_and_name_the_joints() -> None:
+    record = JointRecord((), 10)
+    record.add_push(RotorImpulses(name=['a'], impulse=[1.0]), 0)
+    record.add_deviations(states(SECOND, 0.1, 0.2, np.nan))
+    record.add(states(SECOND, 1, 2, 3))
+    readings = record.readings()
+    assert record.joint_names == NAMES
+    assert readings.deviations is not None
+    np.testing.assert_array_equal(readings.deviations, [[0.1, 0.2, np.nan]])
+    assert not readings.pushes
+
+
 def test_pushes_are_kept_with_impulses_in_the_order_of_the_rotors() -> None:
     record = JointRecord(NAMES, 10)
     record.add(states(SECOND, 0, 0, 0))

@@ -18,9 +18,9 @@ PICTURE = np.full((300, 600, 3), 128, dtype=np.uint8)
 PIVOTS = np.column_stack([100.0 * np.arange(1, ROTORS + 1), np.full(ROTORS, 150.0)])
 
 
-def frame(hidden: int | None = None) -> AngleFrame:
-    """A frame of upright rotors 40 pixels long, one of which may be hidden."""
-    masses = PIVOTS - [0.0, 40.0]
+def frame(hidden: int | None = None, length: float = 40.0) -> AngleFrame:
+    """A frame of upright rotors of a length [pixels], one of which may be hidden."""
+    masses = PIVOTS - [0.0, length]
     angles = np.zeros(ROTORS)
     if hidden is not None:
         masses[hidden], angles[hidden] = np.nan, np.nan
@@ -43,6 +43,12 @@ def test_rings_and_lines_are_at_what_was_found_and_the_picture_given_stays() -> 
         assert not marks[int(y) - 20, int(x) + 30], 'beside a rotor'
     assert marks[10:31, 10:31].any(), 'dot of the frame'
     assert painted(overlaid(PICTURE, frame(2), NAMES))[115:140].sum() < marks[115:140].sum()
+
+
+def test_names_are_as_near_to_the_pivots_of_long_rotors_as_of_short_ones() -> None:
+    short, long = (painted(overlaid(PICTURE, frame(None, each), NAMES)) for each in (40, 110))
+    assert short[220:270].any()
+    assert (short == long)[180:280].all()
 
 
 @pytest.mark.parametrize('rotor', [0.0, 1.25, 3.5])

@@ -23,8 +23,9 @@ _SHADOW = (20, 20, 20)
 """Of letters, which so are seen on any ground: blue, green and red."""
 _REACH = 1.35
 """Of the line across the chain that is a wall, over the length of the rotors [1]."""
-_OUT = 1.9
-"""Of the name of a rotor from its pivot, away from its mass, over its length [1]."""
+_OUT = 0.95
+"""Of the name of a rotor from its pivot, away from its mass, over the spacing [1]: beyond labels,
+and nearer to its own pivot than to most others, however long rotors are."""
 _DEVIATIONS = 2.0
 """Within which a wall is drawn, its standard deviations to either side [1]."""
 _OPACITY = 0.35
@@ -61,7 +62,8 @@ def overlaid(
     known = np.isfinite(frame.pivots[:, 0])
     if known.sum() > 1:
         _draw_walls(pen, frame, walls)
-    _draw_rotors(pen, frame, _fitting(names, frame.pivots[known], pen))
+    room = _room(frame.pivots[known])
+    _draw_rotors(pen, frame, _fitting(names, room, pen), _OUT * room)
     text = frame.status or f'all {len(frame.angles)} rotors are seen'
     pen.write(text, np.array([8.0, len(drawn) - 8.0]), _bgr(ORANGE if frame.status else WHITE))
     return np.asarray(drawn)
@@ -134,20 +136,20 @@ class _Pen:
         return x, y
 
 
-def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str]) -> None:
-    lengths = np.hypot(*(frame.masses - frame.pivots).T)
-    usual = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
+def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], out: float) -> None:
+    """Draw rotors, with names that far from their pivots [pixels]."""
     for pivot, mass, name in zip(frame.pivots, frame.masses, names, strict=True):
         if not np.isfinite(pivot).all():
             continue
         if not np.isfinite(mass).all():
             pen.ring(pivot, _bgr(ORANGE))
-            pen.centred(name, pivot + np.array([0.0, _OUT * usual]), _bgr(ORANGE))
+            pen.centred(name, pivot + np.array([0.0, out]), _bgr(ORANGE))
             continue
         pen.line(pivot, mass, _bgr(GREEN))
         pen.ring(pivot, _bgr(SKY))
         pen.ring(mass, _bgr(GREEN))
-        pen.centred(name, pivot + _OUT * (pivot - mass), _bgr(WHITE))
+        away = (pivot - mass) / np.hypot(*(pivot - mass))
+        pen.centred(name, pivot + out * away, _bgr(WHITE))
 
 
 def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[PlacedWall]) -> None:
@@ -174,11 +176,14 @@ def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[PlacedWall]) -> No
         pen.centred(text, middle + reach + 2 * pen.extent(text)[1] * across, _bgr(ORANGE))
 
 
-def _fitting(names: Sequence[str], pivots: Array, pen: _Pen) -> Sequence[str]:
+def _room(pivots: Array) -> float:
+    """Distance of neighbouring pivots, of which most are known [pixels]; 0 of less than two."""
+    apart = np.hypot(*np.diff(pivots, axis=0).T)
+    return float(np.median(apart)) if len(apart) else 0.0
+
+
+def _fitting(names: Sequence[str], room: float, pen: _Pen) -> Sequence[str]:
     """Names, or numbers where names would overlap."""
-    if len(pivots) < 2:
-        return names
-    room = np.hypot(*(pivots[-1] - pivots[0])) / (len(pivots) - 1)
     widest = max((pen.extent(name)[0] for name in names), default=0.0)
     return names if widest < room else [str(number) for number in range(len(names))]
 

@@ -27,13 +27,16 @@ class JointRecord:
     """Frames of joint states, evenly thinned out to a number that fits into memory and time."""
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Begin without any; the names are those of the joints, rotor 0 first."""
+        """Begin without any; the names are those of the joints, rotor 0 first.
+
+        Without names they are those of the first message, of angles or of their deviations.
+        """
         self.joint_names = tuple(joint_names)
         self.frames = 0
         """How many came."""
         self.thinned = 1
         """One frame of so many is kept."""
-        self._reader = FrameReader(joint_names)
+        self._reader = FrameReader(joint_names) if joint_names else None
         self._most = most
         self._angles: dict[int, Array] = {}
         self._deviations: dict[int, Array] = {}
@@ -49,7 +52,7 @@ class JointRecord:
 
         Raises ValueError for joint states that are refused.
         """
-        angles = self._reader.read(joints).angles
+        angles = self._read(joints)
         if self._latest is not None and joints.stamp <= self._latest:
             return
         self._latest = joints.stamp
@@ -62,13 +65,21 @@ class JointRecord:
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Keep the standard deviations of the angles of the same stamp."""
-        self._deviations[joints.stamp] = self._reader.read(joints).angles
+        """Keep the standard deviations of the angles of the same stamp.
+
+        Raises ValueError for joint states that are refused.
+        """
+        self._deviations[joints.stamp] = self._read(joints)
         if len(self._deviations) > len(self._angles) + _WAITING:
             self._forget_deviations()
 
     def add_push(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Keep when impulses or torques, other than 0, acted; without a stamp when they came."""
+        """Keep when impulses or torques, other than 0, acted; without a stamp when they came.
+
+        Before the joints are known there is nothing that they could have moved.
+        """
+        if not self.joint_names:
+            return
         impulses = None
         if isinstance(message, RotorImpulses):
             named = dict(zip(message.name, message.impulse, strict=True))
@@ -98,6 +109,12 @@ class JointRecord:
             gravity,
             [RecordedTilt((stamp - begin) / SECOND, tilt) for stamp, tilt in self._tilts],
         )
+
+    def _read(self, joints: JointStates) -> Array:
+        reader = self._reader or FrameReader(joints.name)
+        values = reader.read(joints).angles
+        self._reader, self.joint_names = reader, reader.joint_names
+        return values
 
     def _forget_deviations(self) -> None:
         """Forget those whose angles are not kept, but for the last ones, whose may yet come."""

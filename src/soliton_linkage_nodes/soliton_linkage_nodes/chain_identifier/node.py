@@ -110,7 +110,7 @@ class ChainIdentifier(ManagedNode):
         self.found: Identification | None = None
         """The last proposal."""
         self._complaint = ''
-        self._record: JointRecord | None = None
+        self._begin()
         self._tried = 0
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
@@ -138,32 +138,31 @@ class ChainIdentifier(ManagedNode):
     @property
     def frames(self) -> int:
         """Number of frames since it began."""
-        return 0 if self._record is None else self._record.frames
+        return self._record.frames
+
+    def _begin(self) -> None:
+        self._record = JointRecord(self.settings.joint_names, self.settings.most_frames)
 
     def _take(self, serialized: bytes) -> None:
         joints = self._decoder.decode(serialized)
-        if self._record is None:
-            names = self.settings.joint_names or joints.name
-            self._record = JointRecord(names, self.settings.most_frames)
         self._record.add(joints)
         self._encoders.look(joints.stamp, joints.position)
 
     def _weigh(self, message: JointState) -> None:
-        if self._record is not None:
-            self._record.add_deviations(joint_states_from_msg(message))
+        self._record.add_deviations(joint_states_from_msg(message))
 
     def _note_push(self, message: RotorImpulses | JointState) -> None:
-        if self._record is not None:
-            self._record.add_push(message, self.get_clock().now().nanoseconds)
+        self._record.add_push(message, self.get_clock().now().nanoseconds)
 
     def _note_tilt(self, message: Float64) -> None:
-        if self._record is not None and math.isfinite(message.data):
+        if math.isfinite(message.data):
             self._record.add_tilt(message.data, self.get_clock().now().nanoseconds)
 
     def _try(self) -> None:
         """Begin to identify the chain where there are new frames and nothing is under way."""
         record = self._record
-        if not self.active or record is None or self._working or record.frames == self._tried:
+        idle = self.active and not self._working and record.frames
+        if not idle or record.frames == self._tried:
             return
         self._tried = record.frames
         given = dataclasses.replace(
@@ -188,7 +187,7 @@ class ChainIdentifier(ManagedNode):
         if not isinstance(outcome, Identification):
             self._complaint = str(outcome)
             return
-        if self._record is None:
+        if not self.frames:
             return
         self.found, self._complaint = outcome, ''
         named = NamedChain(outcome.chain, self._record.joint_names)
@@ -209,7 +208,7 @@ class ChainIdentifier(ManagedNode):
         return response
 
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.found is None or self._record is None:
+        if self.found is None:
             response.message = self._complaint or 'no chain was identified yet'
             return response
         path = Path(self.settings.output)
@@ -222,7 +221,8 @@ class ChainIdentifier(ManagedNode):
         return response
 
     def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._record, self.found, self._complaint = None, None, ''
+        self._begin()
+        self.found, self._complaint = None, ''
         response.success, response.message = True, 'begun with new frames'
         return response
 

@@ -119,8 +119,8 @@ class FilmedExperiment:
         identified = chain_of_file(self._folder / 'chain.yaml')
         overlay = self._folder / 'overlay.mp4'
         again = self._seen(film, lens, identified, 'identified', overlay)
-        analyse(again.bag, self._folder)
-        errors = self._errors(again.bag)
+        analyse(again.bag, self._folder, identified)
+        errors = self._errors(again.bag, identified)
         write_film_page(self._folder, in_words(errors, self._bench.parameters.spread))
         text = json.dumps(asdict(errors), indent=2) + '\n'
         (self._folder / 'summary.json').write_text(text, encoding='utf-8')
@@ -151,13 +151,13 @@ class FilmedExperiment:
             shutil.rmtree(earlier)
         return film_to_bag(read_film(film), named, sight, self._folder / name, overlay)
 
-    def _errors(self, bag: Path) -> PlaceErrors:
+    def _errors(self, bag: Path, identified: NamedChain) -> PlaceErrors:
         """Compare what a bag shows with what only the filmed chain knows."""
         with open_bag(bag) as reader:
             deviations = np.array(
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
             )
-            frames = list(analysed(reader))
+            frames = list(analysed(reader, identified))
         found = np.array([_place(analysis) for _, analysis in frames])
         angles = np.array([joints.position for joints, _ in frames])
         stamps = np.array([joints.stamp for joints, _ in frames])

@@ -44,7 +44,11 @@ from soliton_linkage_nodes.camera_encoders.sight import (
     in_words,
     median_deviation,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.messages.conversions import (
+    NamedChain,
+    chain_to_msg,
+    without_offsets,
+)
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
@@ -121,7 +125,8 @@ def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[S
         walls = []
         if seen.frame.seen:
             frame = seen.frame
-            analysis = analyser.analyse(seen.stamp, frame.angles, None, frame.deviations)
+            angles = without_offsets(frame.angles, named.encoder_offsets)
+            analysis = analyser.analyse(seen.stamp, angles, None, frame.deviations)
             walls = placed(analysis.solitons, named.chain.spacing) if analysis else []
         drawn = overlaid(taken.picture, seen.frame, named.joint_names, walls)
         yield Shot(taken.time, drawn)
@@ -175,10 +180,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parameters = SightParameters(options.row_time, options.exposure, not options.unmarked)
         sight = Sight(named, markers_of_file(options.markers or options.chain), parameters, lens)
         account = film_to_bag(_footage(options), named, sight, options.output, options.overlay)
+        told = f' --chain {options.chain}' if named.encoder_offsets else ''
         print(
             f'{account.pictures} pictures, in which {account.shares:.1%} of the rotors are seen '
             f'to {1e3 * account.deviation:.2g} mrad; {account.last}\n{account.bag} has the '
-            f'angles: analyse_bag {account.bag}',
+            f'angles: analyse_bag {account.bag}{told}',
             file=sys.stderr,
         )
 

@@ -37,25 +37,21 @@ def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
     decoders = {connection.topic: decoder(connection) for connection in wanted}
     progress = ProgressLine('reading', joints.msgcount)
     watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
-    record: JointRecord | None = None
+    record = JointRecord(told.joint_names if told else (), _MOST_FRAMES)
     for connection, received, serialized in read_messages(reader, wanted):
         message = decoders[connection.topic](serialized)
         if connection is joints:
             states = joint_states_from_msg(message)
-            if record is None:
-                record = JointRecord(told.joint_names if told else states.name, _MOST_FRAMES)
             record.add(states)
             watch.look(states.stamp, states.position)
             progress.show(record.frames, f'{record.frames} frames')
-        elif record is None:
-            continue
         elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
             record.add_deviations(joint_states_from_msg(message))
         elif connection.topic.endswith(interfaces.TILT.name):
             record.add_tilt(message.data, received)
         else:
             record.add_push(message, received)
-    if record is None or not len(record):
+    if not len(record):
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
     progress.clear()
     if record.thinned > 1:
