@@ -75,6 +75,7 @@ def find_dots(
     left, top, right, bottom = region
     longest = float(np.hypot(*smears.T).max(initial=0.0))
     spots = _spots(grey[top:bottom, left:right], radius, longest) + np.array([left, top])
+    spots = spots[_are_on_labels(grey, spots, radius)]
     nearest = _nearest(spots, predicted)
     ways = smears[nearest]
     fitted = fit_dots(grey, spots, outlines[nearest], DOT_SHARE, ways)
@@ -109,6 +110,20 @@ def _spots(grey: Picture, radius: float, smear: float) -> Array:
     return np.asarray(middles[fits], dtype=np.float64)
 
 
+def _are_on_labels(grey: Picture, spots: Array, radius: float) -> NDArray[np.bool_]:
+    """Whether most of what is about spots is brighter, rather than labels on one side of them."""
+    about = _sampled(grey, spots, _label(radius))
+    brighter = about - _sampled(grey, spots, np.zeros((1, 2))) > _DARKER * _LEAST_CONTRAST
+    return np.asarray(brighter.mean(axis=1) > 0.5)
+
+
+def _label(radius: float) -> Array:
+    """Places on the label of a dot, from its centre [pixels], shape (12, 2)."""
+    turns = np.arange(12) * np.pi / 6
+    ring = np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.asarray(radius * (1 + 1 / DOT_SHARE) / 2 * ring)
+
+
 def _nearest(spots: Array, predicted: Array) -> NDArray[np.intp]:
     apart = np.hypot(*(spots[:, None] - predicted).transpose(2, 0, 1))
     return np.asarray(np.argmin(apart, axis=1))
@@ -134,10 +149,8 @@ def _colour_costs(picture: Picture, places: Array, radius: float) -> Array:
     if picture.ndim == 2 or not len(places):
         return np.zeros((len(places), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)
-    turns = np.arange(12) * np.pi / 6
-    about = (radius * (1 + 1 / DOT_SHARE) / 2) * np.column_stack([np.cos(turns), np.sin(turns)])
     dot = np.median(_sampled(picture, places, middle), axis=1)
-    white = np.median(_sampled(picture, places, about), axis=1)
+    white = np.median(_sampled(picture, places, _label(radius)), axis=1)
     share = np.clip(dot / np.maximum(white, 1.0), 0.0, 1.0)[:, ::-1]
     hue = _hues(share)
     greyness = 1 - np.clip(np.ptp(share, axis=1) / _GREY, 0.0, 1.0)

@@ -13,18 +13,16 @@ the models `plumb_bob` and `rational_polynomial` of sensor_msgs/CameraInfo.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.vision.lens import lens_loops
 
 _MOST_PIXELS = 32_768
 """Of a side of a picture: more than any sensor has."""
-_ITERATIONS = 20
-"""In which the lens is undone at most: each makes the error smaller by the distortion."""
-_UNDONE = 1e-9
-"""Error of a ray with which it is undone [1]: a millionth of a pixel."""
 _COEFFICIENTS = 8
 """Of the fullest model, k1 k2 p1 p2 k3 k4 k5 k6; fewer are the first ones."""
 
@@ -74,34 +72,22 @@ class Camera:
     def rays(self, pixels: Array) -> Array:
         """Rays (x, y) that end at pixels, shape (..., 2)."""
         seen = (np.asarray(pixels, dtype=np.float64) - self.centre) / self.focal
-        if not any(self.distortion):
-            return np.asarray(seen)
-        rays = seen.copy()
-        for _ in range(_ITERATIONS):
-            missed = seen - self._distorted(rays)
-            rays += missed
-            if not np.abs(missed).max(initial=0.0) > _UNDONE:
-                break
-        return np.asarray(rays)
+        return self._each(lens_loops.undistort, seen)
 
     def pixels(self, rays: Array) -> Array:
         """Pixels at which rays (x, y) end, shape (..., 2)."""
-        given = np.asarray(rays, dtype=np.float64)
-        moved = self._distorted(given) if any(self.distortion) else given
+        moved = self._each(lens_loops.distort, np.asarray(rays, dtype=np.float64))
         return np.asarray(moved * self.focal + self.centre)
 
-    def _distorted(self, rays: Array) -> Array:
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, *(0.0,) * _COEFFICIENTS)[:8]
-        x, y = rays[..., 0], rays[..., 1]
-        q = x * x + y * y
-        radial = (1 + q * (k1 + q * (k2 + q * k3))) / (1 + q * (k4 + q * (k5 + q * k6)))
-        return np.stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (q + 2 * x * x),
-                y * radial + p1 * (q + 2 * y * y) + 2 * p2 * x * y,
-            ],
-            axis=-1,
-        )
+    def _each(self, loop: Callable[[Array, Array, Array], None], rays: Array) -> Array:
+        """Rays that a loop makes of others by the coefficients of the lens, (..., 2) each."""
+        if not any(self.distortion):
+            return np.asarray(rays)
+        lens = np.zeros(_COEFFICIENTS)
+        lens[: len(self.distortion)] = self.distortion
+        others = np.empty(rays.shape)
+        loop(np.ascontiguousarray(rays).reshape(-1, 2), lens, others.reshape(-1, 2))
+        return others
 
 
 def uncalibrated(width: int, height: int, row_time: float = 0.0, exposure: float = 0.0) -> Camera:
