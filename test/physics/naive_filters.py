@@ -229,9 +229,13 @@ def beyond_chance(
     apart[:] = np.where(sides == 0, apart, np.maximum(np.abs(expected) - limits, 0))
 
 
-def find_stuck(read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float) -> None:
+def find_stuck(
+    read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float, still: float
+) -> None:
     same = read == earlier
-    if np.count_nonzero(same) > few * np.count_nonzero(np.isfinite(read)):
+    if np.count_nonzero(np.abs(read - earlier) <= still) > few * np.count_nonzero(
+        np.isfinite(read)
+    ):
         same &= outlying | stuck
     earlier[:] = read
     stuck[:] = same

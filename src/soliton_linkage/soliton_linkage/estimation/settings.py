@@ -98,6 +98,7 @@ class OffsetSettings(_Part):
     least_error: float = quantity(3e-4, 'error that is the same in all frames, at least', 'rad')
     least_doubted: float = quantity(0.01, 'least distance from the orbit to be doubted', 'rad')
     stuck_share: float = quantity(0.2, 'share of rotors that cannot be stuck at once')
+    still: float = quantity(1e-5, 'change of a reading that is rounding, no noise', 'rad')
     largest_scale: float = quantity(
         1.5, 'deviation from the orbit, in usual ones, up to which readings tell of offsets'
     )

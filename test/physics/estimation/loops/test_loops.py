@@ -121,7 +121,10 @@ def of_offsets(random: np.random.Generator) -> list[Case]:
             for ends in ((20.5, 33.0), (-3.0, 12.0), (math.inf, -math.inf))
         ],
         ('beyond_chance', (encoders, settings, sides, 0.02, times)),
-        *[('find_stuck', (angles, again, flags(random, 0.5), stuck, few)) for few in (0.01, 0.9)],
+        *[
+            ('find_stuck', (angles, again, flags(random, 0.5), stuck, few, 0.05))
+            for few in (0.01, 0.9)
+        ],
         ('lasting_residuals', (encoders, *np.zeros((2, 2 * ROTORS)))),
         ('lasting_residuals', (unseen, *np.zeros((2, 2 * ROTORS)))),
     ]

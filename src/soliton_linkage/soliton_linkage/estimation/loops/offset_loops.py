@@ -151,16 +151,19 @@ def beyond_chance(
             apart[n] = max(abs(expected) - limit * math.sqrt(variance + repeated), 0.0)
 
 
-@compiled(READ, ROW, READ_FLAGS, FLAGS, NUMBER)
-def find_stuck(read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float) -> None:
+@compiled(READ, ROW, READ_FLAGS, FLAGS, NUMBER, NUMBER)
+def find_stuck(
+    read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float, still: float
+) -> None:
     """Set which rotors are stuck, shape (N,), who read what they did earlier [rad].
 
-    Where these are more than few [1] of those that are known, only of the outlying, and of those
-    that were stuck before. What was read earlier is then what is read now.
+    Where more than few [1] of those that are known read that but for what still ones do [rad],
+    only of the outlying, and of those that were stuck before. What was read earlier is then what
+    is read now.
     """
     same, known = 0, 0
     for n in range(read.size):
-        same += read[n] == earlier[n]
+        same += abs(read[n] - earlier[n]) <= still
         known += math.isfinite(read[n])
     for n in range(read.size):
         trusted = same > few * known and not (outlying[n] or stuck[n])

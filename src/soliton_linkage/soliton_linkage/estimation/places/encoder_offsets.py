@@ -206,7 +206,9 @@ class FarRotors:
         most do have an offset, but one that is known only once the wall has passed.
         """
         given = self._settings
-        offset_loops.find_stuck(read, self._read, outlying, self.stuck, given.stuck_share)
+        offset_loops.find_stuck(
+            read, self._read, outlying, self.stuck, given.stuck_share, given.still
+        )
         limit = given.beyond_chance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
         far_off = self._apart > limit + given.least_doubted
         unknown = far_off & (self._offsets.corrections == 0)
