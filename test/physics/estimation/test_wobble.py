@@ -265,21 +265,3 @@ def test_a_wall_next_to_an_edge_leans_to_the_side_that_it_must(
         assert flat(wobble(chain, np.pi - angles, wall, noise)) == pytest.approx(
             flat(found), rel=1e-6, nan_ok=True
         )
-
-
-def bad_states() -> list[tuple[Array, str]]:
-    chain = chain_of(FLIPPER, ROTORS)
-    holed = chain.uniform_state(1)
-    holed[7] = math.nan
-    return [
-        (np.zeros(3), r'angles of shape \(3,\) do not fit a chain of 60 rotors'),
-        (holed, 'angle of rotor 7 = nan must be a finite number'),
-        (chain.uniform_state(1)[None], r'angles of shape \(1, 60\) do not fit'),
-    ]
-
-
-@pytest.mark.parametrize(('angles', 'message'), bad_states())
-def test_angles_that_do_not_fit_are_refused(angles: Array, message: str) -> None:
-    chain = chain_of(FLIPPER, ROTORS)
-    with pytest.raises(ValueError, match=message):
-        wobble(chain, angles, wall_at(chain, 30.0))

@@ -320,4 +320,4 @@ class Analyser:
             return None
         about = self._filter.orbit.stretch(estimate.arc)
         wall = RestingWall(about.first, about.angles, estimate.place)
-        return self._wobbles.of_frame(frame.angles, wall, errors.noise, errors.lasting)
+        return self._wobbles.wobble(frame.angles, wall, errors.noise, errors.lasting)

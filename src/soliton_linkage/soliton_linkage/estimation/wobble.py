@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from soliton_linkage.estimation.loops import wobble_loops
 from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings
@@ -76,9 +75,9 @@ class WobbleReporter:
         self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
 
     def wobble(
-        self, angles: ArrayLike, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
+        self, angles: Array, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
     ) -> Wobble:
-        """Wobble of a state beside its wall, angles [rad] of shape (N,).
+        """Wobble of a state beside its wall, angles [rad] finite and of shape (N,).
 
         The ratio lambda is a least-squares fit to the deviations e from rest outwards on both
         sides, e' = F(e) + (lambda - lambda_0) e with F that of relaxed bars and lambda_0 =
@@ -87,11 +86,6 @@ class WobbleReporter:
         the noise [rad] of the angles, and of what lasts beside it [rad], as the root mean square
         of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
         """
-        checked = np.ascontiguousarray(self.chain.check_angles(angles))
-        return self.of_frame(checked, wall, noise, lasting)
-
-    def of_frame(self, angles: Array, wall: RestingWall, noise: float, lasting: float) -> Wobble:
-        """The same of angles that are known to be finite, contiguous and one a rotor."""
         chain, rest = self.chain, self.chain.rest_angle
         noise = max(noise, self._settings.least_noise)
         low = max(wall.first, 1)
@@ -100,7 +94,7 @@ class WobbleReporter:
         spins = chain.motion is Motion.SPINNER
         overshoot, tails, zeros = wobble_loops.wobble(
             self._settings.record,
-            angles,
+            np.ascontiguousarray(angles),
             np.ascontiguousarray(wall.angles),
             wobble_loops.Beside(wall.first, low, middle, high, spins),
             rest_angle=rest,

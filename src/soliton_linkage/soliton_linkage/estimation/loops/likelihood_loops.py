@@ -69,7 +69,7 @@ def _weight(square: float, bound: float, floor: float) -> float:
 
 
 @compiled(READ, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW)
-def weigh(
+def _weigh(
     differences: Array,
     first: int,
     tangent: Array,
@@ -107,28 +107,39 @@ def weigh(
     return information, ahead, whole, known
 
 
-@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ, ROW)
-def leave(
+@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW, ROW)
+def view(
     differences: Array,
     first: int,
     tangent: Array,
-    ahead: float,
     variance: float,
+    spread: float,
     bound: float,
     floor: float,
     gross: float,
+    least_share: float,
+    doubtful: Flags,
     weights: Array,
     left: Array,
-) -> tuple[tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Take what a step ahead of the arc [rad] explains off the differences [rad], shape (N,).
+) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
+    """Weigh rotors, and take what a step ahead of the arc explains off the differences [rad].
 
-    What remains of the rotors about the wall is left, 0 of those with less than half a weight
-    [rad], shape (n,). Returns how many of these remain, how many rotors are known at all, how
-    many are off, with less than half a weight and a gross difference [rad] or more, and how many
-    of these are side by side at most, and how many have less than half a weight at all;
-    the sum of squares of left [rad^2], the logarithm of the likelihood of the whole frame [1],
-    and the largest difference [rad], infinite where one is not known.
+    Arguments are those of `_weigh`; all that is known counts where rotors that are not doubtful
+    have less than the least share of sum t^2. What remains of the rotors about the wall is left,
+    0 of those with less than half a weight [rad], shape (n,). Returns information, step ahead
+    and information of all as `_weigh` does; how many of the rotors about the wall remain, how
+    many rotors are known at all, how many are off, with less than half a weight and a gross
+    difference [rad] or more, how many of these are side by side at most, and how many have less
+    than half a weight at all; the sum of squares of left [rad^2], the logarithm of the likelihood
+    of the whole frame [1], and the largest difference [rad], infinite where one is not known.
     """
+    information, ahead, whole, everything = _weigh(
+        differences, first, tangent, variance, spread, bound, floor, doubtful, weights
+    )
+    if whole < least_share * everything:
+        information, ahead, whole, _ = _weigh(
+            differences, first, tangent, variance, spread, bound, floor, doubtful[:0], weights
+        )
     end = first + tangent.size
     used, known, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
     squares, likelihood, largest = 0.0, 0.0, 0.0
@@ -156,39 +167,8 @@ def leave(
             used += 1
             left[n - first] = apart
             squares += apart * apart
-    return (used, known, off, run, unbelieved), (squares, likelihood, largest)
-
-
-@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW, ROW)
-def view(
-    differences: Array,
-    first: int,
-    tangent: Array,
-    variance: float,
-    spread: float,
-    bound: float,
-    floor: float,
-    gross: float,
-    least_share: float,
-    doubtful: Flags,
-    weights: Array,
-    left: Array,
-) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """What `weigh` and then `leave` return, with all that is known where the rest tells little.
-
-    That is where rotors that are not doubtful have less than the least share of sum t^2.
-    """
-    information, ahead, whole, known = weigh(
-        differences, first, tangent, variance, spread, bound, floor, doubtful, weights
-    )
-    if whole < least_share * known:
-        information, ahead, whole, known = weigh(
-            differences, first, tangent, variance, spread, bound, floor, doubtful[:0], weights
-        )
-    counts, sums = leave(
-        differences, first, tangent, ahead, variance, bound, floor, gross, weights, left
-    )
-    return (information, ahead, whole), counts, sums
+    counts = used, known, off, run, unbelieved
+    return (information, ahead, whole), counts, (squares, likelihood, largest)
 
 
 @compiled(READ, READ_TABLE, NUMBER, NUMBER, NUMBER, TABLE)
