@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -64,12 +65,17 @@ def fit_anywhere(
     ValueError for angles of another shape or infinite ones.
     """
     frame = _checked(orbit, angles)
-    search = PlaceSearch(orbit, settings.likelihood, settings.scan)
-    found = search.find(frame, 0.0, (False,)).places
+    found = _search(orbit, settings).find(frame, 0.0, (False,)).places
     if not found:
         return NearestPoint(math.nan, 0.0, math.nan)
     nearest = _fit_near(orbit, frame, found[0].arc, settings.search)
     return replace(nearest, arc=nearest.arc % orbit.length)
+
+
+@lru_cache(maxsize=1)
+def _search(orbit: Orbit, settings: EstimationSettings) -> PlaceSearch:
+    """Search of an orbit, of which sampling it is the most: frames come from one at a time."""
+    return PlaceSearch(orbit, settings.likelihood, settings.scan)
 
 
 def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:
