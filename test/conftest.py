@@ -72,10 +72,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kinds: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         parts = item.path.relative_to(HERE).parts
-        kinds['in_browser' if 'in_browser' in parts else parts[0]].append(item)
+        apart = (part for part in ('in_browser', 'soliton_steering') if part in parts)
+        kinds[next(apart, parts[0])].append(item)
     workers = config.workerinput['workercount']
     shares: list[list[pytest.Item]] = [[] for _ in range(workers)]
-    for number, item in enumerate(kinds.pop('system', [])):
+    # Who waited for moves of a soliton at the end would wait alone.
+    longest = kinds.pop('system', []) + kinds.pop('soliton_steering', [])
+    for number, item in enumerate(longest):
         shares[number % workers].append(item)
     # The tests of a benchmark share its one run, and those in a browser its one page.
     together = groupby(kinds.pop('benchmark', []), lambda item: item.path)
