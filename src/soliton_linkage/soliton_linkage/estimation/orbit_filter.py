@@ -253,6 +253,7 @@ class OrbitFilter:
         variance = self._variance.of_rotor()
         noise = self._variance.noise.variance
         self._likelihood.scales = self._scales.of_frame(noise, variance)
+        self._beside.noise = noise
         for each in self._places.all:
             each.view = self._beside.recognised(
                 each.motion, seen, variance, pushed, each.upside_down

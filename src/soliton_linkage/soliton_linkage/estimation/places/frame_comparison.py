@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets, FarRotors
 from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
+from soliton_linkage.estimation.places.unseen_rotors import UnseenRotors
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Motion
@@ -39,14 +42,26 @@ class FrameComparison:
         self._largest_scale = settings.offsets.largest_scale
         shifts = settings.offsets.wall_shifts
         self._shift = shifts[1] if chain.motion is Motion.SPINNER else shifts[0]
+        self._unseen = UnseenRotors(orbit)
+        self.noise = 0.0
+        """Variance of a reading, of that of a rotor from the orbit [rad^2]."""
         self._doubts = False
         self.disorder = 0.0
         """Deviation of the arc by rotors that are not those of the orbit [rad]."""
 
     def view(
-        self, seen: Array, arc: float, variance: float, spread: float, upside_down: bool
+        self,
+        seen: Array,
+        arc: float,
+        variance: float,
+        spread: float,
+        upside_down: bool,
+        rate: float = 0.0,
     ) -> FrameView:
-        """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2]."""
+        """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2].
+
+        The rate of the arc [rad/s] tells where springs have rotors that are not seen.
+        """
         about = self._orbit.stretch(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
         left = np.empty(len(before))
@@ -64,9 +79,14 @@ class FrameComparison:
         if self._doubts:
             doubtful = self.far.doubtful
             left[self.far.stuck] = np.nan
-        return self._likelihood.view(
+        view = self._likelihood.view(
             arc, about.first, about.tangent, left, variance, spread, doubtful
         )
+        if math.isfinite(view.largest) or not view.known:
+            return view
+        field = variance - self.noise
+        shift = self._unseen.shift(arc, rate, view.residuals, field, self.noise)
+        return view._replace(arc=view.arc + shift.arc, untold=shift.left)
 
     def recognised(
         self,
@@ -84,7 +104,7 @@ class FrameComparison:
         expected, spread = motion.expected, motion.expected_variance + pushed
         arc, unsure = expected, spread
         for _ in range(tracking.iterations):
-            view = self.view(seen, arc, variance, unsure, upside_down)
+            view = self.view(seen, arc, variance, unsure, upside_down, motion.expected_rate)
             if view.information == 0:
                 break
             of_frame = variance / view.information

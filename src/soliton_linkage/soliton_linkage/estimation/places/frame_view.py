@@ -63,6 +63,8 @@ class FrameView(NamedTuple):
     """Number of rotors that are not believed."""
     largest: float
     """Largest residual of all rotors [rad], infinite where one is not known."""
+    untold: float = 1.0
+    """Share of the variance by rotors that are not known that springs leave [1]."""
 
     @property
     def end(self) -> int:

@@ -92,8 +92,8 @@ class RotorVariance:
         """Variance of the arc that a frame shows [rad^2], a time [s] after the last.
 
         Rotors of which some are not seen have another nearest point than all of them, by what
-        the frame is beside the orbit, for as long as the wall takes to pass a rotor; those of
-        which some are not believed only in this frame.
+        the frame is beside the orbit and springs do not tell, for as long as the wall takes to
+        pass a rotor; those of which some are not believed only in this frame.
         """
         known = max(view.information_of_all, view.information)
         unseen, unbelieved = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -101,6 +101,6 @@ class RotorVariance:
         frames = max(motion.site_arc / max(way, 1e-9), 1.0)
         noise = self.noise
         field = noise.excess + (self.elastic if self.at_edge else 0.0)
-        lasting = field * unseen * min(frames, self._tracking.most_alike)
+        lasting = field * unseen * view.untold * min(frames, self._tracking.most_alike)
         fleeting = max(noise.scatter - noise.variance, field) * unbelieved
         return noise.variance / view.information + lasting + fleeting

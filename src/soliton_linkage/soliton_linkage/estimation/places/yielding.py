@@ -85,11 +85,16 @@ class Yielding:
 def _mu(orbit: Orbit, arc: float) -> float:
     """Mu at an arc of the orbit of a chain without deviations [s^2]."""
     chain = orbit.chain
-    bend = (orbit.tangent(arc + _STEP) - orbit.tangent(arc - _STEP)) / (2 * _STEP)
+    bend = bend_of(orbit, arc)
     first, second = rigidity_bands(chain, orbit.configuration(arc))
     pulled = first * bend[:-1] + second * bend[1:]
     tensions: Array = solveh_banded(banded_products(first, second), pulled)
     return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
+
+
+def bend_of(orbit: Orbit, arc: float) -> Array:
+    """Change of the tangent with the arc [1/rad], d2Phi/ds2, shape (N,)."""
+    return np.asarray((orbit.tangent(arc + _STEP) - orbit.tangent(arc - _STEP)) / (2 * _STEP))
 
 
 def pushed_rate(rate: float, momentum: float, mu: float) -> float:
