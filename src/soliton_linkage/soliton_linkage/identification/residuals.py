@@ -12,12 +12,13 @@ from soliton_linkage.estimation.robust import robust_deviation
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array
 
+LEAST_NOISE = 1e-4
+"""Noise with which a motion is fitted at least [rad]: better encoders are rounded."""
 _SLIPPING = 3.0
 """Largest range of a sum of so many independent numbers, over the root of their number [1], that
 chance makes of 40 rotors once in a million recordings."""
 _LEAST_SLIP = 2.0
 """Over the noise of a reading [1]: less makes no line in a report."""
-
 _JUMP_FRAMES = 15
 """Over which readings are averaged before and after a jump [1]."""
 _JUMP_OF_NOISE = 12.0

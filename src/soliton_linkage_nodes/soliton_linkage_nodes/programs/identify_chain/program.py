@@ -17,7 +17,8 @@ from pathlib import Path
 
 from rosbags.rosbag2 import Reader
 
-from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.identification import Identification
+from soliton_linkage.identification.identify import identify
 from soliton_linkage.identification.readings import Readings, joined
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity

@@ -19,11 +19,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split_lengths
-from soliton_linkage.identification.loops import motion_loops
+from soliton_linkage.identification.geometry.lengths import OF_A_ROTOR, Lengths, split_lengths
+from soliton_linkage.identification.motion import motion_loops
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
@@ -34,6 +35,24 @@ _SLIDING = 0.1
 takes more steps where there is friction."""
 OF_FORCES = 3
 """Unknowns of a chain beside lengths, stiffnesses and masses: c, b and log g."""
+
+
+class Parts(NamedTuple):
+    """Where the unknowns of a motion stand."""
+
+    lengths: slice
+    stiffnesses: slice
+    masses: slice
+    forces: slice
+    angles: slice
+    rates: slice
+
+
+def parts_of(rotors: int) -> Parts:
+    """Where the unknowns of a motion of N rotors stand, those of the chain before its begin."""
+    sizes = [OF_A_ROTOR * rotors - 2, rotors - 1, rotors, OF_FORCES, rotors, rotors]
+    ends = np.cumsum(sizes).tolist()
+    return Parts(*map(slice, [0, *ends[:-1]], ends))
 
 
 @dataclass(frozen=True)
@@ -62,9 +81,14 @@ class FreeMotion:
     """Of the chain, above 0 where the last rotor is the lower end [rad]."""
 
     @property
+    def parts(self) -> Parts:
+        """Where its unknowns stand."""
+        return parts_of(len(self.masses))
+
+    @property
     def size(self) -> int:
         """Number of unknowns."""
-        return (OF_A_ROTOR + 4) * len(self.masses) - 3 + OF_FORCES
+        return int(self.parts.rates.stop)
 
     @property
     def inertias(self) -> Array:
@@ -79,11 +103,7 @@ class FreeMotion:
 
     def changed(self, change: Array) -> FreeMotion:
         """This with a change of the unknowns."""
-        rotors = len(self.masses)
-        parts = np.split(
-            change, np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, OF_FORCES, rotors])
-        )
-        lengths, springs, masses, forces, angles, rates = parts
+        lengths, springs, masses, forces, angles, rates = (change[part] for part in self.parts)
         damping, friction, gravity = forces.tolist()
         return replace(
             self,
@@ -100,12 +120,16 @@ class FreeMotion:
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
     """Parts of the unknowns of a chain, by the names of `Deviations`, and what has none."""
-    rotors = (len(unknowns) + 3 - OF_FORCES) // (OF_A_ROTOR + 2)
-    ends = np.cumsum([OF_A_ROTOR * rotors - 2, rotors - 1, rotors, 1, 1])
-    lengths, *rest = np.split(unknowns, ends)
-    names = ('stiffness', 'mass', 'damping', 'friction', 'gravity')
-    forces = dict(zip(names, rest, strict=True))
-    return {**split_lengths(lengths), **forces}
+    at = parts_of((len(unknowns) + 3 - OF_FORCES) // (OF_A_ROTOR + 2))
+    damping, friction, gravity = np.split(unknowns[at.forces], OF_FORCES)
+    return {
+        **split_lengths(unknowns[at.lengths]),
+        'stiffness': unknowns[at.stiffnesses],
+        'mass': unknowns[at.masses],
+        'damping': damping,
+        'friction': friction,
+        'gravity': gravity,
+    }
 
 
 def frames(motion: FreeMotion, times: Array) -> Array:
@@ -122,11 +146,9 @@ def followed(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
 
 def frames_with_changes(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
     """Angles at each instant [rad], (N,), and their changes with all unknowns, (N, Q)."""
-    rotors, size = len(motion.masses), motion.size
-    x, v = np.zeros((rotors, size)), np.zeros((rotors, size))
-    own = np.arange(rotors)
-    x[own, size - 2 * rotors + own] = 1
-    v[own, size - rotors + own] = 1
+    rotors, at = len(motion.masses), motion.parts
+    x, v = np.zeros((2, rotors, motion.size))
+    x[:, at.angles] = v[:, at.rates] = np.eye(rotors)
     for angles, _, changes in _frames(motion, times, x, v):
         yield angles, changes
 
@@ -136,8 +158,7 @@ def _frames(
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Angles, rates and changes of angles at each instant."""
     angles, rates = motion.angles.copy(), motion.rates.copy()
-    table, columns = _table(motion), _columns(len(motion.masses))
-    drag_column = motion.size - 2 * len(motion.masses) - OF_FORCES
+    table, columns, drag_column = _table(motion), _columns(motion), motion.parts.forces.start
     along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
     forces = np.array([motion.damping, motion.friction, _SLIDING, along, down])
     yield angles.copy(), rates.copy(), x.copy()
@@ -159,9 +180,9 @@ def _table(motion: FreeMotion) -> Array:
     return table
 
 
-def _columns(rotors: int) -> motion_loops.Places:
+def _columns(motion: FreeMotion) -> motion_loops.Places:
     """Places of r, a, l, log k and log m of each rotor among the unknowns, shape (5, N)."""
-    own, geometry = np.arange(rotors), OF_A_ROTOR * rotors - 2
+    own, at = np.arange(len(motion.masses)), motion.parts
     r = OF_A_ROTOR * own
-    columns = [r, r + 2, r + 3, geometry + own, geometry + rotors - 1 + own]
+    columns = [r, r + 2, r + 3, at.stiffnesses.start + own, at.masses.start + own]
     return np.ascontiguousarray(columns, dtype=np.int64)

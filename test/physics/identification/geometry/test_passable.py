@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from passages import FLIPPER, SPINNER, unequal
 
-from soliton_linkage.identification.lengths import Lengths, lengths_of
-from soliton_linkage.identification.passable import passable
+from soliton_linkage.identification.geometry.lengths import Lengths, lengths_of
+from soliton_linkage.identification.geometry.passable import passable
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import blocked_bonds
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from passages import FLIPPER, SPINNER, WOBBLER, passage, read, unequal
 
-from soliton_linkage.identification.adjustment import adjusted, bound
-from soliton_linkage.identification.bundle import Bundle, misclosures
-from soliton_linkage.identification.lengths import lengths_of, split
-from soliton_linkage.identification.start import equal_rotors
-from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
+from soliton_linkage.identification.geometry.adjustment import adjusted, bound
+from soliton_linkage.identification.geometry.bundle import Bundle, misclosures
+from soliton_linkage.identification.geometry.lengths import lengths_of, split
+from soliton_linkage.identification.geometry.start import equal_rotors
+from soliton_linkage.identification.geometry.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Chain
 
 DRAWS = 3

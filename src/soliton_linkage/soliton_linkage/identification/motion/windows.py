@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.motion.free_motion import FreeMotion
 from soliton_linkage.linkage.chain import Array
 
 _FIRST = 25

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.identification.bundle import Bundle, NormalEquations
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, lengths_of, split
-from soliton_linkage.identification.passable import passable
-from soliton_linkage.identification.tolerances import Tolerances, unknowns_of
+from soliton_linkage.identification.geometry.bundle import Bundle, NormalEquations
+from soliton_linkage.identification.geometry.lengths import OF_A_ROTOR, Lengths, lengths_of, split
+from soliton_linkage.identification.geometry.passable import passable
+from soliton_linkage.identification.geometry.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30

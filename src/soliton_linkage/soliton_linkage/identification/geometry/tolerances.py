@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split
+from soliton_linkage.identification.geometry.lengths import OF_A_ROTOR, Lengths, split
 from soliton_linkage.linkage.chain import Array
 
 _BEGIN = 0.04

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths
+from soliton_linkage.identification.geometry.lengths import OF_A_ROTOR, Lengths
 from soliton_linkage.linkage.chain import Array
 
 _CHANCE = 3.0

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.identification.lengths import Lengths
+from soliton_linkage.identification.geometry.lengths import Lengths
 from soliton_linkage.linkage.chain import Array
 
 _PASSING = 0.2

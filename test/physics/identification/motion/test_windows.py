@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 from passages import FLIPPER
 
-from soliton_linkage.identification.free_motion import FreeMotion
-from soliton_linkage.identification.lengths import lengths_of
-from soliton_linkage.identification.windows import first_windows, free_spans, joined
+from soliton_linkage.identification.geometry.lengths import lengths_of
+from soliton_linkage.identification.motion.free_motion import FreeMotion
+from soliton_linkage.identification.motion.windows import first_windows, free_spans, joined
 
 TIMES = np.arange(1000) / 250
 NOTHING = np.zeros(10)

@@ -23,9 +23,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
-from soliton_linkage.identification.lengths import Lengths, split
+from soliton_linkage.identification.geometry.lengths import Lengths, split
+from soliton_linkage.identification.motion.windows import free_spans
 from soliton_linkage.identification.readings import Readings
-from soliton_linkage.identification.windows import free_spans
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit

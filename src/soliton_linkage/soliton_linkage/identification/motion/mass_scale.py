@@ -15,9 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from soliton_linkage.identification.free_motion import FreeMotion, followed, frames
-from soliton_linkage.identification.lengths import OF_A_ROTOR, split
-from soliton_linkage.identification.motion_fit import MotionFit
+from soliton_linkage.identification.motion.free_motion import (
+    FreeMotion,
+    followed,
+    frames,
+    split_chain,
+)
+from soliton_linkage.identification.motion.motion_fit import MotionFit
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array
 
@@ -100,10 +104,13 @@ def _of_push(
     covariance = excess * np.linalg.inv(solution.jac.T @ solution.jac)
     shares = kick**2 / (kick @ kick)
     slopes = np.zeros(len(fitted.covariance))
-    split(slopes[: OF_A_ROTOR * rotors - 2])[0][:] = 2 * shares
-    slopes[OF_A_ROTOR * rotors - 2 + rotors - 1 :][:rotors] = shares
-    of_chain = float(slopes @ fitted.covariance @ slopes)
-    return float(solution.x[-1]), float(covariance[-1, -1]), of_chain
+    of_chain = split_chain(slopes)
+    of_chain['rotor_length'][:], of_chain['mass'][:] = 2 * shares, shares
+    return (
+        float(solution.x[-1]),
+        float(covariance[-1, -1]),
+        float(slopes @ fitted.covariance @ slopes),
+    )
 
 
 def _pushed(motion: FreeMotion, times: Array, instant: float, changes: Array) -> Array:

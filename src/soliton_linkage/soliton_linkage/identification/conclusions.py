@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is concluded from the motion of springs, or from bonds that close."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from soliton_linkage.identification.geometry.adjustment import Adjustment, measurable
+from soliton_linkage.identification.geometry.lengths import split_lengths
+from soliton_linkage.identification.geometry.passable import passable
+from soliton_linkage.identification.identification import Identification
+from soliton_linkage.identification.motion.bar_motion import BarMotion
+from soliton_linkage.identification.motion.free_motion import split_chain
+from soliton_linkage.identification.motion.mass_scale import MassScale
+from soliton_linkage.identification.motion.motion_fit import MotionFit
+from soliton_linkage.identification.open_combinations import open_combinations
+from soliton_linkage.identification.residuals import LEAST_NOISE
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.solitons.passage import find_obstacles
+
+STRAINED = 1.1
+"""Noise that is left over that from frame to frame, beyond which it is more than noise [1]."""
+_WORSE = 1.25
+"""Noise of a bond over that of most, beyond which it is called bad [1]: of 1000 frames chance
+makes 1.1."""
+_NO_FORCES = dict.fromkeys(
+    ('damping_deviation', 'friction', 'friction_deviation', 'spacing_deviation'), math.nan
+)
+"""What is told of a chain that does not move freely."""
+
+
+def of_springs(
+    fitted: MotionFit, given: Chain, reading_noise: float, scale: MassScale | None
+) -> Identification:
+    """Chain of springs, whose stiffnesses, masses and damping the motion shows too."""
+    motion = fitted.motion
+    parts = split_chain(np.sqrt(np.diag(fitted.covariance)))
+    geometry = motion.parts.lengths
+    lengths = passable(motion.lengths, fitted.covariance[geometry, geometry])
+    chain = lengths.scaled(given.spacing).chain(given)
+    mass = given.mass if scale is None else scale.mass
+    of_mean = mass / float(motion.masses.mean())
+    of_drag = of_mean * given.spacing**2
+    chain = replace(
+        chain,
+        mass=mass,
+        stiffness=of_mean * float(motion.stiffnesses.mean()),
+        damping=of_drag * max(motion.damping, 0.0),
+        deviations=replace(
+            chain.deviations,
+            mass=tuple((motion.masses / motion.masses.mean() - 1).tolist()),
+            stiffness=tuple((motion.stiffnesses / motion.stiffnesses.mean() - 1).tolist()),
+            damping=(),
+        ),
+    )
+    offsets = parts.pop('offset')
+    damping, friction, gravity = (
+        float(parts.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
+    )
+    by_bond = np.sqrt(np.mean(fitted.left**2, axis=0))
+    return Identification(
+        chain=chain,
+        deviations=parts,
+        damping_deviation=of_drag * damping,
+        friction=of_drag * motion.friction,
+        friction_deviation=of_drag * friction,
+        spacing_deviation=gravity or math.nan,
+        mass_deviation=math.nan if scale is None else scale.deviation,
+        offsets=motion.lengths.offsets,
+        offset_deviations=offsets,
+        noise=fitted.noise,
+        reading_noise=reading_noise,
+        bond_noise=np.maximum(by_bond[:-1], by_bond[1:]),
+        tolerance=fitted.prior.tolerances.of_lengths,
+        rigid=False,
+        open_combinations=open_combinations(fitted.information, fitted.basis, split_chain),
+        warnings=(*_unexplained(fitted.noise, reading_noise), *_obstacles(chain)),
+    )
+
+
+def of_bonds(
+    found: Adjustment, given: Chain, reading_noise: float, moved: BarMotion | None
+) -> Identification:
+    """Chain whose bonds close, as bars do, or springs about slow walls.
+
+    With what the free motion of bars shows, where they move freely.
+    """
+    deviations = split_lengths(found.deviations)
+    offsets = deviations.pop('offset')
+    rigid = found.noise <= STRAINED * reading_noise
+    chain, forces = found.lengths.scaled(given.spacing).chain(given), _NO_FORCES
+    if moved is not None:
+        of_drag = given.mass * given.spacing**2
+        (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
+        masses = tuple((moved.masses - 1).tolist())
+        chain = replace(
+            chain,
+            damping=of_drag * max(damping, 0.0),
+            deviations=replace(chain.deviations, mass=masses, damping=()),
+        )
+        deviations['mass'] = moved.mass_deviations
+        forces = {
+            'damping_deviation': of_drag * of_damping,
+            'friction': of_drag * friction,
+            'friction_deviation': of_drag * of_friction,
+            'spacing_deviation': moved.gravity_deviation or math.nan,
+        }
+    warnings = list(_obstacles(chain))
+    if not rigid:
+        warnings.append(
+            f'bonds leave {found.noise / reading_noise:.2g} times the noise of the readings: '
+            'springs give way about a fast soliton, or pivots have play, and standard deviations '
+            'are too small; record a slower soliton, with its kick before the first frame'
+        )
+    usual = float(np.median(found.bond_noise))
+    warnings += [
+        f'bond {bond} leaves {found.bond_noise[bond] / usual:.2g} times the noise of most bonds: '
+        'an encoder may slip there, or a pivot have play'
+        for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
+    ]
+    return Identification(
+        chain=chain,
+        deviations=deviations,
+        **forces,
+        mass_deviation=math.nan,
+        offsets=found.lengths.offsets,
+        offset_deviations=offsets,
+        noise=found.noise,
+        reading_noise=reading_noise,
+        bond_noise=found.bond_noise,
+        tolerance=found.tolerances.of_lengths,
+        rigid=rigid,
+        open_combinations=open_combinations(
+            found.information, measurable(found.lengths), split_lengths
+        ),
+        warnings=tuple(warnings),
+    )
+
+
+def _unexplained(noise: float, reading_noise: float) -> tuple[str, ...]:
+    if noise <= STRAINED * max(reading_noise, LEAST_NOISE):
+        return ()
+    return (
+        f'the motion of springs leaves {noise / reading_noise:.2g} times the noise of the '
+        'readings, and standard deviations are too small; record with a slower soliton, or less '
+        'of it by --begin and --end',
+    )
+
+
+def _obstacles(chain: Chain) -> tuple[str, ...]:
+    return tuple(
+        f'bond {each.bond} may stop a wall: {each.rest_length:.4g} m {each.reason}'
+        for each in find_obstacles(chain)
+    )
