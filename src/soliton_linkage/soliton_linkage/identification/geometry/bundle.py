@@ -57,6 +57,13 @@ class Misclosures:
     slopes: Array
     """Change of f_n with the unknowns r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}."""
 
+    def pulled(self, forces: Array) -> Array:
+        """R^T of forces in the bonds, (N - 1, T): torques on the rotors, (N, T)."""
+        torques = np.zeros((len(forces) + 1, forces.shape[1]))
+        torques[:-1] = self.first * forces
+        torques[1:] += self.second * forces
+        return torques
+
 
 def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
     """Misclosures about true angles of frames [rad], shape (N, T)."""
@@ -176,10 +183,7 @@ class Bundle:
         largest = 0.0
         for frames in self._chunks():
             about, factors, whitened = self._linearised(frames)
-            forces = factors.solved(whitened)
-            pulls = np.zeros_like(self.angles[:, frames])
-            pulls[:-1] = about.first * forces
-            pulls[1:] += about.second * forces
+            pulls = about.pulled(factors.solved(whitened))
             errors = np.clip(self._variances[:, frames] * pulls, -_FARTHEST, _FARTHEST)
             closed = self._corrected(frames) - errors
             largest = max(largest, float(np.abs(closed - self.angles[:, frames]).max()))

@@ -10,7 +10,8 @@ moves as
 
 so that u keeps still without gravity and drag: a wall is slow where the rotors under it are heavy.
 Least squares between the arcs of a motion and those of the frames, each of the noise of a single
-reading, give the masses over their mean.
+reading, give the masses over their mean. What is unsure of lengths and offsets moves the arcs of
+all frames together: independent combinations of them, each of unit variance, are unknowns too.
 """
 
 from __future__ import annotations
@@ -22,39 +23,38 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
 from soliton_linkage.identification.geometry.lengths import Lengths, split
+from soliton_linkage.identification.motion.along_orbit import Along, AlongOrbit, arcs_of
+from soliton_linkage.identification.motion.free_motion import OF_FORCES
+from soliton_linkage.identification.motion.motion_prior import (
+    MASSES_BEGIN,
+    learnt_spread,
+    spreads_of_forces,
+)
 from soliton_linkage.identification.motion.windows import free_spans
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.deviating_orbit import orbit_of
-from soliton_linkage.orbit.orbit import Orbit
 
-_GRID = 0.03
-"""Between arcs of the tables [rad]: half of it changes masses by 1e-4."""
 _SLIDING = 0.1
 """Rate beyond which dry friction is nearly whole [rad/s], small beside those of walls."""
-_BEGIN = 0.1
-"""Standard deviation of masses to begin with [1]."""
-_NARROWEST, _WIDEST = 1e-3, 0.3
-"""Of the standard deviation of masses that is learnt [1]."""
-_ROUNDS = 3
-"""Times that it is learnt [1]."""
-_DECAY, _STOPPING, _FALLING = 1.0, 10.0, 1.0
-"""Standard deviations of damping [1/s] and friction [rad/s^2] over the inertia of a rotor, and of
-the logarithm of gravity [1], before any frame."""
+_ROUNDS = 2
+"""Times that the standard deviation of masses is learnt [1]."""
 _KNOWN = 1e-6
-"""The last of these where gravity is known [1]."""
+"""Standard deviation of the logarithm of gravity that is known [1]."""
 _FREE = 1.5
 """Noise that is left of arcs over that of readings [1], beyond which something else moved them."""
 _MOST_STEPS = 15
 """Of least squares for a given standard deviation of masses [1]; 4 to 6 are usual."""
+_SETTLED = 1e-4
+"""Gain of a step over the sum of squares that ends them [1]: of 1000 frames a tenth of what chance
+changes."""
 _OF_RATES = 8
 """Frames by which the rate at the begin is told [1]."""
 _STEP = 1e-4
 """Of unknowns, to have the slopes of arcs [1]."""
-_OF_FORCES = 3
-"""Damping, friction and log gravity."""
+_TOLD = 1e-9
+"""Variance of a combination of lengths over the largest [1], below which it is rounding."""
 
 
 class BarMotion(NamedTuple):
@@ -70,7 +70,7 @@ class BarMotion(NamedTuple):
     gravity: float
     """[1/s^2]."""
     gravity_deviation: float
-    """Standard deviation of its logarithm [1]."""
+    """Standard deviation of its logarithm [1], 0 where it is known."""
 
 
 def bar_motion(
@@ -88,150 +88,180 @@ def bar_motion(
     angles = readings.seen - lengths.offsets
     arcs, spreads = np.full((2, len(angles)), np.nan)
     for span in spans:
-        arcs[span], spreads[span] = _arcs_of(orbit, angles[span], noise)
-    tables = _AlongOrbit(orbit, lengths, arcs)
-    fit = _Fit(tables, readings, spans, arcs, spreads, gravity_known)
-    spread = _BEGIN
+        arcs[span], spreads[span] = arcs_of(orbit, angles[span], noise)
+    fit = _Fit(AlongOrbit(orbit, lengths, arcs), readings, spans, arcs, spreads, gravity_known)
+    fit.solve(MASSES_BEGIN)
+    rotors, combinations = lengths.rotors, _combinations(covariance)
     for _ in range(_ROUNDS):
-        solution, inverse = fit.solved(spread)
+        fit.loosen(combinations)
+        masses = fit.masses
+        squares = float(np.sum(masses**2) + np.trace(fit.covariance[:rotors, :rotors]))
+        fit.solve(learnt_spread(squares, rotors))
         if fit.excess > _FREE:
             return None
-        rotors = lengths.rotors
-        masses = solution[:rotors]
-        total = float(np.sum(masses**2) + np.trace(inverse[:rotors, :rotors]))
-        spread = min(max(math.sqrt(total / rotors), _NARROWEST), _WIDEST)
-    return _motion(fit, solution, inverse, covariance)
+    return fit.found()
 
 
-class _AlongOrbit:
-    """Parts of inertia, weight and friction along the orbit, by rotors."""
-
-    def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        self.begin = float(np.nanmin(arcs)) - orbit.site_arc
-        count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
-        grid = self.begin + _GRID * np.arange(count + 1)
-        angles = np.array([orbit.configuration(arc) for arc in grid.tolist()])
-        tangents = np.array([orbit.tangent(arc) for arc in grid.tolist()])
-        r = lengths.rotor_lengths
-        self.inertias = (r * tangents) ** 2
-        """r_n^2 t_n^2, shape (G, N)."""
-        self.weights = r * tangents * np.exp(1j * angles)
-        """r_n t_n (cos phi_n + i sin phi_n), shape (G, N)."""
-        self.rubbing = np.abs(tangents).sum(axis=1)
-        """sum_n |t_n|, shape (G,)."""
-
-
-def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
-    """Arc of each frame and its standard deviation [rad], shape (T,) each."""
-    arc = fit_anywhere(orbit, angles[0]).arc
-    found = []
-    for frame in angles:
-        nearest = fit_near(orbit, frame, arc)
-        arc = nearest.arc
-        found.append((arc, noise / math.sqrt(max(nearest.information, 1e-6))))
-    arcs, spreads = np.array(found).T
-    return arcs, spreads
+def _combinations(covariance: Array) -> Array:
+    """Changes of the unknowns of lengths that are independent, of unit variance, (P, K)."""
+    values, vectors = np.linalg.eigh(covariance)
+    told = values > _TOLD * values[-1]
+    return np.asarray(vectors[:, told] * np.sqrt(values[told]))
 
 
 class _Fit:
-    """Least squares between the arcs of motions and those of frames."""
+    """Least squares between the arcs of motions and those of frames.
+
+    The unknowns are logarithms of masses, forces, the begin of each span, and combinations of
+    lengths and offsets.
+    """
 
     def __init__(
         self,
-        tables: _AlongOrbit,
+        along: AlongOrbit,
         readings: Readings,
         spans: Sequence[slice],
         arcs: Array,
         spreads: Array,
         gravity_known: bool,
     ) -> None:
-        self._tables, self._times = tables, readings.times
+        self._along, self._times, self._spans = along, readings.times, spans
         self._arcs, self._spreads = arcs, spreads
-        self._known = gravity_known
-        self.gravity = readings.gravity.acceleration
-        self.spans = spans
-        self._tilts = [readings.tilt_at(readings.times[span.start]) for span in self.spans]
-        self.rotors = tables.inertias.shape[1]
-        self.size = self.rotors + _OF_FORCES
+        self._gravity = readings.gravity.acceleration
+        self._known = gravity_known or not self._gravity
+        self._tilts = [readings.tilt_at(readings.times[span.start]) for span in spans]
+        self._rotors = readings.angles.shape[1]
+        self._size = self._rotors + OF_FORCES
+        frames = sum(span.stop - span.start for span in spans)
+        self._loose = np.empty((frames, 0))
+        self._unknowns = np.zeros(self._size)
+        self._unknowns = np.concatenate([self._unknowns, *map(self._begin, spans)])
+        self.covariance = np.empty((0, 0))
         self.excess = 1.0
-        self._unknowns = np.concatenate([np.zeros(self.size), *map(self._begin, self.spans)])
+        """Noise that is left of arcs over that of readings [1]."""
+
+    @property
+    def masses(self) -> Array:
+        """Their logarithms [1], (N,)."""
+        return self._unknowns[: self._rotors]
 
     def _begin(self, span: slice) -> Array:
         """Arc, and speed u, at the begin of a span."""
         few = slice(span.start, span.start + _OF_RATES)
         rate, arc = np.polyfit(self._times[few] - self._times[span.start], self._arcs[few], 1)
-        row = round((float(arc) - self._tables.begin) / _GRID)
-        return np.array([arc, rate * math.sqrt(self._tables.inertias[row].sum())])
+        row, _ = self._along.place(np.array(arc))
+        inertia = self._along.of_masses(np.ones(self._rotors)).inertia[row]
+        return np.array([arc, rate * math.sqrt(float(inertia))])
 
-    def solved(self, spread: float) -> tuple[Array, Array]:
-        """Unknowns, and their covariance, for masses with a standard deviation [1]."""
-        inertia = float(self._tables.inertias.sum(axis=1).mean())
-        falling = _KNOWN if self._known or not self.gravity else _FALLING
-        forces = [_DECAY * inertia, _STOPPING * inertia, falling]
-        prior = np.array([*[spread] * self.rotors, *forces])
+    def solve(self, spread: float) -> None:
+        """Find the unknowns for masses with a standard deviation [1]."""
+        inertia = float(self._along.of_masses(np.ones(self._rotors)).inertia.mean())
+        forces = spreads_of_forces(inertia)
+        if self._known:
+            forces[-1] = _KNOWN
+        prior = np.concatenate([np.full(self._rotors, spread), forces])
+        count, loose = len(self._unknowns), self._loose.shape[1]
+        least = np.concatenate([prior, np.ones(2 * len(self._spans))])
 
         def left(unknowns: Array) -> Array:
+            of_motion, combinations = np.split(unknowns, [count])
             parts = [
-                (self._motion(unknowns[:, None], number)[:, 0] - self._arcs[span])
+                (self._moved(of_motion[:, None], number)[:, 0] - self._arcs[span])
                 / self._spreads[span]
-                for number, span in enumerate(self.spans)
+                for number, span in enumerate(self._spans)
             ]
-            return np.concatenate([*parts, unknowns[: self.size] / prior])
+            arcs = np.concatenate(parts) + self._loose @ combinations
+            return np.concatenate([arcs, of_motion[: self._size] / prior, combinations])
 
         def slopes(unknowns: Array) -> Array:
-            steps = _STEP * np.maximum(np.abs(unknowns), [*prior, *[1.0] * (2 * len(self.spans))])
+            steps = _STEP * np.maximum(np.abs(unknowns[:count]), least)
             rows = []
-            for number, span in enumerate(self.spans):
-                own = self.size + 2 * number
-                columns = [*range(self.size), own, own + 1]
-                moved = np.repeat(unknowns[:, None], 1 + len(columns), axis=1)
+            for number, span in enumerate(self._spans):
+                own = self._size + 2 * number
+                columns = [*range(self._size), own, own + 1]
+                moved = np.repeat(unknowns[:count, None], 1 + len(columns), axis=1)
                 moved[columns, 1 + np.arange(len(columns))] += steps[columns]
-                arcs = self._motion(moved, number)
-                part = np.zeros((span.stop - span.start, len(unknowns)))
+                arcs = self._moved(moved, number)
+                part = np.zeros((span.stop - span.start, count))
                 part[:, columns] = (arcs[:, 1:] - arcs[:, :1]) / steps[columns]
                 rows.append(part / self._spreads[span][:, None])
-            return np.concatenate([*rows, np.eye(self.size, len(unknowns)) / prior[:, None]])
+            arcs = np.hstack([np.concatenate(rows), self._loose])
+            known = np.concatenate([1 / prior, np.zeros(2 * len(self._spans)), np.ones(loose)])
+            return np.concatenate([arcs, np.diag(known)[known > 0]])
 
+        start = np.concatenate([self._unknowns, np.zeros(loose)])
         found = least_squares(
-            left, self._unknowns, jac=slopes, x_scale='jac', max_nfev=_MOST_STEPS
+            left, start, jac=slopes, x_scale='jac', ftol=_SETTLED, max_nfev=_MOST_STEPS
         )
-        self._unknowns = found.x
-        frames = sum(span.stop - span.start for span in self.spans)
+        self._unknowns = found.x[:count]
+        frames = len(self._loose)
         squares = float(np.sum(found.fun[:frames] ** 2))
-        self.excess = math.sqrt(squares / max(frames - len(found.x), 1))
-        inverse = np.linalg.inv(found.jac.T @ found.jac) * max(self.excess, 1.0) ** 2
-        return found.x, inverse
+        self.excess = math.sqrt(squares / max(frames - count, 1))
+        self.covariance = np.linalg.inv(found.jac.T @ found.jac) * max(self.excess, 1.0) ** 2
 
-    def _motion(self, unknowns: Array, number: int) -> Array:
-        """Arcs in the frames of a span [rad], (T, K), of K columns of unknowns."""
-        span, tables = self.spans[number], self._tables
-        masses = np.exp(unknowns[: self.rotors])
-        damping, friction, fallen = unknowns[self.rotors : self.size]
-        gravity = self.gravity * np.exp(fallen)
-        roots = np.sqrt(tables.inertias @ masses)
+    def loosen(self, combinations: Array) -> None:
+        """Let combinations of lengths and offsets, (P, K), each be unsure by 1 from now on."""
+        changes = self._along.changes(np.exp(self.masses), combinations)
+        offsets = split(combinations.T)[1].T
+        rows = []
+        for number, span in enumerate(self._spans):
+            still = np.repeat(self._unknowns[:, None], 1 + offsets.shape[1], axis=1)
+            arcs = self._moved(still, number, changes)
+            apparent = self._along.tangents(self._arcs[span]) @ offsets
+            moved = (arcs[:, 1:] - arcs[:, :1]) / _STEP
+            rows.append((moved + apparent) / self._spreads[span][:, None])
+        self._loose = np.concatenate(rows)
+
+    def _moved(self, unknowns: Array, number: int, changes: Along | None = None) -> Array:
+        """Arcs in the frames of a span [rad], (T, K), of K columns of unknowns.
+
+        All columns but the first with a step of changes of the chain, where there are any.
+        """
+        span, along = self._spans[number], self._along
+        damping, friction, fallen = unknowns[self._rotors : self._size]
+        inertia, weight = along.of_masses(np.exp(unknowns[: self._rotors]))
+        if changes is not None:
+            inertia[:, 1:] += _STEP * changes.inertia
+            weight[:, 1:] += _STEP * changes.weight
+        roots = np.sqrt(inertia)
         turned = np.exp(1j * self._tilts[number])
-        pulls = (tables.weights * turned).imag @ masses * gravity
-        last = len(roots) - 2
+        pulls = (weight * turned).imag * self._gravity * np.exp(fallen)
         columns = np.arange(unknowns.shape[1])
 
         def derivative(state: Array) -> Array:
-            at = (state[0] - tables.begin) / _GRID
-            row = np.clip(at, 0, last).astype(np.intp)
-            part = np.clip(at - row, 0.0, 1.0)
+            row, part = along.place(state[0])
             root = (1 - part) * roots[row, columns] + part * roots[row + 1, columns]
-            rubbing = (1 - part) * tables.rubbing[row] + part * tables.rubbing[row + 1]
+            rubbing = (1 - part) * along.rubbing[row] + part * along.rubbing[row + 1]
             pull = (1 - part) * pulls[row, columns] + part * pulls[row + 1, columns]
             rate = state[1] / root
             drag = damping * rate + friction * rubbing * np.tanh(rate / _SLIDING)
             return np.array([rate, (pull - drag) / root])
 
-        own = self.size + 2 * number
+        own = self._size + 2 * number
         state = unknowns[own : own + 2].copy()
         arcs = [state[0]]
         for step in np.diff(self._times[span]).tolist():
             state = _stepped(derivative, state, step)
             arcs.append(state[0])
         return np.array(arcs)
+
+    def found(self) -> BarMotion:
+        """What was found, in units of the mean mass."""
+        masses, rotors = np.exp(self.masses), self._rotors
+        mean = float(masses.mean())
+        alike = np.eye(rotors) - masses / (rotors * mean)
+        of_masses = np.diag(alike @ self.covariance[:rotors, :rotors] @ alike.T)
+        forces = slice(rotors, self._size)
+        damping, friction, fallen = self._unknowns[forces].tolist()
+        of_damping, of_friction, of_gravity = np.sqrt(np.diag(self.covariance))[forces].tolist()
+        return BarMotion(
+            masses / mean,
+            np.sqrt(of_masses),
+            (damping / mean, friction / mean),
+            (of_damping / mean, of_friction / mean),
+            self._gravity * math.exp(fallen),
+            0.0 if self._known else of_gravity,
+        )
 
 
 def _stepped(derivative: Callable[[Array], Array], state: Array, step: float) -> Array:
@@ -241,23 +271,3 @@ def _stepped(derivative: Callable[[Array], Array], state: Array, step: float) ->
     third = derivative(state + step / 2 * second)
     fourth = derivative(state + step * third)
     return np.asarray(state + step / 6 * (first + 2 * second + 2 * third + fourth))
-
-
-def _motion(fit: _Fit, solution: Array, inverse: Array, covariance: Array) -> BarMotion:
-    """In units of the mean mass; what is unsure of lengths makes masses unsure, inertias known."""
-    rotors = fit.rotors
-    masses = np.exp(solution[:rotors])
-    mean = float(masses.mean())
-    alike = np.eye(rotors) - masses / (rotors * mean)
-    lengths = split(np.diag(covariance))[0]
-    of_masses = np.diag(alike @ inverse[:rotors, :rotors] @ alike.T) + 4 * lengths
-    deviations = np.sqrt(np.diag(inverse))
-    damping, friction, fallen = (float(each) for each in solution[rotors : fit.size])
-    return BarMotion(
-        masses / mean,
-        np.sqrt(of_masses),
-        (damping / mean, friction / mean),
-        (float(deviations[rotors]) / mean, float(deviations[rotors + 1]) / mean),
-        fit.gravity * math.exp(fallen),
-        float(deviations[rotors + 2]),
-    )
