@@ -29,7 +29,7 @@ def test_windows_grow_until_pushes_part_them() -> None:
     np.testing.assert_allclose(windows[7].motion.rates, slopes, atol=1e-9)
     np.testing.assert_allclose(windows[7].motion.angles, TIMES[175] * slopes, atol=1e-9)
     covered = [frame for window in windows for frame in range(1000)[window.frames]]
-    while (longer := joined(windows)) != tuple(windows):
+    while (longer := joined(windows, lambda *_: True)) != tuple(windows):
         windows = list(longer)
     assert [frame for window in windows for frame in range(1000)[window.frames]] == covered
     assert len(windows) == 2

@@ -47,6 +47,9 @@ _LEARNT = 0.05
 """Relative change of the tolerances that ends learning them [1]."""
 _DAMPED = 1e-3
 """Damping beyond which a small gain is that of a short step [1], not of the end."""
+_NEAR = 0.5
+"""Distance of all angles of a motion from readings at which it follows them [rad]: a third of what
+rotors turn by as a wall goes from one to the next, from where steps of least squares lead back."""
 _CHANCE = 3.0
 """By how many standard deviations bars must leave more than springs [1]."""
 
@@ -109,7 +112,7 @@ class MotionFitting:
         """Chain that all readings show, None where bars, which leave a noise [rad], do as well."""
         if not self._begun(of_bars):
             return None
-        while (windows := joined(self._windows)) != self._windows:
+        while (windows := joined(self._windows, self._follows)) != self._windows:
             self._windows = windows
             self._improve(_STEPS, _COARSE)
         for _ in range(_ROUNDS):
@@ -143,7 +146,7 @@ class MotionFitting:
                 continue
             self._improve(_STEPS, _COARSE)
             if of_bars**2 > self._squared_noise() * (1 + _CHANCE * self._chance()):
-                self._windows = joined(self._windows)
+                self._windows = joined(self._windows, self._follows)
                 self._improve(_STEPS, _COARSE)
                 found.append((self._cost(self._windows), self._windows))
                 if self._squared_noise() < self._noise**2 * (1 + _CHANCE * self._chance()):
@@ -177,6 +180,11 @@ class MotionFitting:
         angles = frames(window.motion, self._times[window.frames])
         left = self._readings[window.frames] - window.motion.lengths.offsets - angles
         return np.asarray(left / self._spreads[window.frames])
+
+    def _follows(self, window: FreeWindow, frames: slice) -> bool:
+        """Whether the motion of a window is near the readings of its last frames."""
+        errors = self._left(window)[frames.start - window.frames.start :] * self._spreads[frames]
+        return bool(np.nansum(errors**2) < _NEAR**2 * len(errors))
 
     def _cost(self, windows: Sequence[FreeWindow]) -> float:
         """Twice the negative logarithm of the likelihood, infinite where a motion runs away."""

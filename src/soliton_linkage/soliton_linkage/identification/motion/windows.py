@@ -68,16 +68,23 @@ def first_windows(
     return made
 
 
-def joined(windows: Sequence[FreeWindow]) -> tuple[FreeWindow, ...]:
-    """Windows of which some that follow each other without a frame between are one."""
+def joined(
+    windows: Sequence[FreeWindow], follows: Callable[[FreeWindow, slice], bool]
+) -> tuple[FreeWindow, ...]:
+    """Windows of which some that follow each other without a frame between are one.
+
+    As long as the motion of the first, in a window with the frames of both, follows those of the
+    next.
+    """
     made: list[FreeWindow] = []
     count = 0
     for window in windows:
         if made and count < _JOINED and made[-1].frames.stop == window.frames.start:
-            whole = slice(made[-1].frames.start, window.frames.stop)
-            made[-1] = FreeWindow(whole, made[-1].motion)
-            count += 1
-        else:
-            made.append(window)
-            count = 1
+            whole = FreeWindow(slice(made[-1].frames.start, window.frames.stop), made[-1].motion)
+            if follows(whole, window.frames):
+                made[-1] = whole
+                count += 1
+                continue
+        made.append(window)
+        count = 1
     return tuple(made)
