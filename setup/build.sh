@@ -42,7 +42,7 @@ compile_loops() {
     echo 'Compiling loops.'
     python3 -c '
 import soliton_linkage.estimation.analyser
-import soliton_linkage.identification.loops.motion_loops
+import soliton_linkage.identification.motion.motion_loops
 import soliton_linkage.studies.accuracy.cells.springs
 import soliton_linkage.vision.dot_fit
 import soliton_linkage.vision.films.render_loops
