@@ -45,6 +45,7 @@ import soliton_linkage.estimation.analyser
 import soliton_linkage.identification.motion.motion_loops
 import soliton_linkage.studies.accuracy.cells.springs
 import soliton_linkage.vision.dot_fit
+import soliton_linkage.vision.lens.lens_loops
 import soliton_linkage.vision.films.render_loops
 from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
 [solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'

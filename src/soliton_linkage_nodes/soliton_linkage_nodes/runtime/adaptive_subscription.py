@@ -16,8 +16,8 @@ from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.intake.informed import Info, Informed
 from soliton_linkage_nodes.runtime.intake.kept_stream import KeptStream
 from soliton_linkage_nodes.runtime.intake.lag import Lag
+from soliton_linkage_nodes.runtime.intake.publisher_changes import PublisherChanges
 from soliton_linkage_nodes.runtime.interfaces import Topic
-from soliton_linkage_nodes.runtime.publisher_changes import PublisherChanges
 
 LONGEST_LAG = 0.5
 """How long a node may be behind before it skips what waits [s]: it is current in a second."""

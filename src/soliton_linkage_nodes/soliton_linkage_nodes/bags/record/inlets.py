@@ -16,9 +16,9 @@ from soliton_linkage_nodes.bags.read.reading import message_class, type_name
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
 from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
 from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.intake.publisher_changes import PublisherChanges
 from soliton_linkage_nodes.runtime.intake.sequence_gaps import SequenceGaps
 from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
-from soliton_linkage_nodes.runtime.publisher_changes import PublisherChanges
 
 _DEPTH = 5000
 """Messages that a queue holds while nobody takes them: five seconds of a topic at 1000 Hz."""

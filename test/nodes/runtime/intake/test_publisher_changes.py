@@ -8,7 +8,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.publisher_changes import PublisherChanges
+from soliton_linkage_nodes.runtime.intake.publisher_changes import PublisherChanges
 
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
