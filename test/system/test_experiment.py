@@ -121,20 +121,12 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
     assert frames_in(bag) >= 0
 
 
-@pytest.mark.parametrize(
-    ('nudge', 'complaint'),
-    [
-        (0.0, 'within 2 s after a nudge of 0 rad/s, none is seen now; nudge harder or raise'),
-        (200.0, 'edge_actuator refused /nudge: speed = 200 rad/s must lie in the range -100 to'),
-    ],
-)
-def test_a_nudge_that_sends_no_soliton_is_said_so(
-    start: Start, tmp_path: Path, nudge: float, complaint: str
-) -> None:
-    configuration = configured(tmp_path, 'flipper', 50.0, nudge=nudge, time_limit=2.0)
+def test_a_nudge_that_sends_no_soliton_is_said_so(start: Start, tmp_path: Path) -> None:
+    configuration = configured(tmp_path, 'flipper', 50.0, nudge=0.0, time_limit=2.0)
     process = start(configuration, tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
+    complaint = 'within 2 s after a nudge of 0 rad/s, none is seen now; nudge harder or raise'
     assert complaint in said.splitlines()[-1]
     assert 'Traceback' not in said
     assert_nothing_runs(tmp_path / 'out')

@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from graphs import Graph
 from std_msgs.msg import Header
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     default_joint_names,
 )
-from soliton_linkage_nodes.programs.experiment.observer import Observer
+from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTrip
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -33,3 +35,33 @@ def test_a_state_that_comes_before_the_chain_does_not_suffice(graph: Graph) -> N
     assert observer.informed
     observer.forget()
     assert not observer.informed
+
+
+def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> None:
+    observer = graph.start(Observer)
+    trip = RoundTrip(observer)
+    graph.speak(interfaces.CHAIN).publish(
+        chain_to_msg(NamedChain(CHAIN, default_joint_names(8)), time_to_msg(1))
+    )
+    graph.until(lambda: observer.rotors == 8, 'the chain')
+    assert trip.remark == ''
+    assert 'none is seen now' in trip.missing()
+    states = graph.speak(interfaces.SOLITON_STATE)
+    ways = [(0.5, False), (4.0, False), (6.0, False), (3.0, False), (1.5, True)]
+    for second, (rotor, ended) in enumerate(ways):
+        header = Header(stamp=time_to_msg(10**9 * second))
+        states.publish(SolitonState(header=header, solitons=[Soliton(rotor=rotor)]))
+        graph.until(lambda rotor=rotor: observer.rotor == rotor, 'the state')
+        assert trip.ended() is ended
+        assert trip.remark.endswith('going out' if second < 2 else 'coming back')
+    assert 'one is at rotor 1.5 now; nudge harder or raise time_limit' in trip.missing()
+
+
+def test_a_nudge_that_is_refused_is_not_waited_for(graph: Graph) -> None:
+    observer = graph.start(Observer)
+    refusal = KeyValue(key='last refusal', value='/nudge: too fast')
+    status = DiagnosticStatus(name='edge_actuator: chain', values=[refusal])
+    graph.speak(interfaces.DIAGNOSTICS).publish(DiagnosticArray(status=[status]))
+    graph.until(lambda: observer.reports, 'the report')
+    with pytest.raises(RuntimeError, match='edge_actuator refused /nudge: too fast'):
+        RoundTrip(observer).ended()

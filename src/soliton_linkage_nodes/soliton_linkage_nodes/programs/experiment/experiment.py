@@ -26,7 +26,7 @@ from soliton_linkage_nodes.programs.child_processes import (
     address_in,
     has_display,
 )
-from soliton_linkage_nodes.programs.experiment.observer import Observer
+from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTrip
 from soliton_linkage_nodes.programs.lean_line import LeanLine
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
@@ -49,8 +49,6 @@ _UNUSED = (
     interfaces.DIAGNOSTICS,
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
-_NEAR_EDGE = 2.0
-"""How near the soliton comes to an edge to have been there [rotor spacings]; it turns there."""
 _LONGEST_SILENCE = 6.2
 """For a node that reports once a second [s]."""
 _QUIET = 0.5
@@ -173,38 +171,16 @@ class Experiment:
 
     def _watch(self) -> None:
         """Show the soliton until it has crossed the chain, been reflected and come back."""
-        last = self._observer.rotors - 1
-        line = LeanLine(self._observer)
-        away = False
+        line, trip = LeanLine(self._observer), RoundTrip(self._observer)
 
         def back() -> bool:
-            nonlocal away
-            refusal = self._observer.figures('edge_actuator').get('last refusal')
-            if refusal:
-                raise RuntimeError(f'edge_actuator refused {refusal}')
-            rotor = self._observer.rotor
-            away = away or rotor >= last - _NEAR_EDGE
-            if math.isfinite(rotor):
-                leg = 'coming back' if away else 'going out'
-                speed = self._observer.velocity
-                line.show([rotor], f'rotor {rotor:5.1f}  {speed:+6.1f} rotors/s  {leg}')
-            return away and rotor <= _NEAR_EDGE
+            ended = trip.ended()
+            if trip.remark:
+                line.show([self._observer.rotor], trip.remark)
+            return ended
 
-        limit = self._settings.time_limit
-        self._wait_until(
-            back,
-            limit,
-            lambda: (
-                f'no soliton crossed the chain and came back within {limit:g} s after a nudge of '
-                f'{self._settings.nudge:g} rad/s, {self._whereabouts()}; '
-                'nudge harder or raise time_limit'
-            ),
-        )
+        self._wait_until(back, self._settings.time_limit, trip.missing)
         line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
-
-    def _whereabouts(self) -> str:
-        rotor = self._observer.rotor
-        return 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
 
     def _finish(self) -> dict[str, str]:
         """Hear the last figures of the simulator, then stop the nodes."""

@@ -18,6 +18,9 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
+_NEAR_EDGE = 2.0
+"""How near the soliton comes to an edge to have been there [rotor spacings]; it turns there."""
+
 
 @dataclass(frozen=True)
 class ExperimentParameters:
@@ -88,6 +91,41 @@ class Observer(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.reports[status.name.partition(':')[0]] = status
+
+
+class RoundTrip:
+    """The way of a soliton through the chain and back, as an observer sees it."""
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+        self._away = False
+
+    def ended(self) -> bool:
+        """Whether it is back; raises RuntimeError where the actuator refused the nudge."""
+        refusal = self._observer.figures('edge_actuator').get('last refusal')
+        if refusal:
+            raise RuntimeError(f'edge_actuator refused {refusal}')
+        rotor, last = self._observer.rotor, self._observer.rotors - 1
+        self._away = self._away or rotor >= last - _NEAR_EDGE
+        return self._away and rotor <= _NEAR_EDGE
+
+    @property
+    def remark(self) -> str:
+        """Where it is and how it goes on, empty where none is seen."""
+        rotor, velocity = self._observer.rotor, self._observer.velocity
+        if not math.isfinite(rotor):
+            return ''
+        leg = 'coming back' if self._away else 'going out'
+        return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
+
+    def missing(self) -> str:
+        """What to say where it is not back in time."""
+        rotor, settings = self._observer.rotor, self._observer.settings
+        where = 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
+        return (
+            f'no soliton crossed the chain and came back within {settings.time_limit:g} s after a '
+            f'nudge of {settings.nudge:g} rad/s, {where}; nudge harder or raise time_limit'
+        )
 
 
 def places(state: SolitonState) -> tuple[float, ...]:
