@@ -9,12 +9,15 @@ import math
 import numpy as np
 import pytest
 from chains import EPS, EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
-from deviating_chains import deviating
+from deviating_chains import any_deviating_configuration, deviating
+from hypothesis import given
 from linkage_motion import closed_orbit, distance, rigid_motion, wall_between
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.rigid import RigidSettings, RigidSimulation
+from soliton_linkage.dynamics.rigid_loop import mode_of_bars
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_matrix, zero_mode
 from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Array, Chain
@@ -50,6 +53,17 @@ def stretch(simulation: RigidSimulation) -> float:
 def speed(simulation: RigidSimulation) -> float:
     """Norm of the rates in the metric of the inertia, sqrt(2 T) [J^(1/2)]."""
     return math.sqrt(2 * float(simulation.chain.kinetic_energy(simulation.rates)))
+
+
+@given(any_deviating_configuration(most=40))
+def test_the_compiled_mode_is_the_zero_mode(given_chain: tuple[Chain, Array]) -> None:
+    chain, angles = given_chain
+    chain = dataclasses.replace(chain, periodic=False, deviations=Deviations())
+    mode = zero_mode(chain, angles)
+    mode /= math.sqrt(float(chain.moments_of_inertia @ mode**2))
+    found = mode_of_bars(angles, EquationOfMotion(chain).rows)
+    # Levers are differences, so that each ratio is rounded by what its lever has lost.
+    np.testing.assert_allclose(found, mode, rtol=0, atol=1e-9 * float(np.abs(mode).max()))
 
 
 @pytest.mark.parametrize('largest', [0.0, 0.02])

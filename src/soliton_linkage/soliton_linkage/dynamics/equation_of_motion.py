@@ -117,10 +117,11 @@ class EquationOfMotion:
 
     def __call__(self, _time: float, state: Array) -> Array:
         """Time derivative of a state, of its shape."""
-        return derivative(np.ascontiguousarray(state), self._rows, self.chain.periodic)
+        return derivative(np.ascontiguousarray(state), self.rows, self.chain.periodic)
 
     @cached_property
-    def _rows(self) -> Array:
+    def rows(self) -> Array:
+        """What is the same in every state, as `derivative_loop` takes it, shape (ROWS, N)."""
         chain = self.chain
         rows = np.zeros((ROWS, self.rotors))
         rows[LENGTHS : REST_LENGTHS + 1] = chain.spring_parameters

@@ -20,7 +20,8 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
-from soliton_linkage.dynamics.equation_of_motion import applied_torques
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion, applied_torques
+from soliton_linkage.dynamics.rigid_loop import derivative_of_bars
 from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
 from soliton_linkage.dynamics.work import work_of_torques
 from soliton_linkage.linear.rigidity import rigidity_bands, zero_mode
@@ -122,19 +123,17 @@ class RigidSimulation(Simulation):
         angles, speed, dissipated = self._mended(state)
         return angles, speed * self._mode(angles), dissipated
 
-    def _derivative(self, _time: float, state: Array) -> Array:
-        angles, speed = state[:-2], float(state[-2])
-        mode = self._mode(angles)
-        friction = speed * float(mode @ (self.chain.dampings * mode))
-        power = float(mode @ self._applied_torques(angles)) - friction
-        return np.concatenate([speed * mode, [power, friction * speed]])
-
     def _applied_torques(self, angles: Array) -> Array:
         return applied_torques(self.chain, angles, self.torques, self.gravity)
 
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         longest_step = self._settings.longest_step * self.period
-        solver = scipy_solver(DOP853, self._derivative, state, self._tolerances(), longest_step)
+        rows = EquationOfMotion(self.chain, self.torques, self.gravity).rows
+
+        def derivative(_time: float, state: Array) -> Array:
+            return derivative_of_bars(state, rows)
+
+        solver = scipy_solver(DOP853, derivative, state, self._tolerances(), longest_step)
         return solver, longest_step
 
     def _tolerances(self) -> Array:
@@ -150,7 +149,7 @@ class RigidSimulation(Simulation):
         state = self._solver.y
         angles, speed, _ = self._mended(state)
         state[:-2], state[-2] = angles, speed
-        self._solver.f = self._derivative(self._solver.t, state)
+        self._solver.f = self._solver.fun(self._solver.t, state)
 
     def _mended(self, state: Array) -> tuple[Array, float, float]:
         """Angles with every bar at its length, and the speed that goes with their energy.

@@ -15,7 +15,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-_VANISHING = 1e-280
+VANISHING = 1e-280
 """Stands in for a lever that vanishes [m^2/rad], far below rounding beside any that does not."""
 _BLOCK = 500
 """Factors between 1/2 and 1 whose product stays in the range of doubles [1], 2^-1022."""
@@ -207,7 +207,7 @@ def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _without_zeros(lever: Array) -> Array:
-    return np.where(np.abs(lever) < _VANISHING, _VANISHING, lever)
+    return np.where(np.abs(lever) < VANISHING, VANISHING, lever)
 
 
 def _nearest(mode: Array) -> Edge:
