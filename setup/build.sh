@@ -41,6 +41,7 @@ compile_loops() {
     . setup/environment.sh
     echo 'Compiling loops.'
     python3 -c '
+import soliton_linkage.dynamics.rigid
 import soliton_linkage.estimation.analyser
 import soliton_linkage.identification.motion.motion_loops
 import soliton_linkage.studies.accuracy.cells.springs
