@@ -233,17 +233,18 @@ def test_frames_add_up_to_certainty_and_a_restart_takes_it_back(
     random, noise = np.random.default_rng(31), 0.01
     frames, motion = walls(example), chain_of(example, 4).motion
     observer = MotionObserver()
-    found = [
-        observer.observe(frames[n % len(frames)] + noise * random.standard_normal(ROTORS), noise)
-        for n in range(600)
-    ]
+    found, unsure = [], []
+    for n in range(600):
+        frame = frames[n % len(frames)] + noise * random.standard_normal(ROTORS)
+        found.append(observer.observe(frame, noise))
+        unsure.append(observer.evidence.tail_ratio_deviation)
     assert found[0].motion in (None, motion)
     assert all(each.motion is motion for each in found[-50:])
-    assert found[-1].tail_ratio_deviation < 0.3 * found[0].tail_ratio_deviation
+    assert unsure[-1] < 0.3 * unsure[0]
     observer.restart()
     blank = observer.observe(np.full(ROTORS, math.nan))
     assert (blank.motion, blank.spinning) == (None, pytest.approx(1 / 3))
-    assert math.isnan(blank.tail_ratio)
+    assert math.isnan(observer.evidence.tail_ratio)
 
 
 def test_a_chain_that_contradicts_what_was_seen_is_heard() -> None:

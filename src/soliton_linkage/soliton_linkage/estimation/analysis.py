@@ -58,13 +58,13 @@ class Analysis(NamedTuple):
     status: TrackingStatus
     estimate: OrbitEstimate
     cycle: CyclePhase
-    solitons: tuple[AnalysedSoliton, ...]
-    events: tuple[SolitonEvent, ...]
-    topology: Topology | None
-    edge_rotors: EdgeRotors | None
-    energies: Energies | None
-    wobble: Wobble | None
-    unseen: int
+    solitons: tuple[AnalysedSoliton, ...] = ()
+    events: tuple[SolitonEvent, ...] = ()
+    topology: Topology | None = None
+    edge_rotors: EdgeRotors | None = None
+    energies: Energies | None = None
+    wobble: Wobble | None = None
+    unseen: int = 0
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:

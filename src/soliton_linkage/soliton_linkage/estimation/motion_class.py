@@ -38,16 +38,11 @@ class MotionClass(NamedTuple):
     confidence: probability of the likeliest class, 0 to 1; the three are equally likely without
         data.
     spinning: probability that the rotors spin, 0 to 1.
-    tail_ratio: deviation of a rotor over that of its inner neighbour, lambda [1]; NaN where
-        unknown.
-    tail_ratio_deviation: standard deviation of lambda [1], infinite where it is unknown.
     """
 
     motion: Motion | None
     confidence: float
     spinning: float
-    tail_ratio: float
-    tail_ratio_deviation: float
 
 
 class MotionEvidence(NamedTuple):
@@ -58,7 +53,8 @@ class MotionEvidence(NamedTuple):
         the same in all frames.
     rest_angle: mean angle that the uniform parts lean by [rad]; NaN without a wall.
     tails: sums of products of (e, e^2, e' - F(e)) over their variance, left and right, (2, 3, 3).
-    tail_ratio: lambda [1], mean of both sides; NaN where unknown.
+    tail_ratio: deviation of a rotor over that of its inner neighbour, lambda [1], mean of both
+        sides; NaN where unknown.
     tail_ratio_deviation: its standard deviation [1], with what springs in motion may do to it;
         the larger where the sides differ by more than they should, infinite where unknown.
     """
@@ -72,8 +68,8 @@ class MotionEvidence(NamedTuple):
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
         """Return the class; unknown where none of the three is sure."""
-        ratio, deviation = self.tail_ratio, self.tail_ratio_deviation
-        scaled = ratio / deviation if math.isfinite(ratio) else 0.0
+        told = math.isfinite(self.tail_ratio)
+        scaled = self.tail_ratio / self.tail_ratio_deviation if told else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
         spinning = 1 / (1 + 2 * math.exp(self.flipping))
         share, motion = (1 - spinning) * (1 - wobbling), Motion.FLIPPER
@@ -82,7 +78,7 @@ class MotionEvidence(NamedTuple):
         if spinning > share:
             share, motion = spinning, Motion.SPINNER
         known = motion if share >= settings.sure else None
-        return MotionClass(known, share, spinning, ratio, deviation)
+        return MotionClass(known, share, spinning)
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)), math.nan, math.inf)

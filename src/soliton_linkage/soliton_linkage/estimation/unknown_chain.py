@@ -60,12 +60,7 @@ class UnknownChainAnalyser:
             status=TrackingStatus.LOST,
             estimate=lost(self._clock.time),
             cycle=cycle_phase(lost(self._clock.time), None),
-            events=(),
             solitons=_crossing(self._observer.evidence.place, seen),
-            topology=None,
-            edge_rotors=None,
-            energies=None,
-            wobble=None,
             unseen=int(np.count_nonzero(np.isnan(seen))),
         )
 

@@ -13,7 +13,6 @@ where no tanh fits a wall.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -33,9 +32,6 @@ _FIT_REACH = 4.0
 """Of the fit in widths of the wall [1]: beyond, 1 - tanh is below 7e-4 and tells nothing."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
 """d of a flipper from which on a tanh fits its wall nowhere [1], see above."""
-
-Borders = Callable[[Array], list[tuple[float, int]]]
-"""Where domains meet [rotor spacings], with their charges, by the polarisations of bonds."""
 
 
 @dataclass(frozen=True)
@@ -92,23 +88,19 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     return lean * np.cos(shifted), -lean * turn * np.sin(shifted)
 
 
-def find_solitons(
-    chain: Chain, angles: Array, rates: Array | None = None, borders: Borders | None = None
-) -> tuple[Soliton, ...]:
+def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
     """Return the walls in a frame, in the order of their place; none is an empty tuple.
 
     Angles [rad] and, where they are known, rates [rad/s], each of shape (N,). On a ring places
-    run from 0 to N. Domains are those of neighbouring bonds that are polarised, where they are
-    not told by others.
+    run from 0 to N. Domains are those of neighbouring bonds that are polarised.
     """
-    borders = borders or _polarisation_crossings
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
     field, slope = order_field(chain, checked)
     polarised = polarisation(chain, checked)
     if chain.periodic:
-        return _walls_of_ring(chain, polarised, field, slope, moving, borders)
-    walls = _walls(chain, borders(polarised), field, slope)
+        return _walls_of_ring(chain, polarised, field, slope, moving)
+    walls = _walls(chain, _polarisation_crossings(polarised), field, slope)
     return tuple(_soliton(chain, wall, moving) for wall in walls)
 
 
@@ -137,7 +129,6 @@ def _walls_of_ring(
     field: Array,
     slope: Array,
     rates: Array | None,
-    borders: Borders,
 ) -> tuple[Soliton, ...]:
     """Walls of a ring, which is opened at a spring in the middle of a domain, if there is one."""
     rotors = chain.number_of_rotors
@@ -148,7 +139,7 @@ def _walls_of_ring(
     moving = None if rates is None else np.roll(rates, -joint)
     found = [
         _soliton(chain, wall, moving)
-        for wall in _walls(chain, borders(opened[0][:-1]), opened[1], opened[2])
+        for wall in _walls(chain, _polarisation_crossings(opened[0][:-1]), opened[1], opened[2])
     ]
     turned = []
     for soliton in found:

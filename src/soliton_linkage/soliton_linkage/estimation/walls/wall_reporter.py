@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_placing import WallPlacer
 from soliton_linkage.estimation.walls.wall_shapes import WallShapes
-from soliton_linkage.estimation.walls.wall_track import FollowedWall, SeenWall, WallTrack
+from soliton_linkage.estimation.walls.wall_track import FollowedWall, WallTrack
 from soliton_linkage.estimation.walls.wall_tracker import WallTracker
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import site_arc
-from soliton_linkage.solitons.tanh_fit import find_solitons
 
 Walls = tuple[list[WallTrack], list[SolitonEvent]]
 """Walls that a frame shows, from rotor 0 on, and what happened to them."""
@@ -88,10 +87,7 @@ class WallReporter:
         Its angles as they were seen [rad] are of shape (N,), NaN where they were not.
         """
         placer = self._shaped()
-        if placer is None:
-            walls = self._by_tanh(state.angles)
-        else:
-            walls = placer.placed(state, seen, self._borders_of(state))
+        walls = placer.placed(state, seen, self._borders_of(state)) if placer else []
         return self._tracker.take(time, walls, frame)
 
     def _borders_of(self, state: FrameState) -> list[tuple[float, int]]:
@@ -101,21 +97,6 @@ class WallReporter:
         polarised = (first - second) / (strength * self._uniform)
         found = borders_of_ring if self.line.periodic else domain_borders
         return found(polarised, self._opposite)
-
-    def _by_tanh(self, angles: Array) -> list[SeenWall]:
-        """Walls of a chain whose shapes cannot be told."""
-        spacing = self._chain.spacing
-        return [
-            SeenWall(
-                each.rotor,
-                each.position_deviation / spacing,
-                each.charge,
-                (each.width, each.width_deviation),
-            )
-            for each in find_solitons(
-                self._chain, angles, None, partial(domain_borders, opposite=self._opposite)
-            )
-        ]
 
 
 def _site_arc(chain: Chain) -> float:
