@@ -39,6 +39,10 @@ READ_PAINT = types.Array(types.float32, 1, 'C', readonly=True)
 READ_PAINTS = types.Array(types.float32, 2, 'C', readonly=True)
 
 
+unrolled = numba.literal_unroll
+"""Loop over names of fields, of which each turn is compiled by itself, as types may differ."""
+
+
 def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
     """Type of a row of records of a structured type, of which loops read `row[n]['field']`."""
     return types.Array(numba.from_dtype(dtype), 1, 'C', readonly=not writable)

@@ -14,7 +14,7 @@ from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.linkage.chain import Array
 
-STATE = ('arc', 'rate', 'bias')
+STATE = ('arc', 'rate', 'bias', 'disturbance')
 PERIOD, RATE, SITE_ARC = 1e-3, 9.6, 0.99
 
 
@@ -34,32 +34,37 @@ def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[Multiple
 class Twin:
     """One filter, in matrices."""
 
-    def __init__(self, arc: float, variance: float, share: float, error: float) -> None:
-        self.state = np.array([arc, 0.0, 0.0])
-        self.spread = np.diag([variance, 2500.0, error**2])
+    def __init__(
+        self, arc: float, variance: float, share: float, error: float, disturbance: float
+    ) -> None:
+        self.state = np.array([arc, 0.0, 0.0, 0.0])
+        self.spread = np.diag([variance, 2500.0, error**2, disturbance**2])
         self.share, self.error = share, error
 
-    def predict(self, elapsed: float, speed: float) -> None:
+    def predict(self, elapsed: float, speed: float, acceleration: float, wander: Array) -> None:
         kept = math.exp(-speed * elapsed / (0.5 * SITE_ARC))
-        step = np.array([[1, elapsed, 0], [0, 1, 0], [0, 0, kept]])
-        wander = self.share**2 * speed**3 / SITE_ARC
-        added = np.zeros((3, 3))
-        added[:2, :2] = wander * np.array(
+        gained = np.array([elapsed**2 / 2, elapsed, 0, 0])
+        step = np.array([[1, elapsed, 0, 0], [0, 1, 0, 0], [0, 0, kept, 0], [0, 0, 0, 1]])
+        step[:, 3] += gained
+        of_rate = self.share**2 * speed**3 / SITE_ARC
+        added = np.zeros((4, 4))
+        added[:2, :2] = of_rate * np.array(
             [[elapsed**3 / 3, elapsed**2 / 2], [elapsed**2 / 2, elapsed]]
         )
         added[2, 2] = self.error**2 * (1 - kept**2)
-        self.state = step @ self.state
-        self.spread = step @ self.spread @ step.T + added
+        self.state = step @ self.state + acceleration * gained
+        self.spread = step @ (self.spread + np.diag(wander)) @ step.T + added
 
     def correct(self, arc: float, variance: float) -> None:
-        looked = np.array([1.0, 0.0, 1.0])
+        looked = np.array([1.0, 0.0, 1.0, 0.0])
         gain = self.spread @ looked / (looked @ self.spread @ looked + variance)
         self.state = self.state + gain * (arc - looked @ self.state)
-        self.spread = (np.eye(3) - np.outer(gain, looked)) @ self.spread
+        self.spread = (np.eye(4) - np.outer(gain, looked)) @ self.spread
 
 
 @pytest.mark.parametrize('at_edge', [False, True])
-def test_filters_are_those_of_kalman(at_edge: bool) -> None:
+@pytest.mark.parametrize('disturbance', [0.0, 1.0])
+def test_filters_are_those_of_kalman(at_edge: bool, disturbance: float) -> None:
     # Nothing ever contradicts the steady filter so much that the other one counts.
     settings = FilterSettings(
         rate_changes=(0.02,),
@@ -68,18 +73,25 @@ def test_filters_are_those_of_kalman(at_edge: bool) -> None:
         least_odds=-600.0,
         least_odds_at_edges=-600.0,
         first_odds=-600.0,
+        disturbance=disturbance / 2500.0,
     )
+    acceleration, bandwidth = 3.0 * disturbance, 4.0 * disturbance
+    wander = 4e-4 * (bandwidth * PERIOD) ** 2 * np.array([3, 3 * bandwidth**2, 0, bandwidth**4])
     arcs = measured(200, 0.02, 1)
     motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC, settings)
-    twins = [Twin(0.0, 4e-4, 0.0, 0.0), Twin(0.0, 4e-4, 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC)]
+    changed, error = 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC
+    twins = [
+        Twin(0.0, 4e-4, 0.0, 0.0, disturbance),
+        Twin(0.0, 4e-4, changed, error, disturbance),
+    ]
     for arc in arcs[1:].tolist():
         speed = abs(motion.rate)
-        motion.predict(PERIOD, at_edge)
+        motion.predict(PERIOD, at_edge, 1.0, acceleration, bandwidth)
         motion.update(arc, 4e-4)
         for twin in twins:
-            twin.predict(PERIOD, speed)
+            twin.predict(PERIOD, speed, acceleration, wander)
             twin.correct(arc, 4e-4)
-    rows, columns = np.triu_indices(3)
+    rows, columns = np.triu_indices(4)
     for number, twin in enumerate(twins):
         found = motion.filters[number]
         state, covariance = (found[list(names)].tolist() for names in (STATE, COVARIANCE))

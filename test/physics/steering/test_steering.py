@@ -404,7 +404,7 @@ def test_a_wall_that_is_torn_from_its_hold_is_lost() -> None:
     assert isinstance(loop.wall, RigidWall)
     loop.steering.move(3.0)
     loop.until_ended()
-    loop.wall.rate = 40.0
+    loop.wall.rate = 200.0
     ended = loop.until_ended()
     assert ended.outcome is Outcome.SOLITON_LOST
     assert not loop.steering.holding

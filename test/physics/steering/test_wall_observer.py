@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER
 from driven_walls import orbit_of_example
+from scipy import linalg
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -28,12 +29,13 @@ def watched(
     observer: WallObserver, arcs: Array, acceleration: float = 0.0, noise: float = 0.0
 ) -> Array:
     """Arcs, rates and disturbances that were estimated from frames of given arcs, shape (3, T)."""
-    random = np.random.default_rng(7)
+    random, inertia = np.random.default_rng(7), observer.orbit.chain.moment_of_inertia
     seen = []
     for frame, arc in enumerate(arcs.tolist()):
         angles = observer.orbit.configuration(arc)
         angles = angles + noise * random.standard_normal(len(angles))
-        estimate = observer.update(frame * PERIOD, angles, acceleration)
+        torques = inertia * acceleration * observer.orbit.tangent(arc)
+        estimate = observer.update(frame * PERIOD, angles, torques)
         assert estimate is not None
         seen.append((estimate.arc, estimate.rate, estimate.disturbance))
     return np.array(seen).T
@@ -55,22 +57,25 @@ def test_known_torques_leave_no_error_and_unknown_ones_none_that_lasts(
         assert np.abs(seen - disturbance)[late].max() < 0.05
 
 
-def test_noise_is_averaged_as_by_a_memory_that_fades() -> None:
+def test_it_has_the_bandwidth_that_is_wanted_whatever_the_noise_is() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
-    theta, sigma = math.exp(-BANDWIDTH * PERIOD), 0.02
-    arcs = np.full(3000, middle(orbit) + 0.1)
-    arc, rate, disturbance = watched(WallObserver(orbit, BANDWIDTH), arcs, noise=sigma)
-    settled = slice(300, None)
-    # N. Morrison, ch. 13: variances of a memory of degree two, the noise of the arc being sigma.
-    shares = 19 + 24 * theta + 16 * theta**2 + 6 * theta**3 + theta**4
-    of_arc = sigma * math.sqrt((1 - theta) / (1 + theta) ** 5 * shares)
-    slopes = 49 + 50 * theta + 13 * theta**2
-    of_rate = sigma * math.sqrt((1 - theta) ** 3 / (1 + theta) ** 5 * slopes / 2) / PERIOD
-    of_disturbance = sigma * math.sqrt(6 * (1 - theta) ** 5 / (1 + theta) ** 5) / PERIOD**2
-    assert (arc - arcs)[settled].std() == pytest.approx(of_arc, rel=0.15)
-    assert rate[settled].std() == pytest.approx(of_rate, rel=0.15)
-    assert disturbance[settled].std() == pytest.approx(of_disturbance, rel=0.15)
-    assert abs((arc - arcs)[settled].mean()) < 0.1 * sigma
+    step = np.array([[1, PERIOD, PERIOD**2 / 2], [0, 1, PERIOD], [0, 0, 1]])
+    wandered = (BANDWIDTH * PERIOD) ** 2 * np.diag([3, 3 * BANDWIDTH**2, BANDWIDTH**4])
+    wandered = step @ wandered @ step.T
+    looked = np.array([[1.0, 0.0, 0.0]])
+    spread = linalg.solve_discrete_are(step.T, looked.T, wandered, np.eye(1))
+    gain = spread @ looked.T / (1 + spread[0, 0])
+    kept = (np.eye(3) - gain @ looked) @ step
+    by_noise = np.sqrt(np.diag(linalg.solve_discrete_lyapunov(kept, gain @ gain.T)))
+    # Continuous in time, d has the variance 3 / 16 W^5 by noise of a density of 1.
+    assert by_noise[2] == pytest.approx(math.sqrt(BANDWIDTH**5 * 3 / 16 * PERIOD), rel=0.2)
+    for sigma in (0.005, 0.05):
+        arcs = np.full(3000, middle(orbit) + 0.1)
+        found = watched(WallObserver(orbit, BANDWIDTH), arcs, noise=sigma)
+        found[0] -= arcs
+        settled = found[:, 300:]
+        assert settled.std(axis=1) == pytest.approx(sigma * by_noise, rel=0.15)
+        assert abs(settled[0].mean()) < 0.1 * sigma
 
 
 def test_the_first_frames_count_alike() -> None:
@@ -92,11 +97,11 @@ def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
     elsewhere = orbit.configuration(middle(orbit) + 4)
     last = arcs[-1]
     for frame, angles in enumerate([unknown, elsewhere, unknown], start=200):
-        estimate = observer.update(frame * PERIOD, angles, 0.0)
+        estimate = observer.update(frame * PERIOD, angles)
         assert estimate is not None
         assert estimate.seen == pytest.approx(times[-1])
         assert estimate.arc == pytest.approx(last + 1.5 * (frame - 199) * PERIOD, abs=1e-3)
-    estimate = observer.update(0.9, orbit.configuration(last + 1.5 * (0.9 - times[-1])), 0.0)
+    estimate = observer.update(0.9, orbit.configuration(last + 1.5 * (0.9 - times[-1])))
     assert estimate is not None
     assert estimate.seen == 0.9
 
@@ -112,7 +117,7 @@ def test_one_wrong_reading_moves_it_by_less_than_noise_does(
     watched(observer, arcs, noise=0.01)
     frame = orbit.configuration(arcs[-1])
     frame[np.argmax(np.abs(orbit.tangent(arcs[-1])))] += off
-    estimate = observer.update(50 * PERIOD, frame, 0.0)
+    estimate = observer.update(50 * PERIOD, frame)
     assert estimate is not None
     assert estimate.arc == pytest.approx(arcs[-1], abs=0.01)
 
@@ -121,14 +126,17 @@ def test_what_stays_unseen_is_lost_and_found_again_where_it_is() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH, SteeringSettings(seen_timeout=0.1))
     watched(observer, np.full(50, middle(orbit)))
-    there = middle(orbit) + 4
     found = [
-        observer.update(0.2 + frame * PERIOD, orbit.configuration(there), 0.0) is not None
+        observer.update(0.2 + frame * PERIOD, np.full(12, np.nan)) is not None
         for frame in range(60)
     ]
-    assert not all(found)
-    assert observer.estimate is not None
-    assert observer.estimate.arc == pytest.approx(there, abs=1e-5)
+    assert found.count(False) == pytest.approx(60 - 0.1 / PERIOD, abs=2)
+    assert found == sorted(found, reverse=True)
+    there = middle(orbit) + 4
+    for frame in range(60, 120):
+        estimate = observer.update(0.2 + frame * PERIOD, orbit.configuration(there))
+    assert estimate is not None
+    assert estimate.arc == pytest.approx(there, abs=1e-5)
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -138,7 +146,7 @@ def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None
     observer = WallObserver(orbit, BANDWIDTH)
     frame = orbit.configuration(arc)
     for number, angles in enumerate([math.pi - frame] * 3):
-        estimate = observer.update(number * PERIOD, angles, 0.0)
+        estimate = observer.update(number * PERIOD, angles)
     assert estimate is not None
     shown = math.pi - frame if estimate.upside_down else frame
     # A spinner upside down is one on its other leg as well.
@@ -156,7 +164,7 @@ def test_what_is_no_wall_is_not_taken_for_one() -> None:
     anti_kink[20:] = chain.uniform_state(1)[20:]
     random = np.random.default_rng(3)
     for angles in (random.uniform(-3, 3, 40), np.full(40, np.nan), anti_kink * 0 + 2.0):
-        assert observer.update(0.0, angles, 0.0) is None
+        assert observer.update(0.0, angles) is None
 
 
 def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -> None:
@@ -164,11 +172,11 @@ def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -
     observer = WallObserver(orbit, BANDWIDTH)
     here = middle(orbit)
     for frame in range(50):
-        observer.update(10 + frame * PERIOD, orbit.configuration(here), 0.0)
+        observer.update(10 + frame * PERIOD, orbit.configuration(here))
     estimate = observer.estimate
     for time in (10 + 49 * PERIOD, 10 + 40 * PERIOD):
-        assert observer.update(time, orbit.configuration(here + 0.3), 0.0) == estimate
-    fresh = observer.update(1.0, orbit.configuration(here + 3), 0.0)
+        assert observer.update(time, orbit.configuration(here + 0.3)) == estimate
+    fresh = observer.update(1.0, orbit.configuration(here + 3))
     assert fresh is not None
     assert (fresh.time, fresh.rate) == (1.0, 0.0)
     assert fresh.arc == pytest.approx(here + 3, abs=1e-5)
@@ -177,4 +185,4 @@ def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -
 def test_it_wants_one_angle_a_rotor() -> None:
     observer = WallObserver(orbit_of_example(FLIPPER, 12), BANDWIDTH)
     with pytest.raises(ValueError, match='one a rotor'):
-        observer.update(0.0, np.zeros(11), 0.0)
+        observer.update(0.0, np.zeros(11))

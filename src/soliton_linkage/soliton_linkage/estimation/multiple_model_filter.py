@@ -15,6 +15,14 @@ late. One filter more, the steady one, has e = m = 0, so that the whole record c
 believed by far until the likelihood of all measurements so far contradicts it, and is then begun
 anew, with the odds against it.
 
+Where the settings look for a force that lasts, the rate has a disturbance d beside what known
+torques give it, u, and all three wander,
+
+    ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
+
+with the variance r of a measurement times the time between two. By the Riccati equation the
+steady filter then has the poles p of r (W^2 - p^2)^3 = 0: all three are -W, whatever r is.
+
 Springs give a wall energy and take it at the edges, where e is larger by a few per cent in all
 filters but the steady one, which there has to earn its trust again.
 
@@ -64,13 +72,15 @@ class MultipleModelFilter:
         self.filters['arc_arc'] = variance
         self.filters['rate_rate'] = scale**2
         self.filters['bias_bias'] = self.filters['bias_variance']
-        self.filters['share'][1 : self._base] = 1 / (self._base - 1)
+        self.filters['disturbance_disturbance'] = (settings.disturbance * scale**2) ** 2
+        self.filters['share'][1 : self._base] = 1 / max(self._base - 1, 1)
         self.filters['odds'][self._base :] = -np.inf
         self._elapsed, self._at_edge = 0.0, False
         self._least_kick = (settings.least_kick * scale) ** 2
         self._frames = self.kicks = 0
         self._against = settings.first_odds
         self._known: _Summary | None = None
+        self._variance = variance
         filter_loops.set_weights(self.filters, settings.record, self._base, self._against)
         self._look_ahead()
         self.expected_rate = 0.0
@@ -93,7 +103,7 @@ class MultipleModelFilter:
         other = copy.copy(self)
         other.filters = self.filters.copy()
         other.filters['arc'] = arc - (self.filters['arc'] - self.arc)
-        for name in ('rate', 'bias'):
+        for name in ('rate', 'bias', 'disturbance'):
             other.filters[name] *= -1
         other.expected_rate = -self.expected_rate
         other._look_ahead()
@@ -139,22 +149,47 @@ class MultipleModelFilter:
         """Probability that the rate has been constant of late."""
         return float(self.filters['weight'][0] / self.filters['weight'][: self._base].sum())
 
-    def predict(self, elapsed: float, at_edge: bool, ratio: float = 1.0) -> None:
+    @property
+    def disturbance(self) -> float:
+        """Acceleration that no torque explains [rad/s^2], 0 where none is looked for."""
+        if not self._settings.disturbance:
+            return 0.0
+        return float(self.filters['weight'] @ self.filters['disturbance'])
+
+    def predict(
+        self,
+        elapsed: float,
+        at_edge: bool,
+        ratio: float = 1.0,
+        acceleration: float = 0.0,
+        bandwidth: float = 0.0,
+    ) -> None:
         """Go on by a time [s], with the wall at an edge of the chain or inside.
 
-        The orbit changes the rate to so many times what it was [1] on the way.
+        Torques give an acceleration [rad/s^2] and the orbit changes the rate to so many times what
+        it was [1] on the way; what is unknown beside is followed with a bandwidth [rad/s].
         """
         settings = self._settings
         self._elapsed, self._at_edge, self.expected_rate = elapsed, at_edge, self.rate
+        gained = (acceleration + self.disturbance) * elapsed
         speed = abs(self.expected_rate)
         way = speed * elapsed / self.site_arc
         kept = math.exp(-way / settings.bias_way)
         remembered = math.exp(-way / settings.way_remembered)
         self._known = None
         self.expected, self.expected_variance = filter_loops.predict(
-            self.filters, elapsed, kept, speed**3 / self.site_arc, remembered, at_edge, ratio
+            self.filters,
+            elapsed,
+            kept,
+            speed**3 / self.site_arc,
+            remembered,
+            at_edge,
+            ratio,
+            acceleration,
+            bandwidth,
+            (bandwidth * elapsed) ** 2 * self._variance,
         )
-        self.expected_rate *= ratio
+        self.expected_rate = ratio * (self.expected_rate + gained)
 
     def push(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
         """Let a push change the rate [rad/s], with what it adds to the variances.
@@ -173,6 +208,7 @@ class MultipleModelFilter:
         With a variance from few degrees of freedom f a normalised innovation x counts as
         sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution.
         """
+        self._variance = variance
         (self._against, frames), self._known = filter_loops.measure(
             self.filters,
             self._settings.record,

@@ -74,6 +74,8 @@ class OrbitFilter:
         self._variance = RotorVariance(swing, noise, settings)
         self._beside = FrameComparison(orbit, self._likelihood, self._variance.elastic, settings)
         self._trust = FrameTrust(chain.number_of_rotors, self._likelihood, settings)
+        self.bandwidth = 0.0
+        """With which the disturbance is followed [rad/s]."""
         self._forget(math.nan)
 
     @property
@@ -87,16 +89,30 @@ class OrbitFilter:
         return self._estimate
 
     @property
+    def disturbance(self) -> float:
+        """Acceleration of the arc that no torque explains [rad/s^2].
+
+        It is 0 where the settings look for none, NaN while the chain is lost.
+        """
+        return self._places.leader.motion.disturbance if self._places.all else math.nan
+
+    @property
     def view(self) -> FrameView | None:
         """The latest frame beside the orbit; None while lost, and for an empty frame."""
         return self._seen_as
 
-    def update(self, time: float, angles: Array, deviations: Array | None = None) -> OrbitEstimate:
+    def update(
+        self,
+        time: float,
+        angles: Array,
+        deviations: Array | None = None,
+        torques: Array | None = None,
+    ) -> OrbitEstimate:
         """Estimate at an instant [s] from its angles [rad], shape (N,), NaN where unknown.
 
         Readings count by their standard deviations [rad], shape (N,), above 0, where these are
-        told and not NaN. Raises ValueError for angles that are not one a rotor; all else it takes
-        as it comes.
+        told and not NaN. Torques [N m], shape (N,), are those that acted since the last frame.
+        Raises ValueError for angles that are not one a rotor; all else it takes as it comes.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self._estimate.time
@@ -109,7 +125,7 @@ class OrbitFilter:
         seen = np.ascontiguousarray(angles, dtype=np.float64)
         self._scales.take(deviations)
         if self._places.all:
-            self._follow(time, elapsed, seen)
+            self._follow(time, elapsed, seen, torques)
         elif not self._acquire(time, seen):
             self._forget(time)
         return self._estimate
@@ -192,10 +208,11 @@ class OrbitFilter:
         self._seen_as = best.view
         self._report(time, TrackingStatus.ACQUIRED)
 
-    def _follow(self, time: float, elapsed: float, seen: Array) -> None:
+    def _follow(self, time: float, elapsed: float, seen: Array, torques: Array | None) -> None:
         self._variance.at_edge = self._at_edge()
         for each in self._places.all:
-            self._predict(each.motion, elapsed)
+            acceleration = 0.0 if torques is None else self._pushed_by(torques, each)
+            self._predict(each.motion, elapsed, acceleration)
         best = self._places.leader.motion
         if self._tracking.lost_deviations * math.sqrt(best.expected_variance) > self.orbit.length:
             self._forget(time)
@@ -292,14 +309,14 @@ class OrbitFilter:
         )
         return place.view.likelihood - expected
 
-    def _predict(self, motion: MultipleModelFilter, elapsed: float) -> None:
-        """Go on by a time [s]; the rate varies as springs yield, and where rotors deviate."""
+    def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
+        """Go on by a time [s] under torques [rad/s^2], as springs yield and rotors deviate."""
         arc, rate, *_ = motion.summary
         ahead = arc + rate * elapsed
         ratio = self._yielding.change(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
-        motion.predict(elapsed, self._variance.at_edge, ratio)
+        motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _at_edge(self) -> bool:
         """Whether the wall was so near to an edge that springs take up or give back energy."""

@@ -117,7 +117,8 @@ class FilterSettings(_Part):
     """Models of the multiple-model filter, and when one is believed."""
 
     rate_changes: tuple[float, ...] = quantity(
-        (0.001, 0.004, 0.016, 0.064, 0.25), 'share e by which a rate changes from rotor to rotor'
+        (0.001, 0.004, 0.016, 0.064, 0.25),
+        'share e by which a rate changes from rotor to rotor; with none a steady one is left',
     )
     change_at_edges: float = quantity(0.03, 'what is added to e where springs meet an edge')
     biases: tuple[float, ...] = quantity(
@@ -143,6 +144,9 @@ class FilterSettings(_Part):
         0.1, 'least standard deviation of the change of rate, in rates of the chain'
     )
     change_after_kick: float = quantity(0.016, 'share e of the models of a kick')
+    disturbance: float = quantity(
+        0.0, 'deviation of a force that lasts, over inertia and squared rates of the chain'
+    )
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,6 +87,16 @@ class WallState:
     speed: float
 
 
+class _Sent(NamedTuple):
+    torques: Array | None
+    """[N m], shape (N,), None where there were none."""
+    acceleration: float
+    """That they give the arc [rad/s^2]."""
+
+
+_NOTHING = _Sent(None, 0.0)
+
+
 class Steering:
     """Observes a wall frame by frame, and says which torques carry it on its way.
 
@@ -109,7 +120,8 @@ class Steering:
         self._period = math.nan
         self._quiet = 1.0
         self._observer = WallObserver(orbit, settings.observer_ratio * self._bandwidth, settings)
-        self._sent = deque([0.0] * (settings.latency + 1), maxlen=settings.latency + 1)
+        sent = settings.latency + 1
+        self._sent = deque([_NOTHING] * sent, maxlen=sent)
         self._trajectory: ReferenceTrajectory | None = None
         self._stopping = False
         self._resting_since: float | None = None
@@ -150,7 +162,7 @@ class Steering:
         self.release()
         self._period, self._quiet = math.nan, 1.0
         self._gap_until = self._last = None
-        self._sent.extend([0.0] * len(self._sent))
+        self._sent.extend([_NOTHING] * len(self._sent))
         self._observer.forget()
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
@@ -162,15 +174,15 @@ class Steering:
                 self._gap_until = time + 2 * self.settings.seen_timeout
             self._measure_period(time - before.time)
         elsewhere = self._gap_until is not None and time <= self._gap_until
-        estimate = self._observer.update(time, angles, self._sent[0])
+        estimate = self._observer.update(time, angles, self._sent[0].torques)
         if estimate is None:
             lost = 'no wall is seen any more in the angles'
             return None if self.holding and elsewhere else self._lost(lost)
         last, self._last = self._last, estimate
-        if before is None and last is not None and self._ran_too_far(last, estimate):
-            return self._lost('the wall is somewhere else than it can have run to')
         if before is not None and estimate.time < before.time:
             return self._lost(f'the clock went back by {before.time - estimate.time:.3g} s')
+        if last is not None and self._ran_too_far(last, estimate):
+            return self._lost('the wall is somewhere else than it can have run to')
         if self._trajectory is None:
             return None
         off = (self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
@@ -226,20 +238,21 @@ class Steering:
         """Torques for the time from the latency after the last frame on [N m], shape (N,)."""
         estimate = self._observer.estimate
         if estimate is None or self._trajectory is None:
-            self._sent.append(0.0)
+            self._sent.append(_NOTHING)
             return np.zeros(self.orbit.chain.number_of_rotors)
         then = estimate
         if math.isfinite(self._period):
-            for acceleration in list(self._sent)[1:]:
-                then = then.after(self._period, acceleration)
+            for sent in list(self._sent)[1:]:
+                then = then.after(self._period, sent.acceleration)
         point, b = self._trajectory.at(then.time), self._bandwidth
         wanted = (
             point.acceleration + 2 * b * (point.rate - then.rate) + b**2 * (point.arc - then.arc)
         )
         force = self._inertia * (wanted - then.disturbance)
         torques, given = self.allocation.torques(then.arc, force)
-        self._sent.append(given / self._inertia)
-        return -torques if estimate.upside_down else torques
+        torques = -torques if estimate.upside_down else torques
+        self._sent.append(_Sent(torques, given / self._inertia))
+        return torques
 
     @property
     def _bandwidth(self) -> float:

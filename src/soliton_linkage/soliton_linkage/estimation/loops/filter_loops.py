@@ -12,23 +12,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, YES, compiled, records
+from soliton_linkage.compiling import COUNT, NUMBER, READ, YES, compiled, records, unrolled
 from soliton_linkage.estimation.settings import FilterSettings, record_dtype
 from soliton_linkage.linkage.chain import Array
 
 Records = NDArray[np.void]
 
-COVARIANCE = ('arc_arc', 'arc_rate', 'arc_bias', 'rate_rate', 'rate_bias', 'bias_bias')
-STATE = ('arc', 'rate', 'bias', *COVARIANCE)
+COVARIANCE = (
+    *('arc_arc', 'arc_rate', 'arc_bias', 'arc_disturbance', 'rate_rate', 'rate_bias'),
+    *('rate_disturbance', 'bias_bias', 'bias_disturbance', 'disturbance_disturbance'),
+)
+STATE = ('arc', 'rate', 'bias', 'disturbance', *COVARIANCE)
 MODEL = ('bias_variance', 'wander', 'wander_at_edges')
 EVIDENCE = ('weight', 'share', 'likelihood', 'odds')
 FILTER = np.dtype([(name, np.float64) for name in (*STATE, *MODEL, *EVIDENCE)])
-"""State (s, w, b) of a filter, its covariance, its model and what speaks for it.
+"""State (s, w, b, d) of a filter, its covariance, its model and what speaks for it.
 
-The arc s [rad], its rate w [rad/s] and the bias b of the measurement [rad]; products of their
-units. Of the model the variance m^2 that the bias comes back to [rad^2], and e^2 [1] inside and
-at edges. The weight [1] is that in the mixture; share [1] and logarithmic likelihood are those
-among the filters that are neither steady nor of a kick, logarithmic odds those of a kick.
+The arc s [rad], its rate w [rad/s], the bias b of the measurement [rad] and the disturbance d
+[rad/s^2]; products of their units. Of the model the variance m^2 that the bias comes back to
+[rad^2], and e^2 [1] inside and at edges. The weight [1] is that in the mixture; share [1] and
+logarithmic likelihood are those among the filters that are neither steady nor of a kick,
+logarithmic odds those of a kick.
 """
 _READ_FILTERS = records(FILTER)
 _FILTERS = records(FILTER, writable=True)
@@ -50,7 +54,7 @@ def expected_measurement(filters: Records) -> tuple[float, float]:
     return arc, variance
 
 
-@compiled(_FILTERS, NUMBER, NUMBER, NUMBER, NUMBER, YES, NUMBER)
+@compiled(_FILTERS, NUMBER, NUMBER, NUMBER, NUMBER, YES, NUMBER, NUMBER, NUMBER, NUMBER)
 def predict(
     filters: Records,
     elapsed: float,
@@ -59,27 +63,47 @@ def predict(
     remembered: float,
     at_edge: bool,
     ratio: float,
+    acceleration: float,
+    bandwidth: float,
+    unsure: float,
 ) -> tuple[float, float]:
     """Let filters go on by a time [s], of whose bias b the share e^(-|w| dt / ...) is kept.
 
-    The rates wander with the variance cubed * e^2 in a second, and are in the end what they were
-    times a ratio; a share of the logarithmic likelihoods is remembered. Returns
+    The rates wander with the variance cubed * e^2 in a second, are accelerated [rad/s^2], and are
+    in the end what they were times a ratio; a share of the logarithmic likelihoods is remembered.
+    A bandwidth [rad/s] and a variance [rad^2] are those of what is unknown beside. Returns
     `expected_measurement`.
     """
     for n in range(filters.size):
         each = filters[n]
-        each['arc'] += elapsed * each['rate']
+        each['arc_arc'] += 3 * unsure
+        each['rate_rate'] += 3 * bandwidth**2 * unsure
+        each['disturbance_disturbance'] += bandwidth**4 * unsure
+        gained = elapsed * (acceleration + each['disturbance'])
+        each['arc'] += elapsed * (each['rate'] + gained / 2)
+        each['rate'] = ratio * (each['rate'] + gained)
         each['bias'] *= kept
         each['likelihood'] *= remembered
         added = cubed * elapsed * (each['wander_at_edges'] if at_edge else each['wander'])
         both, of_rate = each['arc_rate'], each['rate_rate']
-        each['arc_arc'] += elapsed * (2 * both + elapsed * of_rate) + elapsed**2 / 3 * added
-        each['arc_rate'] = ratio * (both + elapsed * of_rate + elapsed / 2 * added)
-        each['arc_bias'] = kept * (each['arc_bias'] + elapsed * each['rate_bias'])
-        each['rate'] *= ratio
+        arc_before, rate_before = each['arc_disturbance'], each['rate_disturbance']
+        of_gain = elapsed * each['disturbance_disturbance']
+        with_rate = rate_before + of_gain
+        with_arc = arc_before + elapsed * (rate_before + of_gain / 2)
+        more = elapsed / 2 * (arc_before + with_arc + elapsed * rate_before)
+        each['arc_arc'] += elapsed * (2 * both + elapsed * of_rate + more) + elapsed**2 / 3 * added
+        more = elapsed * (with_arc + elapsed / 2 * rate_before)
+        each['arc_rate'] = ratio * (both + elapsed * of_rate + more + elapsed / 2 * added)
+        bias_gain = elapsed * each['bias_disturbance']
+        each['arc_bias'] += elapsed * (each['rate_bias'] + bias_gain / 2)
+        each['arc_bias'] *= kept
+        each['arc_disturbance'] = with_arc
+        of_rate += elapsed * (rate_before + with_rate)
         each['rate_rate'] = ratio * ratio * (of_rate + added)
-        each['rate_bias'] *= ratio * kept
+        each['rate_bias'] = ratio * kept * (each['rate_bias'] + bias_gain)
+        each['rate_disturbance'] = ratio * with_rate
         each['bias_bias'] = kept**2 * each['bias_bias'] + each['bias_variance'] * (1 - kept**2)
+        each['bias_disturbance'] *= kept
     return expected_measurement(filters)
 
 
@@ -94,22 +118,29 @@ def _update_filters(
         of_arc = each['arc_arc'] + each['arc_bias']
         of_rate = each['arc_rate'] + each['rate_bias']
         of_bias = each['arc_bias'] + each['bias_bias']
+        of_force = each['arc_disturbance'] + each['bias_disturbance']
         whole = of_arc + of_bias + variance
         innovation = arc - (each['arc'] + each['bias'])
         square = innovation * innovation / whole
         if degrees_of_freedom < math.inf:
             square = (degrees_of_freedom + 1) * math.log1p(square / degrees_of_freedom)
         likely[n] = -0.5 * (square + math.log(whole))
-        by_arc, by_rate, by_bias = of_arc / whole, of_rate / whole, of_bias / whole
+        by_arc, by_rate = of_arc / whole, of_rate / whole
+        by_bias, by_force = of_bias / whole, of_force / whole
         each['arc'] += by_arc * innovation
         each['rate'] += by_rate * innovation
         each['bias'] += by_bias * innovation
+        each['disturbance'] += by_force * innovation
         each['arc_arc'] -= of_arc * by_arc
         each['arc_rate'] -= of_arc * by_rate
         each['arc_bias'] -= of_arc * by_bias
         each['rate_rate'] -= of_rate * by_rate
         each['rate_bias'] -= of_rate * by_bias
         each['bias_bias'] -= of_bias * by_bias
+        each['arc_disturbance'] -= of_arc * by_force
+        each['rate_disturbance'] -= of_rate * by_force
+        each['bias_disturbance'] -= of_bias * by_force
+        each['disturbance_disturbance'] -= of_force * by_force
     return likely
 
 
@@ -145,7 +176,7 @@ def update(
         weights[n] = filters[n]['weight']
         if n > 0:
             shares[n - 1] = filters[n]['share']
-    against = _together(shares, likely[1:base]) - likely[0]
+    against = _together(shares, likely[1:base]) - likely[0] if base > 1 else 0.0
     together = _together(weights, likely[:base])
     most = -math.inf
     for n in range(base, filters.size):
@@ -222,10 +253,8 @@ def mixture(
 def _copy_state(filters: Records, source: int, target: int) -> None:
     """Let a filter have the state, the covariance and the bias variance of another."""
     one, other = filters[source], filters[target]
-    other['arc'], other['rate'], other['bias'] = one['arc'], one['rate'], one['bias']
-    other['arc_arc'], other['arc_rate'] = one['arc_arc'], one['arc_rate']
-    other['arc_bias'], other['rate_rate'] = one['arc_bias'], one['rate_rate']
-    other['rate_bias'], other['bias_bias'] = one['rate_bias'], one['bias_bias']
+    for name in unrolled(STATE):
+        other[name] = one[name]
     other['bias_variance'] = one['bias_variance']
 
 
@@ -261,9 +290,14 @@ def begin_steady(filters: Records, base: int) -> None:
         filters[n]['weight'] = filters[n]['share']
     arc, rate, of_arc, both, of_rate = mixture(filters, base, math.inf)
     steady = filters[0]
-    steady['arc'], steady['rate'], steady['bias'] = arc, rate, 0.0
+    for name in unrolled(STATE):
+        steady[name] = 0.0
+    for n in range(1, base):
+        each = filters[n]
+        steady['disturbance'] += each['weight'] * each['disturbance']
+        steady['disturbance_disturbance'] += each['weight'] * each['disturbance_disturbance']
+    steady['arc'], steady['rate'] = arc, rate
     steady['arc_arc'], steady['arc_rate'], steady['rate_rate'] = of_arc, both, of_rate
-    steady['arc_bias'], steady['rate_bias'], steady['bias_bias'] = 0.0, 0.0, 0.0
 
 
 @compiled(_FILTERS, COUNT)
@@ -318,5 +352,6 @@ def measure(
     while older < ages - 1 and frames % (2 << older) == 0:
         older += 1
     set_weights(filters, settings, base, against)
-    suppose_kick(filters, base, older, elapsed, least_kick)
+    if ages > 0:
+        suppose_kick(filters, base, older, elapsed, least_kick)
     return (against, frames), mixture(filters, base, given['least_weight'])
