@@ -29,8 +29,8 @@ filters but the steady one, which there has to earn its trust again.
 A kick changes the rate at once. Of each frame of late, at ages of 1, 2, 4, ... frames, one filter
 more holds that the wall was kicked there, to a rate about which little is known. It counts by the
 odds of all measurements since, against those for a kick, so that the deviations grow as soon as
-innovations do; of a kick that is less likely than 1 % nothing is told. Where the odds are beyond
-chance, all filters begin anew with that one.
+innovations do, but for odds that chance makes often. Where they are beyond chance, all filters
+begin anew with that one.
 """
 
 from __future__ import annotations
@@ -229,8 +229,7 @@ class MultipleModelFilter:
     def summary(self) -> _Summary:
         """Arc, rate, variance of the arc, covariance, variance of the rate; units as of each."""
         if self._known is None:
-            least = self._settings.least_weight
-            self._known = filter_loops.mixture(self.filters, self._base, least)
+            self._known = filter_loops.mixture(self.filters, len(self.filters))
         return self._known
 
     def _look_ahead(self) -> None:

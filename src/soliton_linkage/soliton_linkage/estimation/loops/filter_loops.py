@@ -217,35 +217,28 @@ def set_weights(filters: Records, settings: Records, base: int, against: float) 
         filters[n]['weight'] /= whole
 
 
-@compiled(_READ_FILTERS, COUNT, NUMBER)
-def mixture(
-    filters: Records, base: int, least_weight: float
-) -> tuple[float, float, float, float, float]:
-    """Mean s and w of weighted filters, variance of s, covariance, variance of w.
-
-    Filters from the base on count from a least weight on.
-    """
+@compiled(_READ_FILTERS, COUNT)
+def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
+    """Mean s and w of the first weighted filters, variance of s, covariance, variance of w."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
-    for n in range(filters.size):
+    for n in range(count):
         each = filters[n]
         weight = each['weight']
-        if n < base or weight >= least_weight:
-            whole += weight
-            arc += weight * each['arc']
-            rate += weight * each['rate']
-            of_arc += weight * each['arc_arc']
-            both += weight * each['arc_rate']
-            of_rate += weight * each['rate_rate']
+        whole += weight
+        arc += weight * each['arc']
+        rate += weight * each['rate']
+        of_arc += weight * each['arc_arc']
+        both += weight * each['arc_rate']
+        of_rate += weight * each['rate_rate']
     arc, rate = arc / whole, rate / whole
-    for n in range(filters.size):
+    for n in range(count):
         each = filters[n]
         weight = each['weight']
-        if n < base or weight >= least_weight:
-            arcs, rates = each['arc'] - arc, each['rate'] - rate
-            of_arc += weight * arcs * arcs
-            both += weight * arcs * rates
-            of_rate += weight * rates * rates
+        arcs, rates = each['arc'] - arc, each['rate'] - rate
+        of_arc += weight * arcs * arcs
+        both += weight * arcs * rates
+        of_rate += weight * rates * rates
     return arc, rate, of_arc / whole, both / whole, of_rate / whole
 
 
@@ -288,7 +281,7 @@ def begin_steady(filters: Records, base: int) -> None:
     filters[0]['weight'] = 0.0
     for n in range(1, base):
         filters[n]['weight'] = filters[n]['share']
-    arc, rate, of_arc, both, of_rate = mixture(filters, base, math.inf)
+    arc, rate, of_arc, both, of_rate = mixture(filters, base)
     steady = filters[0]
     for name in unrolled(STATE):
         steady[name] = 0.0
@@ -354,4 +347,4 @@ def measure(
     set_weights(filters, settings, base, against)
     if ages > 0:
         suppose_kick(filters, base, older, elapsed, least_kick)
-    return (against, frames), mixture(filters, base, given['least_weight'])
+    return (against, frames), mixture(filters, filters.size)
