@@ -34,6 +34,8 @@ class Eliminated(NamedTuple):
     """A_ss^-1 b_s, (2 N,)."""
     across: Array
     """A_ss^-1 A_sq, (2 N, Q - 2 N)."""
+    gain: float
+    """b_s A_ss^-1 b_s: what the squares lose by the begin where the chain keeps still [1]."""
 
     def change(self, of_chain: Array) -> Array:
         """Change of all unknowns of the window, (Q,), given that of the chain."""
@@ -63,6 +65,7 @@ class WindowEquations(NamedTuple):
             vector[:size] - matrix[:size, size:] @ moved,
             moved,
             across,
+            float(vector[size:] @ moved),
         )
 
 
