@@ -95,6 +95,7 @@ class _Sent(NamedTuple):
 
 
 _NOTHING = _Sent(None, 0.0)
+"""Of a steering that holds no wall."""
 
 
 class Steering:

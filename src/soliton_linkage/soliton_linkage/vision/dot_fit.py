@@ -59,8 +59,11 @@ _WIDEST = 4.0
 _STEPS = 64
 """Of the tables of edges in one of these [1]: lines between them are right to 1e-5."""
 _AT = np.arange(2 * int(_WIDEST) * _STEPS + 1) / _STEPS - _WIDEST
+"""Distances from an edge that the tables are of, in deviations of the blur [1]."""
 _COVERS: Array = erfc(_AT / math.sqrt(2)) / 2
+"""Share of a dot at these distances from its blurred edge [1]: a step through a Gaussian."""
 _EDGES: Array = np.exp(-(_AT**2) / 2) / math.sqrt(2 * math.pi)
+"""Slopes of these shares, with the sign changed [1]."""
 _LEAST_SMEAR = 0.3
 """Way below which a dot is as good as at rest [pixels]."""
 
