@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -168,6 +169,20 @@ def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: 
     tell_chain(graph, named)
     graph.until(lambda: len(states) == len(frames), f'{len(frames)} states')
     assert [state.header for state in states] == [frame.header for frame in frames]
+
+
+def test_of_all_frames_none_is_lost_that_came_while_it_was_busy(
+    graph: Graph, named: NamedChain
+) -> None:
+    reports = graph.reports('soliton_analyser')
+    graph.start(SolitonAnalyser, EVERY_FRAME)
+    joints = graph.speak(replace(interfaces.JOINT_STATES, qos=interfaces.whole_stream_qos()))
+    rest, count = named.chain.uniform_state(1), 3000
+    for number in range(count):
+        stamp = time_to_msg(number * PERIOD)
+        joints.publish(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp))
+    tell_chain(graph, named)
+    graph.until(lambda: reports and values(reports[-1])['frames'] == str(count), f'{count} frames')
 
 
 OBSERVER = """

@@ -93,10 +93,11 @@ class SolitonAnalyser(ManagedNode):
         self._reported = (time.monotonic(), 0, 0.0)
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
         settings = self.settings = current(self, AnalyserParameters)
+        self._whole = interfaces.whole_stream_qos()
         self._analysis = JointStateAnalysis(settings.noise or None)
-        states = interfaces.SOLITON_STATE
+        frames, states = interfaces.JOINT_STATES, interfaces.SOLITON_STATE
         if not settings.longest_lag:
-            states = replace(states, qos=interfaces.whole_stream_qos())
+            frames, states = (replace(each, qos=self._whole) for each in (frames, states))
         self._publisher = states.publisher(self)
         self._events = interfaces.SOLITON_EVENTS.publisher(self)
         self._source = ChainSource(
@@ -115,15 +116,15 @@ class SolitonAnalyser(ManagedNode):
         take = self.while_active(self.take)
         AdaptiveSubscription(
             self,
-            interfaces.JOINT_STATES,
+            frames,
             take,
             self.diagnostics,
             raw=True,
             longest_lag=settings.longest_lag,
             succeeded=self._source.renew,
         )
-        frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
-        self.get_logger().info(f'analysing {frames} of {self._source.in_words}')
+        name = self.resolve_topic_name(frames.name)
+        self.get_logger().info(f'analysing {name} of {self._source.in_words}')
 
     def deactivate(self) -> None:
         """Forget what waits for a chain."""
@@ -148,7 +149,9 @@ class SolitonAnalyser(ManagedNode):
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
-            if len(self.waiting) > interfaces.stream_qos(len(serialized)).depth:
+            size = len(serialized)
+            deep = interfaces.stream_qos(size) if self.settings.longest_lag else self._whole
+            if len(self.waiting) > deep.depth:
                 self.waiting.popleft()
         else:
             act(serialized)
