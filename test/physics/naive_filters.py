@@ -11,14 +11,14 @@ from soliton_linkage.estimation.loops.filter_loops import COVARIANCE, Records
 from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.linkage.chain import Array
 
-STATE = ('arc', 'rate', 'bias')
-LOOKED = np.array([1.0, 0.0, 1.0])
-ROWS, COLUMNS = np.triu_indices(3)
+STATE = ('arc', 'rate', 'bias', 'disturbance')
+LOOKED = np.array([1.0, 0.0, 1.0, 0.0])
+ROWS, COLUMNS = np.triu_indices(4)
 
 
 def taken(filters: Records) -> tuple[Array, Array]:
-    """States, shape (F, 3), and covariances, shape (F, 3, 3)."""
-    covariances = np.empty((len(filters), 3, 3))
+    """States, shape (F, 4), and covariances, shape (F, 4, 4)."""
+    covariances = np.empty((len(filters), 4, 4))
     for name, row, column in zip(COVARIANCE, ROWS, COLUMNS, strict=True):
         covariances[:, row, column] = covariances[:, column, row] = filters[name]
     return np.stack([filters[name] for name in STATE], axis=1), covariances
@@ -47,9 +47,14 @@ def predict(
     remembered: float,
     at_edge: bool,
     ratio: float,
+    acceleration: float,
+    bandwidth: float,
+    unsure: float,
 ) -> tuple[float, float]:
     states, covariances = taken(filters)
-    step = np.array([[1, elapsed, 0], [0, 1, 0], [0, 0, kept]])
+    covariances = covariances + unsure * np.diag([3, 3 * bandwidth**2, 0, bandwidth**4])
+    step = np.diag([1, 1, kept, 1])
+    step[0, 1], step[:2, 3] = elapsed, (elapsed**2 / 2, elapsed)
     added = np.zeros_like(covariances)
     wander = cubed * filters['wander_at_edges' if at_edge else 'wander']
     added[:, 0, 0] = wander * elapsed**3 / 3
@@ -57,8 +62,9 @@ def predict(
     added[:, 1, 1] = wander * elapsed
     added[:, 2, 2] = filters['bias_variance'] * (1 - kept**2)
     filters['likelihood'] *= remembered
-    states, covariances = states @ step.T, step @ covariances @ step.T + added
-    changed = np.diag([1.0, ratio, 1.0])
+    states = states @ step.T + acceleration * np.array([elapsed**2 / 2, elapsed, 0, 0])
+    covariances = step @ covariances @ step.T + added
+    changed = np.diag([1.0, ratio, 1.0, 1.0])
     put(filters, states @ changed, changed @ covariances @ changed)
     return expected_measurement(filters)
 
@@ -81,7 +87,7 @@ def update(
     filters['share'][1:base] = np.exp(likelihoods) / np.exp(likelihoods).sum()
     gains = covariances @ LOOKED / variances[:, None]
     states = states + gains * innovations[:, None]
-    put(filters, states, (np.eye(3) - gains[:, :, None] * LOOKED) @ covariances)
+    put(filters, states, (np.eye(4) - gains[:, :, None] * LOOKED) @ covariances)
     return against, float(filters['odds'][base:].max())
 
 
@@ -91,15 +97,13 @@ def set_weights(filters: Records, settings: Records, base: int, against: float) 
     weights[0] = 1 - doubted
     beyond = np.exp(filters['odds'][base:]) - np.exp(settings[0]['kick_evidence'])
     weights[base:] = np.exp(-settings[0]['kick_rarity']) * np.maximum(beyond, 0.0)
+    weights[base] = 0.0
     weights /= weights.sum()
 
 
-def mixture(
-    filters: Records, base: int, least_weight: float
-) -> tuple[float, float, float, float, float]:
-    counting = (np.arange(len(filters)) < base) | (filters['weight'] >= least_weight)
-    states, covariances = taken(filters[counting])
-    weights = filters['weight'][counting] / filters['weight'][counting].sum()
+def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
+    states, covariances = taken(filters[:count])
+    weights = filters['weight'][:count] / filters['weight'][:count].sum()
     mean = weights @ states
     apart = states - mean
     of_each = covariances + apart[:, :, None] * apart[:, None, :]
@@ -122,18 +126,21 @@ def suppose_kick(
 
 def begin_steady(filters: Records, base: int) -> None:
     filters['weight'][0], filters['weight'][1:base] = 0.0, filters['share'][1:base]
-    arc, rate, of_arc, both, of_rate = mixture(filters, base, math.inf)
-    covariance = np.zeros((1, 3, 3))
+    arc, rate, of_arc, both, of_rate = mixture(filters, base)
+    shares = filters['weight'][1:base]
+    covariance = np.zeros((1, 4, 4))
     covariance[0, :2, :2] = [[of_arc, both], [both, of_rate]]
-    put(filters[:1], np.array([[arc, rate, 0.0]]), covariance)
+    covariance[0, 3, 3] = shares @ filters['disturbance_disturbance'][1:base]
+    disturbance = float(shares @ filters['disturbance'][1:base])
+    put(filters[:1], np.array([[arc, rate, 0.0, disturbance]]), covariance)
 
 
 def begin_kicked(filters: Records, base: int) -> None:
     states, covariances = taken(filters)
     likeliest = base + int(filters['odds'][base:].argmax())
-    all_alike, spread = np.zeros((base, 3)), np.zeros((base, 3, 3))
-    all_alike[:, :2] = states[likeliest, :2]
-    spread[:, :2, :2] = covariances[likeliest, :2, :2]
+    kept = np.array([1.0, 1.0, 0.0, 1.0])
+    all_alike = np.tile(kept * states[likeliest], (base, 1))
+    spread = np.tile(kept[:, None] * covariances[likeliest] * kept, (base, 1, 1))
     spread[:, 2, 2] = filters['bias_variance'][:base]
     put(filters[:base], all_alike, spread)
     filters['odds'][base:] = -math.inf
@@ -165,7 +172,7 @@ def measure(
     halves = next(k for k in range(64) if frames % 2 ** (k + 1))
     set_weights(filters, settings, base, against)
     suppose_kick(filters, base, min(halves, len(filters) - base - 1), elapsed, least_kick)
-    return (against, frames), mixture(filters, base, given['least_weight'])
+    return (against, frames), mixture(filters, len(filters))
 
 
 def add_residuals(encoders: Records, residuals: Array, sides: Array, variance: float) -> None:

@@ -142,24 +142,6 @@ def test_a_kick_is_noticed_before_the_wall_has_passed_two_rotors(share: float) -
         assert motion.rate_deviation < 0.1 * RATE
 
 
-def test_pushes_that_nobody_told_are_stated_about_as_soon_as_they_can_be_known() -> None:
-    noise, way, beyond, pushes = 0.01, 0.02, 0, 0
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        steps = np.full(300, way)
-        for frame in (100, 200):
-            steps[frame:] += way * random.uniform(-0.5, 0.5)
-        true = np.cumsum(steps)
-        motion = MultipleModelFilter(float(true[0]), noise**2, 50.0, SITE_ARC)
-        for frame, arc in enumerate(true[1:] + noise * random.standard_normal(299), start=1):
-            motion.predict(0.004, False)
-            motion.update(float(arc), noise**2)
-            beyond += frame > 50 and abs(motion.arc - true[frame]) > 4 * motion.arc_deviation
-        pushes += 2
-    # All instants weighed by the law of Bayes, told how often pushes come, leave 1.5 of these.
-    assert beyond / pushes < 2.5
-
-
 def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
     noise, rotor = 0.01, round(SITE_ARC / RATE / PERIOD)
     for share in (0.2, -0.2, 0.5, -2.0):

@@ -29,8 +29,8 @@ filters but the steady one, which there has to earn its trust again.
 A kick changes the rate at once. Of each frame of late, at ages of 1, 2, 4, ... frames, one filter
 more holds that the wall was kicked there, to a rate about which little is known. It counts by the
 odds of all measurements since, against those for a kick, so that the deviations grow as soon as
-innovations do, but for odds that chance makes often. Where they are beyond chance, all filters
-begin anew with that one.
+innovations do, but for odds that chance makes often, or that rest on one measurement. Where they
+are beyond chance, all filters begin anew with that one.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class FilterSettings(_Part):
     least_odds: float = quantity(-9.0, 'least log odds against it elsewhere')
     first_odds: float = quantity(-6.0, 'log odds against it at the start')
     kick_ages: int = quantity(8, 'hypotheses of a kick, at ages of 1, 2, 4, ... frames')
-    kick_rarity: float = quantity(4.0, 'log odds against a kick in a frame')
+    kick_rarity: float = quantity(8.0, 'log odds against a kick in a frame')
     kick_evidence: float = quantity(1.5, 'log odds for a kick from which on it has a weight')
     kick_beyond_chance: float = quantity(15.0, 'log odds for a kick at which all follow it')
     least_kick: float = quantity(

@@ -59,10 +59,10 @@ def flags(random: np.random.Generator, share: float, count: int = ROTORS) -> fra
 
 def filters(random: np.random.Generator) -> Records:
     """Filters in any state."""
-    factors = random.standard_normal((BASE + KICKS, 3, 3))
+    factors = random.standard_normal((BASE + KICKS, 4, 4))
     covariances = factors @ factors.transpose(0, 2, 1)
     made = np.zeros(BASE + KICKS, filter_loops.FILTER)
-    naive_filters.put(made, random.standard_normal((BASE + KICKS, 3)), covariances)
+    naive_filters.put(made, random.standard_normal((BASE + KICKS, 4)), covariances)
     for name in ('weight', 'wander', 'wander_at_edges', 'bias_variance'):
         made[name] = random.random(BASE + KICKS)
     made['weight'] /= made['weight'].sum()
@@ -75,16 +75,16 @@ def filters(random: np.random.Generator) -> Records:
 def of_filters(random: np.random.Generator) -> list[Case]:
     made = filters(random)
     freedoms = 7.0 if random.random() < 0.5 else math.inf
-    settings = FilterSettings(kick_evidence=1.0, least_weight=0.02).record
+    settings = FilterSettings(kick_evidence=0.5).record
     return [
         *[
-            ('predict', (made, 0.01, 0.9, 3.0, 0.8, at_edge, ratio))
+            ('predict', (made, 0.01, 0.9, 3.0, 0.8, at_edge, ratio, 0.7, 5.0, 0.1))
             for at_edge, ratio in ((False, 1.0), (True, 0.7))
         ],
         ('expected_measurement', (made,)),
         ('update', (made, BASE, 0.3, 0.1, freedoms)),
         ('set_weights', (made, settings, BASE, 1.2)),
-        ('mixture', (made, BASE, 0.02)),
+        *[('mixture', (made, count)) for count in (BASE, BASE + KICKS)],
         ('suppose_kick', (made, BASE, 3, 0.01, 0.2)),
         ('begin_steady', (made, BASE)),
         ('begin_kicked', (made, BASE)),

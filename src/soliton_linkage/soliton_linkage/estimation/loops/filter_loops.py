@@ -200,14 +200,16 @@ def set_weights(filters: Records, settings: Records, base: int, against: float) 
     """Set the weights of all filters.
 
     The steady one has the logarithmic odds against it; those of kicks, which are rare, count
-    from some odds for them on.
+    from some odds for them on, but for the youngest: of one measurement noise may make anything.
     """
     rarity, evidence = settings[0]['kick_rarity'], settings[0]['kick_evidence']
     doubted = 1 / (1 + math.exp(-against))
     filters[0]['weight'] = 1 - doubted
     for n in range(1, base):
         filters[n]['weight'] = doubted * filters[n]['share']
-    for n in range(base, filters.size):
+    if base < filters.size:
+        filters[base]['weight'] = 0.0
+    for n in range(base + 1, filters.size):
         beyond = max(math.exp(filters[n]['odds']) - math.exp(evidence), 0.0)
         filters[n]['weight'] = math.exp(-rarity) * beyond
     whole = 0.0
@@ -305,6 +307,7 @@ def begin_kicked(filters: Records, base: int) -> None:
         _copy_state(filters, likeliest, n)
         filters[n]['bias_variance'] = filters[n]['bias_bias'] = variance
         filters[n]['bias'] = filters[n]['arc_bias'] = filters[n]['rate_bias'] = 0.0
+        filters[n]['bias_disturbance'] = 0.0
     for n in range(base, filters.size):
         filters[n]['odds'] = -math.inf
 
