@@ -22,11 +22,12 @@ from soliton_linkage.vision.angle_frame import AngleFrame, check_picture, no_rot
 from soliton_linkage.vision.dots import Dots, Picture, find_dots
 from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.identities import NOBODY, identified
-from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.layout import DOT_SHARE, MarkerLayout
 from soliton_linkage.vision.lens.camera import Camera
 from soliton_linkage.vision.lens.plane import ChainPlane
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.pivots import Pivots
+from soliton_linkage.vision.repeats import Repeats
 from soliton_linkage.vision.rotor_tracks import RotorTracks
 from soliton_linkage.vision.scatter import Scatter
 
@@ -45,6 +46,7 @@ class AngleCamera:
         self.pivots = Pivots(layout)
         self.tracks = RotorTracks(layout)
         self.scatter = Scatter()
+        self.repeats = Repeats(layout.chain.number_of_rotors)
         self._before = 0.0
         self._layout, self._camera = layout, camera
         self._rotors = layout.chain.number_of_rotors
@@ -81,9 +83,11 @@ class AngleCamera:
                 f'{self.pivots.found} black dots have been seen in a row for {self._rotors} '
                 'pivots; uncover the others, and check chain.spacing'
             )
-        return self._frame(time, plane, dots, where)
+        return self._frame(time, grey, plane, dots, where)
 
-    def _frame(self, time: float, plane: ChainPlane, dots: Dots, where: Array) -> AngleFrame:
+    def _frame(
+        self, time: float, grey: Picture, plane: ChainPlane, dots: Dots, where: Array
+    ) -> AngleFrame:
         times = self._times(time, self._expected_pixels)
         pivots = np.where(self.pivots.known[:, None], self.pivots.places, np.nan)
         expected = self.tracks.expected(times, pivots, _SLACK * self._metres)
@@ -98,11 +102,16 @@ class AngleCamera:
         times = self._times(time, np.where(seen[:, None], pixels, self._pivot_pixels))
         angles = self.tracks.unwrapped(times, np.arctan2(arms[:, 0], arms[:, 1]))
         self.tracks.take(times, angles)
-        deviations = np.full(self._rotors, np.nan)
-        deviations[seen] = self._deviations(
-            time, plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
+        repeated = self.repeats.look(grey, pixels, self._radius / DOT_SHARE)
+        jumps, runs = self.repeats.jumps(angles, repeated)
+        radial, turning = np.full((2, self._rotors), np.nan)
+        radial[seen], turning[seen] = self._pixel_errors(
+            plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
         )
-        self.tracks.measure(self.pivots.places, masses)
+        deviations = self._deviations(time, arms, radial, turning, repeated)
+        jumped = np.isfinite(jumps)
+        self.scatter.take_jumps((jumps / turning)[jumped], runs[jumped])
+        self.tracks.measure(self.pivots.places, np.where(repeated[:, None], np.nan, masses))
         _, _, unsure = self.tracks.motion()
         deviations = np.hypot(deviations, unsure * (time + self._delay - times))
         hidden = int(self._rotors - seen.sum())
@@ -119,16 +128,15 @@ class AngleCamera:
         blurred = accelerations * self._camera.exposure**2 / 24
         return np.asarray(angles - blurred + rates * apart + accelerations * apart**2 / 2)
 
-    def _deviations(
+    def _pixel_errors(
         self,
-        time: float,
         plane: ChainPlane,
         seen: NDArray[np.bool_],
         pixels: Array,
         noise: Array,
         arms: Array,
-    ) -> Array:
-        """Standard deviation of the angles of the rotors that are seen [rad]."""
+    ) -> tuple[Array, Array]:
+        """What pixels say of the rotors that are seen: errors of lengths [m] and angles [rad]."""
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
@@ -138,15 +146,25 @@ class AngleCamera:
         radial, turning = (
             np.sqrt(np.einsum('ni,nij,nj->n', way, covariances, way)) for way in (outwards, across)
         )
-        whole = np.full(self._rotors, np.nan)
-        whole[seen] = lengths
-        errors = self.tracks.length_errors(whole)[seen] / radial
+        return radial, turning / lengths
+
+    def _deviations(
+        self,
+        time: float,
+        arms: Array,
+        radial: Array,
+        turning: Array,
+        repeated: NDArray[np.bool_],
+    ) -> Array:
+        """Standard deviation of the angles [rad] by pixels and by how dots scatter, shape (N,)."""
+        lengths = np.hypot(arms[:, 0], arms[:, 1])
+        errors = self.tracks.length_errors(lengths) / radial
         rates, _, _ = self.tracks.motion()
-        ways = np.abs(rates[seen]) * (time - self._before) * lengths / self._metres
+        ways = np.abs(rates) * (time - self._before) * lengths / self._metres
         self._before = time
-        told = np.isfinite(errors)
+        told = np.isfinite(errors) & ~repeated
         self.scatter.take(errors[told], ways[told])
-        return np.asarray(self.scatter.factors(ways) * turning / lengths)
+        return np.asarray(self.scatter.factors(ways, repeated) * turning)
 
     def _dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
         """Dots of the picture, each with the way that the nearest expected one has gone."""
