@@ -51,8 +51,8 @@ def test_rotors_in_balance_need_not_be_seen(
     arc = orbit.arc_at(4.7, 0)
     held, beside = stiffness(orbit, arc), np.random.default_rng(1).normal(0, 1e-3, ROTORS)
     others = np.delete(np.arange(ROTORS), hidden)
-    pulled = held[np.ix_(hidden, others)] @ beside[others]
-    beside[hidden] = -np.linalg.solve(held[np.ix_(hidden, hidden)], pulled)
+    pulled = held[hidden][:, others] @ beside[others]
+    beside[hidden] = -np.linalg.solve(held[hidden][:, hidden], pulled)
     without, informed = seen_shift(orbit, arc, beside, hidden, 0.0, 1e-12)
     nearest = orbit.tangent(arc) @ beside
     assert informed == pytest.approx(nearest, abs=1e-8)
