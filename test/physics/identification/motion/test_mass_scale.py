@@ -23,14 +23,14 @@ PUSHED = 110
 CHAIN = unequal(replace(FLIPPER, number_of_rotors=8), 7)
 
 
-def pushed() -> tuple[Array, Array, Array]:
-    """Times, angles, and the impulses that came."""
+def pushed(after: int = PUSHED) -> tuple[Array, Array, Array]:
+    """Times, angles, and the impulses that came after a frame."""
     start = leaning(CHAIN, -1).angles
     impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
     simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
     frames = []
     for frame in range(340):
-        if frame == PUSHED:
+        if frame == after:
             simulation.kick(impulses)
         frames.append(simulation.angles.copy())
         simulation.advance()
@@ -46,3 +46,14 @@ def test_the_mean_mass_follows_from_an_impulse() -> None:
     off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
     assert abs(off) < 3 * found.mass_deviation < 0.2
     assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)
+
+
+def test_a_push_that_nobody_told_of_does_no_harm_between_windows() -> None:
+    times, angles, _ = pushed(100)
+    found = identify(Readings(times, read(angles, 2)[0]), Chain())
+    assert found.noise == pytest.approx(0.01, rel=0.02)
+    true = CHAIN.stiffnesses / CHAIN.masses.mean()
+    shown = found.chain.stiffnesses / found.chain.masses.mean()
+    errors = np.log(shown / true) / found.deviations['stiffness']
+    assert np.sqrt(np.mean(errors**2)) < 1.8
+    assert math.isnan(found.mass_deviation)
