@@ -4,7 +4,7 @@
 
 # shellcheck disable=SC2034
 cmake_arguments=(--cmake-args)
-# Among the wheels is no rclcpp, and of middleware Fast DDS alone.
+# Among the wheels is no rclcpp.
 [ "$ROS_DISTRO" = jazzy ] || cmake_arguments+=(-DPYTHON_ALONE=ON)
 headers=("$soliton_home"/headers/usr/include/python3*)
 if [ -d "${headers[0]}" ]; then

@@ -52,8 +52,8 @@ def test_a_proposal_is_published_and_saved(graph: Graph, tmp_path: Path) -> None
         rtol=0.08,
     )
     assert graph.call(Trigger, '/chain_identifier/save').success
-    np.testing.assert_allclose(
-        chain_of_file(path).chain.rest_lengths, found.chain.rest_lengths, rtol=1e-5
-    )
+    saved = chain_of_file(path)
+    np.testing.assert_allclose(saved.chain.rest_lengths, found.chain.rest_lengths, rtol=1e-5)
+    np.testing.assert_allclose(saved.encoder_offsets, found.encoder_offsets, atol=1e-5)
     assert graph.call(Trigger, '/chain_identifier/forget').success
     assert node.frames == 0

@@ -51,16 +51,20 @@ def test_the_chain_is_learnt_by_those_who_come_before_and_after_it(
         assert learner.source.named == named
 
 
-def test_offsets_are_known_of_a_chain_that_comes_by_the_topic(
+def test_offsets_are_those_of_the_chain_unless_parameters_know_others(
     graph: Graph, named: NamedChain
 ) -> None:
-    offsets = [0.1] * named.rotors
-    given = {'chain.number_of_rotors': named.rotors, 'chain.encoders.offsets': offsets}
-    learner = graph.start(Learner, given)
-    publisher = graph.speak(interfaces.CHAIN)
-    publisher.publish(chain_to_msg(named, time_to_msg(0)))
-    graph.until(lambda: learner.learnt, 'the chain')
-    assert learner.learnt == [dataclasses.replace(named, encoder_offsets=tuple(offsets))]
+    told, own = (
+        dataclasses.replace(named, encoder_offsets=(x,) * named.rotors) for x in (0.2, 0.1)
+    )
+    given = {
+        'chain.number_of_rotors': named.rotors,
+        'chain.encoders.offsets': list(own.encoder_offsets),
+    }
+    learners = graph.start(Learner), graph.start(Learner, given)
+    graph.speak(interfaces.CHAIN, 2).publish(chain_to_msg(told, time_to_msg(0)))
+    graph.until(lambda: all(each.learnt for each in learners), 'the chain')
+    assert [each.learnt for each in learners] == [[told], [own]]
 
 
 def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:

@@ -50,7 +50,7 @@ def test_the_ends_of_a_chain_come_back(periodic: bool) -> None:
 def test_a_chain_and_its_names_come_back() -> None:
     deviations = Deviations((0.1, 0.2), (), (0.3, -0.4, 0.5), (), (0.0, -0.9), (1.0, 2.0, 3.0))
     chain = Chain(3, 0.11, 0.07, 1.2, 0.03, 77.0, damping=1e-3, deviations=deviations)
-    named = NamedChain(chain, ('left', 'middle', 'right'))
+    named = NamedChain(chain, ('left', 'middle', 'right'), (0.1, 0.0, -0.2))
     message = conversions.chain_to_msg(named, STAMP)
     assert conversions.chain_from_msg(message) == named
     assert (message.header.stamp, message.header.frame_id) == (STAMP, 'linkage')
@@ -201,6 +201,8 @@ def test_a_wrong_message_is_refused_with_what_is_wrong(
         ({'damping': -1.0}, 'damping = -1.0 must lie in the range'),
         ({'mass_deviations': [0.1]}, '1 deviations of mass do not fit a chain of 5 rotors'),
         ({'mass_deviations': [-1.5] * 5}, 'deviation 0 of mass = -1.5 must be'),
+        ({'encoder_offsets': [0.1]}, '1 offsets of encoders do not fit a chain of 5 rotors'),
+        ({'encoder_offsets': [math.nan] * 5}, 'offset of rotor 0 = nan rad must lie in the range'),
     ],
 )
 def test_a_message_that_describes_no_chain_is_refused(

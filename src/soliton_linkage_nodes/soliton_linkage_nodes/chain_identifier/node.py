@@ -191,7 +191,8 @@ class ChainIdentifier(ManagedNode):
         if not self.frames:
             return
         self.found, self._complaint = outcome, ''
-        named = NamedChain(outcome.chain, self._record.joint_names)
+        offsets = tuple(outcome.offsets.tolist())
+        named = NamedChain(outcome.chain, self._record.joint_names, offsets)
         stamp = self.get_clock().now().to_msg()
         self._publisher.publish(chain_to_msg(named, stamp))
         for warning in outcome.warnings:

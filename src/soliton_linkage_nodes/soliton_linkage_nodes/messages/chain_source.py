@@ -167,5 +167,6 @@ class ChainSource:
                 'rotors; name one joint a rotor'
             )
         names = joints or named.joint_names
-        self.named = NamedChain(named.chain, names, self._encoder_offsets)
+        offsets = self._encoder_offsets or named.encoder_offsets
+        self.named = NamedChain(named.chain, names, offsets)
         self._learnt(self.named)

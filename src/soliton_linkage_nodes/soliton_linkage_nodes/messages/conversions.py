@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
-from soliton_linkage.linkage.encoders import check_one_each
+from soliton_linkage.linkage.encoders import KnownEncoders, check_one_each
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -49,7 +49,7 @@ class NamedChain:
 
     def __post_init__(self) -> None:
         """Refuse offsets that do not fit."""
-        check_one_each(self.encoder_offsets, self.rotors)
+        check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
 
     @property
     def rotors(self) -> int:
@@ -92,7 +92,7 @@ def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
 
 
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
-    """Chain and joint names as a message."""
+    """A chain, its joint names and what is known of its encoders as a message."""
     chain = named.chain
     deviations = {f'{name}_deviations': getattr(chain.deviations, name) for name in _DEVIATIONS}
     return msg.Chain(
@@ -100,11 +100,12 @@ def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
         joint_names=list(named.joint_names),
         **{name: getattr(chain, name) for name in _CHAIN_FIELDS},
         **deviations,
+        encoder_offsets=named.encoder_offsets,
     )
 
 
 def chain_from_msg(message: msg.Chain) -> NamedChain:
-    """Chain and joint names; raises ValueError where the message describes none."""
+    """The chain that a message describes; raises ValueError where it describes none."""
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
@@ -112,7 +113,7 @@ def chain_from_msg(message: msg.Chain) -> NamedChain:
         **{name: tuple(getattr(message, f'{name}_deviations')) for name in _DEVIATIONS}
     )
     chain = Chain(number_of_rotors=len(names), deviations=deviations, **parameters)
-    return NamedChain(chain, names)
+    return NamedChain(chain, names, tuple(message.encoder_offsets))
 
 
 def joint_states_from_msg(message: JointState) -> JointStates:
