@@ -213,7 +213,7 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
     start = static_wall(chain, 9.3)
     rates = speed * mode_towards_last(chain, start)
     duration = 18 * site_arc(chain) / speed
-    frames, places, leg, _ = passage_of(chain, start, rates, duration, 200)
+    frames, places, leg, _ = passage_of(chain, start, rates, duration, 360)
     family = WallFamily(WallShapes(chain))
     whole = mean_logarithm(family, frames, places, leg)
     for noise in (0.0, 0.003, 0.01):
