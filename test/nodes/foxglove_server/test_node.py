@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
+from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.msg import Chain, EdgeCommand
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -77,6 +78,19 @@ def until(graph: Graph, client: FoxgloveClient, condition: Callable[[], Any], wh
         return condition()
 
     graph.until(heard, what)
+
+
+def test_what_an_action_says_to_its_clients_is_hidden(
+    graph: Graph, served: FoxgloveServer, connect: Connect
+) -> None:
+    feedback = '/move_soliton/_action/feedback'
+    graph.user.create_publisher(MoveSoliton.Impl.FeedbackMessage, feedback, 10)
+    graph.user.create_publisher(Float64, '/seen', 10)
+    client = connect(served)
+    until(graph, client, lambda: '/seen' in client.channels, 'a topic')
+    assert feedback in dict(served.get_topic_names_and_types())
+    assert feedback not in client.channels
+    assert served.diagnostics.refused == 0
 
 
 def test_topics_come_with_their_definitions(

@@ -107,7 +107,10 @@ class OutgoingTopics:
                 topic.close()
                 del self.topics[name]
         for name, types in found.items():
-            if name in self.topics or self._refused.get(name) == types or self._is_deserted(name):
+            # ROS hides what an action says to its clients.
+            if '/_' in name or name in self.topics or self._refused.get(name) == types:
+                continue
+            if self._is_deserted(name):
                 continue
             try:
                 self.topics[name] = OutgoingTopic(self._node, name, types[0], self._context)

@@ -20,6 +20,7 @@ import pytest
 sys.path.append(str(Path(__file__).parent))
 
 from live_stage import PLACE, SIMULATED, Browser, Stage, Visit, until
+from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -158,6 +159,7 @@ def visit(
 def at_rest(view: Any, visit: Visit, stage: Stage) -> Visit:
     """The same, with the chain at rest and its soliton in its place."""
     visit.tab('Drive')
+    stage.call('soliton_steering/release', Trigger, Trigger.Request())
     assert stage.call('simulator/reset', Reset, Reset.Request()).success
     model, reports = view.finder.chains['/'].model, view.finder.reports
     until(lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1, 'the reset')
