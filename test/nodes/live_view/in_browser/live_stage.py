@@ -15,6 +15,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.service import Service
+from rclpy.timer import Timer
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import (
@@ -95,9 +97,14 @@ class Stage:
         self.user.destroy_client(client)
         return answer.result()
 
-    def in_turn(self, act: Callable[[], object]) -> None:
-        """Act where no callback does, as none may use what is destroyed."""
-        until(self.executor.create_task(act).done, 'a turn of the executor')
+    def end(self, timer: Timer, *others: Publisher | Service[Any, Any]) -> None:
+        """Destroy a timer, then what it uses, in turns of the executor.
+
+        A timer that is due when it is destroyed calls back once more.
+        """
+        self._in_turn(lambda: self.user.destroy_timer(timer))
+        destroy = (self.user.destroy_publisher, self.user.destroy_service)
+        self._in_turn(lambda: [any(act(each) for act in destroy) for each in others])
 
     def close(self) -> None:
         """End all of it."""
@@ -108,6 +115,9 @@ class Stage:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.shutdown(context=self.context)
+
+    def _in_turn(self, act: Callable[[], object]) -> None:
+        until(self.executor.create_task(act).done, 'a turn of the executor')
 
     def _spin(self) -> None:
         while not self._stopping.is_set():
@@ -280,11 +290,7 @@ class Rig:
         self._rotors = 0
 
     def close(self) -> None:
-        self._stage.in_turn(self._destroy)
-
-    def _destroy(self) -> None:
-        self.user.destroy_timer(self._timer)
-        self.user.destroy_publisher(self.joints)
+        self._stage.end(self._timer, self.joints)
 
     def _publish(self) -> None:
         if not self._rotors:

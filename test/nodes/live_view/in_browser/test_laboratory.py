@@ -37,11 +37,7 @@ class Camera:
         self._timer = self._user.create_timer(0.1, self._publish)
 
     def close(self) -> None:
-        self._stage.in_turn(self._destroy)
-
-    def _destroy(self) -> None:
-        self._user.destroy_timer(self._timer)
-        self._user.destroy_publisher(self.publisher)
+        self._stage.end(self._timer, self.publisher)
 
     def _publish(self) -> None:
         if self.data and self.publisher.get_subscription_count():
@@ -122,13 +118,7 @@ class Identifier:
         self._figures = {name.replace('_', ' '): value for name, value in figures.items()}
 
     def close(self) -> None:
-        self._stage.in_turn(self._destroy)
-
-    def _destroy(self) -> None:
-        self._user.destroy_timer(self._timer)
-        self._user.destroy_publisher(self._reports)
-        for service in self._services:
-            self._user.destroy_service(service)
+        self._stage.end(self._timer, self._reports, *self._services)
 
     def _heed(self, name: str, answer: Trigger.Response) -> Trigger.Response:
         self.asked.append(name)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -75,6 +76,25 @@ def test_a_timer_that_fails_goes_on_and_is_said_in_one_line(
     status = graph.next_report('clumsy')
     assert int(values(status)['failed']) >= 5
     assert 'could not act on a timer' in status.message
+
+
+def test_a_timer_that_is_destroyed_when_it_is_due_calls_back_no_more(graph: Graph) -> None:
+    node = graph.start(Clumsy)
+    calls: list[str] = []
+
+    def end(_request: Any, response: Any) -> Any:
+        time.sleep(0.01)
+        node.destroy_timer(timer)
+        calls.clear()
+        return response
+
+    node.create_service(Trigger, '~/end', end)
+    for _ in range(20):
+        timer = node.create_timer(0.002, lambda: calls.append('again'))
+        graph.until(lambda: calls, 'a call')
+        graph.call(Trigger, 'clumsy/end')
+        graph.until(lambda late=node.ticks + 1: node.ticks >= late, 'other timers')
+        assert not calls
 
 
 def test_a_parameter_that_cannot_be_taken_is_refused_with_the_reason(graph: Graph) -> None:

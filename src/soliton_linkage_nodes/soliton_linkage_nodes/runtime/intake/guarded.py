@@ -85,7 +85,15 @@ class GuardedNode(Node):
     ) -> Any:
         """Create a timer of which an instant may be too much."""
         guarded = self.guarded('act on a timer', callback)
-        return super().create_timer(timer_period_sec, guarded, *args, **kwargs)
+        timer: Any = None
+
+        def act() -> None:
+            # Executors call once more for what was due when it was destroyed.
+            if timer is None or timer in self.timers:
+                guarded()
+
+        timer = super().create_timer(timer_period_sec, act, *args, **kwargs)
+        return timer
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
