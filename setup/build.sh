@@ -40,15 +40,12 @@ build() {
 compile_loops() {
     . setup/environment.sh
     echo 'Compiling loops.'
-    python3 -c '
-import soliton_linkage.dynamics.rigid
-import soliton_linkage.estimation.analyser
-import soliton_linkage.identification.motion.motion_loops
-import soliton_linkage.studies.accuracy.cells.springs
-import soliton_linkage.vision.dot_fit
-import soliton_linkage.vision.lens.lens_loops
-import soliton_linkage.vision.films.render_loops
+    (cd src/soliton_linkage && grep -rl --include='*.py' 'soliton_linkage.compiling import' soliton_linkage) |
+        sed 's/\.py$//; s,/,.,g' | python3 -c '
+import importlib, sys
 from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
+for name in sys.stdin.read().split():
+    importlib.import_module(name)
 [solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'
 }
 

@@ -13,8 +13,10 @@ from soliton_linkage.compiling import (
     COUNT,
     NUMBER,
     PAINTED,
+    PICTURE,
     READ,
     READ_PAINT,
+    READ_PAINTED,
     READ_PAINTS,
     READ_PLACES,
     READ_TABLE,
@@ -94,15 +96,19 @@ def paint_rotors(
         left, right, top, bottom = boxes[rotor]
         colour = 4 + rotor % (len(paint) - 4)
         for row in range(top, bottom):
+            swept = 0.0
             for k in range(samples):
                 t = times[row] + instants[k]
                 angle = motion[0, rotor] + t * (motion[1, rotor] + t * motion[2, rotor] / 2)
                 across[k] = lengths[rotor] * math.sin(angle)
                 up[k] = lengths[rotor] * math.cos(angle)
+                swept = max(swept, math.hypot(across[k] - across[0], up[k] - up[0]))
             for column in range(left, right):
                 x = pixels.x[row, column] - pivots[rotor]
                 z = pixels.z[row, column]
                 spread = pixels.spread[row, column]
+                if from_arm(x, z, across[0], up[0]) > label + swept + 4 * spread:
+                    continue
                 pivot_label = covered(math.hypot(x, z) - label, spread)
                 pivot_dot = covered(math.hypot(x, z) - dot, spread)
                 of_arm = of_label = of_dot = of_rest = 0.0
@@ -156,7 +162,7 @@ def paint_bonds(
         top = min(boxes[bond, 2], boxes[bond + 1, 2])
         bottom = max(boxes[bond, 3], boxes[bond + 1, 3])
         for row in range(top, bottom):
-            low, high = np.inf, -np.inf
+            swept = 0.0
             for k in range(samples):
                 t = times[row] + instants[k]
                 for end in range(2):
@@ -164,13 +170,19 @@ def paint_bonds(
                     angle = motion[0, rotor] + t * (motion[1, rotor] + t * motion[2, rotor] / 2)
                     masses[k, 2 * end] = pivots[rotor] + lengths[rotor] * math.sin(angle)
                     masses[k, 2 * end + 1] = lengths[rotor] * math.cos(angle)
-                    low = min(low, masses[k, 2 * end + 1])
-                    high = max(high, masses[k, 2 * end + 1])
+                    across = masses[k, 2 * end] - masses[0, 2 * end]
+                    up = masses[k, 2 * end + 1] - masses[0, 2 * end + 1]
+                    swept = max(swept, math.hypot(across, up))
             for column in range(left, right):
                 x, z = pixels.x[row, column], pixels.z[row, column]
                 spread = pixels.spread[row, column]
-                margin = width + 4 * spread
-                if z < low - margin or z > high + margin:
+                from_first = from_arm(
+                    x - masses[0, 0],
+                    z - masses[0, 1],
+                    masses[0, 2] - masses[0, 0],
+                    masses[0, 3] - masses[0, 1],
+                )
+                if from_first > width + swept + 4 * spread:
                     continue
                 share = 0.0
                 for k in range(samples):
@@ -184,3 +196,19 @@ def paint_bonds(
                 share /= samples
                 for c in range(3):
                     canvas[row, column, c] += share * (paint[c] - canvas[row, column, c])
+
+
+@compiled(PAINTED, READ_PAINTS, READ_PAINTED, COUNT, PICTURE)
+def expose(
+    canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
+) -> None:
+    """Make what a sensor says of a canvas in a light [1], with noise that is shifted sideways."""
+    height, width, colours = canvas.shape
+    for row in range(height):
+        for column in range(width):
+            other = column + shift
+            if other >= width:
+                other -= width
+            for c in range(colours):
+                value = canvas[row, column, c] * light[row, column] + noise[row, other, c]
+                picture[row, column, c] = np.uint8(min(max(value + 0.5, 0.0), 255.0))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
 from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.films.render_loops import Pixels, paint_bonds, paint_rotors
+from soliton_linkage.vision.films.render_loops import Pixels, expose, paint_bonds, paint_rotors
 from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker_cells
 from soliton_linkage.vision.lens.plane import ChainPlane
 from soliton_linkage.vision.opencv import opencv
@@ -119,12 +119,9 @@ class Renderer:
         self._paint_chain(canvas, time)
         noise = self._noise[self._pictures % _NOISES]
         shift = int(self._generator.integers(0, noise.shape[1]))
-        canvas *= self._lighting[..., None]
-        split = noise.shape[1] - shift
-        canvas[:, :split] += noise[:, shift:]
-        canvas[:, split:] += noise[:, :shift]
+        picture = np.empty(canvas.shape, dtype=np.uint8)
+        expose(canvas, self._lighting, noise, shift, picture)
         self._pictures += 1
-        picture = np.clip(np.rint(canvas, out=canvas), 0, 255, out=canvas).astype(np.uint8)
         self._paint_hands(picture, time)
         return self._compressed(picture)
 
