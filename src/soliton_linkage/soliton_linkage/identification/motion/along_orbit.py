@@ -23,7 +23,7 @@ from soliton_linkage.identification.geometry.lengths import Lengths, split
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
-_GRID = 0.03
+GRID = 0.03
 """Between arcs of the tables [rad]: half of it changes masses by 1e-4."""
 
 
@@ -44,8 +44,8 @@ class AlongOrbit:
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
         """First arc of the grid [rad]."""
-        count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
-        grid = self.begin + _GRID * np.arange(count + 1)
+        count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / GRID)
+        grid = self.begin + GRID * np.arange(count + 1)
         self._angles = np.array([orbit.configuration(arc) for arc in grid.tolist()])
         self._tangents = np.array([orbit.tangent(arc) for arc in grid.tolist()])
         r = lengths.rotor_lengths
@@ -56,7 +56,7 @@ class AlongOrbit:
 
     def place(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
         """Row of the grid before each arc [rad], and the part of the way to the next [1]."""
-        at = (arcs - self.begin) / _GRID
+        at = (arcs - self.begin) / GRID
         row = np.clip(at, 0, len(self.rubbing) - 2).astype(np.intp)
         return row, np.clip(at - row, 0.0, 1.0)
 
@@ -83,7 +83,7 @@ class AlongOrbit:
             of_bonds = (rotor[:-1], 0 * rest, spacing, rest, rotor[1:], 0 * rest)
             closing = np.einsum('ngu,un->ng', about.slopes, np.array(of_bonds))
             moved = -about.pulled(factors.solved(factors.whitened(closing))).T
-            along = np.gradient(moved, _GRID, axis=0) + rotor * t
+            along = np.gradient(moved, GRID, axis=0) + rotor * t
             inertia[:, column] = 2 * (r**2 * t * along) @ masses
             weight[:, column] = (turns * (along + 1j * t * moved)) @ masses
         return Along(inertia, weight)

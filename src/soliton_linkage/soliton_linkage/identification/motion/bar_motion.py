@@ -17,14 +17,15 @@ all frames together: independent combinations of them, each of unit variance, ar
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from soliton_linkage.identification.geometry.lengths import Lengths, split
-from soliton_linkage.identification.motion.along_orbit import Along, AlongOrbit, arcs_of
+from soliton_linkage.identification.motion.along_orbit import GRID, Along, AlongOrbit, arcs_of
+from soliton_linkage.identification.motion.bar_loops import move_along
 from soliton_linkage.identification.motion.free_motion import OF_FORCES
 from soliton_linkage.identification.motion.motion_prior import (
     MASSES_BEGIN,
@@ -226,24 +227,14 @@ class _Fit:
         roots = np.sqrt(inertia)
         turned = np.exp(1j * self._tilts[number])
         pulls = (weight * turned).imag * self._gravity * np.exp(fallen)
-        columns = np.arange(unknowns.shape[1])
-
-        def derivative(state: Array) -> Array:
-            row, part = along.place(state[0])
-            root = (1 - part) * roots[row, columns] + part * roots[row + 1, columns]
-            rubbing = (1 - part) * along.rubbing[row] + part * along.rubbing[row + 1]
-            pull = (1 - part) * pulls[row, columns] + part * pulls[row + 1, columns]
-            rate = state[1] / root
-            drag = damping * rate + friction * rubbing * np.tanh(rate / _SLIDING)
-            return np.array([rate, (pull - drag) / root])
-
+        grid = np.array([along.begin, GRID, _SLIDING])
         own = self._size + 2 * number
-        state = unknowns[own : own + 2].copy()
-        arcs = [state[0]]
-        for step in np.diff(self._times[span]).tolist():
-            state = _stepped(derivative, state, step)
-            arcs.append(state[0])
-        return np.array(arcs)
+        begin = np.ascontiguousarray(unknowns[own : own + 2])
+        drags = np.stack([damping, friction])
+        times = self._times[span]
+        arcs = np.empty((len(times), unknowns.shape[1]))
+        move_along(roots, pulls, along.rubbing, grid, drags, times, begin, arcs)
+        return arcs
 
     def found(self) -> BarMotion:
         """What was found, in units of the mean mass."""
@@ -262,12 +253,3 @@ class _Fit:
             self._gravity * math.exp(fallen),
             0.0 if self._known else of_gravity,
         )
-
-
-def _stepped(derivative: Callable[[Array], Array], state: Array, step: float) -> Array:
-    """State after a step [s], by the classical method of Runge and Kutta."""
-    first = derivative(state)
-    second = derivative(state + step / 2 * first)
-    third = derivative(state + step / 2 * second)
-    fourth = derivative(state + step * third)
-    return np.asarray(state + step / 6 * (first + 2 * second + 2 * third + fourth))
