@@ -68,7 +68,7 @@ class Orbit(ABC):
     def leg(self, arc: float) -> int:
         """Leg of the orbit at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
         starts = self._starts
-        return min(bisect_right(starts, arc % starts[-1]), self.number_of_legs) - 1
+        return bisect_right(starts, arc % starts[-1], 0, self.number_of_legs) - 1
 
     @abstractmethod
     def place(self, arc: float) -> float:

@@ -26,8 +26,8 @@ from soliton_linkage.linear.bands import couplings, penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.orbit import orbit_loops
 from soliton_linkage.orbit.orbit import Orbit, Stretch
-from soliton_linkage.orbit.spline import spline
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
@@ -69,12 +69,15 @@ class UniformOrbit(Orbit):
         self._short = _short_chain(self.chain)
         self._repeats = (chain.number_of_rotors - self._short.number_of_rotors) // 2
         self._orbit = _short_orbit(self._short, self.number_of_legs)
-        self._middles: list[float] = self._orbit.middles[:-1]
         turning = self._orbit.reflections
-        self._begins: list[float] = [turning[-1] - self._orbit.length, *turning[:-1]]
+        begins = [turning[-1] - self._orbit.length, *turning[:-1]]
         extra = 2 * self._repeats * self.site_arc
-        inner = np.diff([self._begins[0], *turning])
+        inner = np.diff([begins[0], *turning])
         self._starts = [0.0, *np.cumsum(inner + extra).tolist()]
+        before = np.subtract(self._orbit.middles[:-1], begins)
+        half = self._repeats * self.site_arc
+        self._halfway: list[float] = (self._starts[:-1] + before + half).tolist()
+        self._legs = np.array([self._starts[:-1], begins, before])
 
     @property
     def reach(self) -> float:
@@ -84,15 +87,15 @@ class UniformOrbit(Orbit):
 
     def place(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
-        leg, last = self.leg(arc), self.chain.number_of_rotors - 1
-        beyond = (arc % self._starts[-1] - self._halfway(leg)) / self.site_arc
-        place = last / 2 + beyond if leg % 2 == 0 else last / 2 - beyond
-        return min(max(place, 0.0), float(last))
+        leg, last = self.leg(arc), self.chain.number_of_rotors - 1.0
+        beyond = (arc % self._starts[-1] - self._halfway[leg]) / self.site_arc
+        place = last / 2 - beyond if leg % 2 else last / 2 + beyond
+        return 0.0 if place < 0 else min(place, last)
 
     def arc_at(self, place: float, leg: int) -> float:
         """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
         beyond = place - self.middle if leg % 2 == 0 else self.middle - place
-        return self._halfway(leg) + beyond * self.site_arc
+        return self._halfway[leg] + beyond * self.site_arc
 
     def site_arc_at(self, arc: float) -> float:
         """Arc length from one rotor to the next at an arc length [rad]: the same everywhere."""
@@ -100,17 +103,9 @@ class UniformOrbit(Orbit):
 
     def stretch(self, arc: float) -> Stretch:
         """Rotors about the wall at an arc length; all others are as in `background`."""
-        leg = self.leg(arc)
-        beyond = arc % self._starts[-1] - self._starts[leg]
-        repeats = (beyond - (self._middles[leg] - self._begins[leg])) / (2 * self.site_arc)
-        whole = min(max(math.floor(repeats), 0), self._repeats)
-        offset = 2 * (whole if leg % 2 == 0 else self._repeats - whole)
-        # Edge rotors of the short chain stand where the long one has none, but at its ends.
-        low = 0 if offset == 0 else 1
-        rotors = self._short.number_of_rotors
-        high = rotors if offset == 2 * self._repeats else rotors - 1
-        sampled = self._orbit.sample(self._begins[leg] + beyond - 2 * whole * self.site_arc)
-        return Stretch(offset + low, sampled[low:high], sampled[rotors + low : rotors + high])
+        return self._orbit.about_wall(
+            arc % self._starts[-1], self._legs, self._repeats, self.site_arc
+        )
 
     def background(self, arc: float) -> tuple[Array, Array]:
         """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
@@ -123,11 +118,6 @@ class UniformOrbit(Orbit):
         edges = self._orbit.walls[self.leg(arc)]
         left[0], right[-1] = edges[0], edges[-1]
         return left, right
-
-    def _halfway(self, leg: int) -> float:
-        """Arc length [rad] at which the wall is in the middle of the chain."""
-        before = self._middles[leg] - self._begins[leg]
-        return self._starts[leg] + before + self._repeats * self.site_arc
 
 
 @dataclass(frozen=True)
@@ -180,11 +170,25 @@ class _ShortOrbit:
         self._coefficients: Array = np.ascontiguousarray(self._spline.c)
         self.reflections = [self._reflection(leg) for leg in range(legs)]
 
-    def sample(self, arc: float) -> Array:
-        """Angles [rad], up to whole turns, and after them their tangent [1], shape (2 N,)."""
-        values = np.empty(self._coefficients.shape[1])
-        spline(self._knots, self._coefficients, _DEGREE, arc % self.length, values)
-        return values
+    def about_wall(self, arc: float, legs: Array, repeats: int, site_arc: float) -> Stretch:
+        """Rotors about the wall of a long chain, of which some passages repeat in each leg.
+
+        Legs are as in `orbit_loops.about_wall`.
+        """
+        rotors = self._chain.number_of_rotors
+        values = np.empty(2 * rotors)
+        first, low, high = orbit_loops.about_wall(
+            arc,
+            legs,
+            repeats,
+            site_arc,
+            self.length,
+            self._knots,
+            self._coefficients,
+            _DEGREE,
+            values,
+        )
+        return Stretch(first, values[low:high], values[rotors + low : rotors + high])
 
     def _tangent(self, angles: Array) -> Array:
         """Unit zero mode in the direction of the orbit [1], (N,), quicker than `zero_mode`.
