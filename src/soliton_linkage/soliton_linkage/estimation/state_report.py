@@ -191,10 +191,9 @@ class StateReporter:
         what the orbit leaves of the others would give it; the deviations count it in full.
         """
         walls = self._walls(places)
-        kinetic = self._kinetic(walls, rates, errors)
-        elastic = self._elastic(state, walls, errors)
-        pairs = zip(kinetic, elastic, strict=True)
-        return Energies(*(each for pair in pairs for each in pair))
+        kinetic, wake, deviation = self._kinetic(walls, rates, errors)
+        elastic, elastic_wake, elastic_deviation = self._elastic(state, walls, errors)
+        return Energies(kinetic, elastic, wake, elastic_wake, deviation, elastic_deviation)
 
     def topology(self, state: FrameState, places: ArrayLike) -> Topology:
         """Topology of a state.

@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from soliton_linkage.estimation.loops import wobble_loops
 from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings
 from soliton_linkage.linkage.chain import Array, Chain, Motion
@@ -73,6 +71,9 @@ class WobbleReporter:
         self._exact_decay_length = tail.decay_length
         self._exact_wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
         self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
+        self._spins = chain.motion is Motion.SPINNER
+        self._pitch = chain.spacing / chain.rotor_length
+        self._calm = settings.calm * chain.rest_angle
 
     def wobble(
         self, angles: Array, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
@@ -86,22 +87,21 @@ class WobbleReporter:
         the noise [rad] of the angles, and of what lasts beside it [rad], as the root mean square
         of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
         """
-        chain, rest = self.chain, self.chain.rest_angle
+        chain = self.chain
         noise = max(noise, self._settings.least_noise)
         low = max(wall.first, 1)
         high = min(wall.first + len(wall.angles), chain.number_of_rotors - 1)
         middle = min(max(math.floor(wall.place) + 1, low), high)
-        spins = chain.motion is Motion.SPINNER
         overshoot, tails, zeros = wobble_loops.wobble(
             self._settings.record,
-            np.ascontiguousarray(angles),
-            np.ascontiguousarray(wall.angles),
-            wobble_loops.Beside(wall.first, low, middle, high, spins),
-            rest_angle=rest,
-            length=chain.rotor_length,
-            k=chain.spacing / chain.rotor_length,
-            calm=0.0 if chain.lean_ratio > 1 else max(noise, self._settings.calm * rest),
-            errors=wobble_loops.AngleErrors(noise, math.hypot(noise, lasting)),
+            angles,
+            wall.angles,
+            wobble_loops.Beside(wall.first, low, middle, high, self._spins),
+            chain.rest_angle,
+            chain.rotor_length,
+            self._pitch,
+            0.0 if chain.lean_ratio > 1 else max(noise, self._calm),
+            wobble_loops.AngleErrors(noise, math.hypot(noise, lasting)),
         )
         ratio, ratio_deviation = self._ratio + tails[0], tails[1]
         decay, decay_deviation = self._decay_length(ratio, ratio_deviation)

@@ -308,10 +308,10 @@ def uprightness(angles: ArrayLike) -> int:
 
 def check_shape(values: ArrayLike, rotors: int, what: str = 'angle') -> None:
     """Raise ValueError for values that are not one a rotor, in a row."""
-    if np.shape(values) != (rotors,):
+    shape = values.shape if isinstance(values, np.ndarray) else np.shape(values)
+    if shape != (rotors,):
         raise ValueError(
-            f'{what}s of shape {np.shape(values)} do not fit a chain of {rotors} rotors; give one '
-            'a rotor'
+            f'{what}s of shape {shape} do not fit a chain of {rotors} rotors; give one a rotor'
         )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from soliton_linkage.estimation.loops.frame_loops import all_within
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_nodes.messages.conversions import (
@@ -42,14 +43,15 @@ class FrameReader:
         are no rotors are passed over. Raises ValueError where no rotor is named, or a joint is
         twice, and for arrays that are not as long as that of the names.
         """
-        check_length('joint_states.position', joints.name, joints.position)
-        if joints.name is not self._names and joints.name != self._names:
-            self._learn(joints.name)
-        angles = without_offsets(self._ordered(joints.position), self._offsets)
-        if not len(joints.velocity):
+        _, _, _, name, position, velocity = joints
+        check_length('joint_states.position', name, position)
+        if name is not self._names and name != self._names:
+            self._learn(name)
+        angles = without_offsets(self._ordered(position), self._offsets)
+        if not len(velocity):
             return Frame(angles, None)
-        check_length('joint_states.velocity', joints.name, joints.velocity)
-        return Frame(angles, self._ordered(joints.velocity))
+        check_length('joint_states.velocity', name, velocity)
+        return Frame(angles, self._ordered(velocity))
 
     def _learn(self, names: tuple[str, ...]) -> None:
         check_names('joint_states.name', names)
@@ -65,10 +67,12 @@ class FrameReader:
         self._names = names
 
     def _ordered(self, values: Array) -> Array:
-        if not np.abs(values).max(initial=0.0) <= LARGEST_ANGLE:
-            values = np.where(np.abs(values) <= LARGEST_ANGLE, values, np.nan)
+        # They may be views of a message, where numbers begin at any byte.
+        values = values.copy()
+        if not all_within(values, LARGEST_ANGLE):
+            values[~(np.abs(values) <= LARGEST_ANGLE)] = np.nan
         if self._as_they_are:
-            return values.copy()
+            return values
         ordered = np.full(len(self._rotors), np.nan)
         ordered[self._places] = values[self._joints]
         return ordered

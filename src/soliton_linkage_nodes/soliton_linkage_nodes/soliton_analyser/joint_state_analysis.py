@@ -92,8 +92,9 @@ class JointStateAnalysis:
         if self.analyser is None or self._reader is None:
             raise ValueError('joint_states came before the chain was known; tell it first')
         frame = self.frame = self._reader.read(joints)
-        deviations = self._deviations.pop(joints.stamp, None)
-        analysis = self.analyser.analyse(joints.stamp, frame.angles, frame.rates, deviations)
+        stamp = joints.stamp
+        deviations = self._deviations.pop(stamp, None)
+        analysis = self.analyser.analyse(stamp, frame.angles, frame.rates, deviations)
         if analysis is not None:
             self.latest = analysis
         return analysis

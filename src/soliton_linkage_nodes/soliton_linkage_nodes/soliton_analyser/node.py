@@ -32,6 +32,7 @@ from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.stamps import nanoseconds_of
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
 
@@ -163,12 +164,13 @@ class SolitonAnalyser(ManagedNode):
         begin = time.perf_counter()
         try:
             joints = self._decoder.decode(serialized)
-            self._stamps.note(joints.stamp, self.get_clock().now().nanoseconds)
+            stamp = joints.stamp
+            self._stamps.note(stamp, nanoseconds_of(self.get_clock()))
             if self._analysis.analyser is None:
                 self._analysis.learn_joints(self._source.parameters.joint_names or joints.name)
             analysis = self._analysis.analyse(joints)
             if self._analysis.frame is not None:
-                self._encoders.look(joints.stamp, self._analysis.frame.angles)
+                self._encoders.look(stamp, self._analysis.frame.angles)
         except ValueError as error:
             self.diagnostics.refuse('joint_states', error)
             return
