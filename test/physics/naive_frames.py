@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from soliton_linkage.estimation.loops.frame_loops import LARGEST_ANGLE
+from soliton_linkage.estimation.loops.state_loops import Energy
 from soliton_linkage.linkage.chain import Array, springs_between, wrapped
 
 LEAST_LOGARITHM = -600.0
@@ -101,10 +102,11 @@ def elastic(
     lefts: Array,
     rights: Array,
     periodic: bool,
-    variance: float,
+    noise: float,
     walls: Array,
     reach: float,
-) -> tuple[float, float, float, float]:
+) -> Energy:
+    variance = noise**2
     extensions, firsts, seconds = rows[0], lefts * rows[1] ** 2, rights * rows[2] ** 2
     levers, pulls = firsts + seconds, half * extensions
     stretched = pulls * extensions
@@ -112,15 +114,35 @@ def elastic(
     squares = float(levers @ levers) + 2 * joint(seconds, firsts, periodic)
     of_next = lefts * extensions * rows[1]
     pulling = float(stretched @ levers) + 2 * joint(pulls * rows[2], of_next, periodic)
-    return float(energies.sum()), wake_of(energies, 0.5, walls, reach), squares, pulling
+    spread = 4 * variance * max(pulling - variance * squares, 0.0) + 2 * variance**2 * squares
+    return float(energies.sum()), wake_of(energies, 0.5, walls, reach), math.sqrt(spread)
 
 
 def kinetic(
-    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
-) -> tuple[float, float, float, float]:
-    energies = half * (rates * rates) - variance * noisy
+    half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
+) -> Energy:
+    energies = half * (rates * rates) - noise**2 * noisy
     wake = wake_of(energies, 0.0, walls, reach)
-    return float(energies.sum()), wake, float(energies @ noisy), float(noisy @ noisy)
+    known, squares = max(float(energies @ noisy), 0.0), float(noisy @ noisy)
+    return float(energies.sum()), wake, noise * math.sqrt(4 * known + 2 * noise**2 * squares)
+
+
+def energies(
+    rows: Array,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    periodic: bool,
+    noise: float,
+    inertias: Array,
+    noisy: Array,
+    rates: Array,
+    rate_noise: float,
+    walls: Array,
+    reach: float,
+) -> tuple[Energy, Energy]:
+    of_springs = elastic(rows, half, lefts, rights, periodic, noise, walls, reach)
+    return of_springs, kinetic(inertias, noisy, rates, rate_noise, walls, reach)
 
 
 def topology(

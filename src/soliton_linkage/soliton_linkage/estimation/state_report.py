@@ -169,6 +169,7 @@ class StateReporter:
         self._domain = settings.domain
         self._half_stiffnesses = 0.5 * chain.stiffnesses
         self._half_inertias = 0.5 * chain.moments_of_inertia
+        self._at_rest = np.zeros(chain.number_of_rotors)
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
@@ -190,10 +191,42 @@ class StateReporter:
         the wake. A rotor that was not seen may hide as much energy as the noise and
         what the orbit leaves of the others would give it; the deviations count it in full.
         """
-        walls = self._walls(places)
-        kinetic, wake, deviation = self._kinetic(walls, rates, errors)
-        elastic, elastic_wake, elastic_deviation = self._elastic(state, walls, errors)
-        return Energies(kinetic, elastic, wake, elastic_wake, deviation, elastic_deviation)
+        half = left = right = self._half_stiffnesses
+        noisy, noise = self._half_inertias, errors.known_rate_noise
+        unseen, hidden = _some(errors.unseen), (0.0, 0.0)
+        if unseen is not None:
+            hidden = self._hidden(state, errors, unseen)
+            seen = ~unseen
+            left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
+            noisy = np.where(unseen, 0.0, noisy)
+        of_rotors = self._at_rest
+        if not (rates is None or isinstance(rates, ArcRate)):
+            of_rotors = np.ascontiguousarray(rates, dtype=np.float64)
+        check_shape(of_rotors, self.chain.number_of_rotors, 'rate')
+        elastic, kinetic = state_loops.energies(
+            state.springs,
+            half,
+            left,
+            right,
+            self.chain.periodic,
+            errors.noise,
+            self._half_inertias,
+            noisy,
+            of_rotors,
+            noise,
+            self._walls(places),
+            self._reach,
+        )
+        if not math.isfinite(kinetic[0]):
+            self.chain.check_angles(of_rotors, 'rate')
+        if rates is None or isinstance(rates, ArcRate):
+            kinetic = self._of_arc(rates)
+        elif noise != errors.rate_noise:
+            kinetic = *kinetic[:2], math.nan
+        if unseen is not None:
+            elastic = *elastic[:2], math.hypot(elastic[2], hidden[0])
+            kinetic = *kinetic[:2], math.hypot(kinetic[2], hidden[1])
+        return Energies(kinetic[0], elastic[0], kinetic[1], elastic[1], kinetic[2], elastic[2])
 
     def topology(self, state: FrameState, places: ArrayLike) -> Topology:
         """Topology of a state.
@@ -239,69 +272,24 @@ class StateReporter:
         at_last = float(state.second[-1]) * upright * self._last_sign
         return EdgeRotors((at_first < 0, at_last < 0), (math.nan, math.nan))
 
-    def _kinetic(
-        self, walls: Array, rates: Array | ArcRate | None, errors: FrameErrors
-    ) -> tuple[float, float, float]:
-        """Kinetic energy, its part in the wake, and the deviation of the whole [J].
-
-        Var T = I^2 sigma^2 (omega^2 + sigma^2 / 2) for each rotor; omega^2 as measured has
-        sigma^2 too much.
-        """
-        if rates is None:
+    def _of_arc(self, rate: ArcRate | None) -> state_loops.Energy:
+        """Kinetic energy of a chain of which no rotor's rate is known [J]."""
+        if rate is None:
             return math.nan, math.nan, math.nan
-        if isinstance(rates, ArcRate):
-            half = 0.5 * self.chain.moment_of_inertia
-            variance = rates.deviation**2
-            moving = rates.rate**2 - variance
-            spread = 4 * variance * (max(moving, 0.0) + variance / 2)
-            return half * moving, math.nan, half * math.sqrt(spread)
-        measured = np.ascontiguousarray(rates, dtype=np.float64)
-        check_shape(measured, self.chain.number_of_rotors, 'rate')
-        noisy, hidden = self._half_inertias, 0.0
-        noise = errors.known_rate_noise
-        unseen = _some(errors.unseen)
-        if unseen is not None:
-            hidden = float(noisy[unseen].sum()) * noise**2
-            noisy = np.where(unseen, 0.0, noisy)
-        variance = noise**2
-        whole, wake, known, squares = state_loops.kinetic(
-            self._half_inertias, noisy, measured, variance, walls, self._reach
-        )
-        if not math.isfinite(whole):
-            self.chain.check_angles(measured, 'rate')
-        if noise != errors.rate_noise:
-            return whole, wake, math.nan
-        spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
-        return whole, wake, math.hypot(math.sqrt(spread), hidden)
+        half = 0.5 * self.chain.moment_of_inertia
+        variance = rate.deviation**2
+        moving = rate.rate**2 - variance
+        spread = 4 * variance * (max(moving, 0.0) + variance / 2)
+        return half * moving, math.nan, half * math.sqrt(spread)
 
-    def _elastic(
-        self, state: FrameState, walls: Array, errors: FrameErrors
-    ) -> tuple[float, float, float]:
-        """Elastic energy, its part in the wake, and the deviation of the whole [J].
-
-        Var V = sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H = R^T k_e R;
-        torques measured with noise have sigma^2 |H|^2 too much. Rotors that were not seen have
-        no noise.
-        """
-        half = left = right = self._half_stiffnesses
-        unseen = _some(errors.unseen)
-        if unseen is not None:
-            seen = ~unseen
-            left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
-        variance = errors.noise**2
-        whole, wake, squares, pulling = state_loops.elastic(
-            state.springs, half, left, right, self.chain.periodic, variance, walls, self._reach
-        )
-        excess = max(pulling - variance * squares, 0.0)
-        deviation = 2 * math.sqrt(variance * (excess + variance * squares / 2))
-        hidden = 0.0 if unseen is None else self._hidden(state, errors, unseen)
-        return whole, wake, math.hypot(deviation, hidden)
-
-    def _hidden(self, state: FrameState, errors: FrameErrors, unseen: Flags) -> float:
-        """Elastic energy that rotors which were not seen may hide [J]."""
+    def _hidden(
+        self, state: FrameState, errors: FrameErrors, unseen: Flags
+    ) -> tuple[float, float]:
+        """Elastic and kinetic energy that rotors which were not seen may hide [J]."""
         half = self._half_stiffnesses
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
-        return float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
+        elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
+        return elastic, float(self._half_inertias[unseen].sum()) * errors.known_rate_noise**2
 
     def _walls(self, places: ArrayLike) -> Array:
         """Places of walls that grow, and what is next beyond either end of the chain."""

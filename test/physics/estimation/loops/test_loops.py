@@ -162,7 +162,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         cases += [
             ('of_angles', (angles, chain.spring_parameters, periodic, sines, cosines, empty)),
             *[
-                ('elastic', (rows, half, seen, half, periodic, 1e-4, walls, reach))
+                ('elastic', (rows, half, seen, half, periodic, 0.01, walls, reach))
                 for walls in (ends, ends[[0, 3]], ring)
                 for reach in (3.3, 9.0)
             ],
@@ -174,9 +174,10 @@ def of_springs(random: np.random.Generator) -> list[Case]:
     return [
         *cases,
         *[
-            ('kinetic', (rates**2, np.abs(rates), rates, 0.1, walls, 4.2))
+            ('kinetic', (rates**2, np.abs(rates), rates, 0.3, walls, 4.2))
             for walls in (ends, ends[[0, 3]], ring)
         ],
+        ('energies', (rows, half, *(half,) * 2, True, 0.1, *(rates**2,) * 3, 0.2, ring, 4.2)),
         ('topology', (np.ascontiguousarray(rows[:, :-1]), 20, 33, 0.4)),
         ('topology', (long, 900, 900, 0.4)),
         ('topology', (np.zeros((3, 5)), 2, 3, 0.4)),

@@ -14,6 +14,9 @@ from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABL
 from soliton_linkage.estimation.loops.frame_loops import sines_and_cosines
 from soliton_linkage.linkage.chain import Array
 
+Energy = tuple[float, float, float]
+"""An energy, its part in the wake, and the deviation of the whole [J]."""
+
 _TINY = float(np.finfo(np.float64).tiny)
 """Smallest number that is not subnormal [1], which keeps quotients finite."""
 _LARGE = 1e150
@@ -83,19 +86,19 @@ def elastic(
     lefts: Array,
     rights: Array,
     periodic: bool,
-    variance: float,
+    noise: float,
     walls: Array,
     reach: float,
-) -> tuple[float, float, float, float]:
-    """Energy of springs [J] less that of the noise, its wake, and two sums.
+) -> Energy:
+    """Energy of springs [J] less that of the noise [rad], its wake, and its deviation.
 
     Half of the stiffnesses [N/m], and the same for noise of rotors on the left and the right of
     each spring, are of shape (springs,). The wake [J] is that of the springs, at n + 1/2, out
     of reach of all walls, whose places [rotor spacings] grow from the first beyond one end to
-    the last beyond the other, shape (W + 2,). The sums are |H|^2 / 4 [N^2 m^2] and tau H tau in
-    the same units with the energy, |tau|^2 / 4, of the torques tau and H = R^T k_e R.
+    the last beyond the other, shape (W + 2,). Var V = sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the
+    torques tau and H = R^T k_e R; torques measured with noise have sigma^2 |H|^2 too much.
     """
-    whole, squares, pulling = 0.0, 0.0, 0.0
+    whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
     energies = np.empty(count)
     for n in range(count):
@@ -111,19 +114,22 @@ def elastic(
             by_next = lefts[after] * rows[1, after]
             squares += 2 * rights[n] * second * second * by_next * rows[1, after]
             pulling += 2 * half[n] * extension * second * by_next * rows[0, after]
-    return whole, _wake(energies, 0.5, walls, reach), squares, pulling
+    excess = max(pulling - variance * squares, 0.0)
+    deviation = 2 * math.sqrt(variance * (excess + variance * squares / 2))
+    return whole, _wake(energies, 0.5, walls, reach), deviation
 
 
 @compiled(READ, READ, READ, NUMBER, READ, NUMBER)
 def kinetic(
-    half: Array, noisy: Array, rates: Array, variance: float, walls: Array, reach: float
-) -> tuple[float, float, float, float]:
-    """Energy of rotors [J] less that of the noise, its wake as of springs, and two sums.
+    half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
+) -> Energy:
+    """Energy of rotors [J] less that of the noise [rad/s], its wake as of springs, its deviation.
 
-    They are those of the energies' products with the inertia of the rotors that are noisy, and
-    of the squares of these.
+    Halves of the inertias of all rotors and the same of those that are noisy [kg m^2] are of shape
+    (N,). Var T = I^2 sigma^2 (omega^2 + sigma^2 / 2) for each rotor; omega^2 as measured has
+    sigma^2 too much.
     """
-    whole, known, squares = 0.0, 0.0, 0.0
+    whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
     for n in range(half.size):
         energy = half[n] * (rates[n] * rates[n]) - variance * noisy[n]
@@ -131,7 +137,31 @@ def kinetic(
         whole += energy
         known += energy * noisy[n]
         squares += noisy[n] * noisy[n]
-    return whole, _wake(energies, 0.0, walls, reach), known, squares
+    spread = 4 * variance * max(known, 0.0) + 2 * variance**2 * squares
+    return whole, _wake(energies, 0.0, walls, reach), math.sqrt(spread)
+
+
+@compiled(
+    *(READ_TABLE, READ, READ, READ, YES, NUMBER),
+    *(READ, READ, READ, NUMBER, READ, NUMBER),
+)
+def energies(
+    rows: Array,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    periodic: bool,
+    noise: float,
+    inertias: Array,
+    noisy: Array,
+    rates: Array,
+    rate_noise: float,
+    walls: Array,
+    reach: float,
+) -> tuple[Energy, Energy]:
+    """The `elastic` and the `kinetic` energy of a state in one call."""
+    of_springs = elastic(rows, half, lefts, rights, periodic, noise, walls, reach)
+    return of_springs, kinetic(inertias, noisy, rates, rate_noise, walls, reach)
 
 
 @compiled(READ_TABLE, COUNT, COUNT, NUMBER)
