@@ -46,12 +46,6 @@ def compare(
     differences[:] = wrapped((math.pi - read if upside_down else read) - expected)
 
 
-def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
-    with np.errstate(invalid='ignore'):
-        np.sin(angles, out=sines)
-        np.cos(angles, out=cosines)
-
-
 def median_change(first: Array, second: Array, third: Array) -> float:
     differences = np.abs(first - 2 * second + third)
     known = differences[np.isfinite(differences)]
@@ -77,14 +71,8 @@ def products_in_time(
 
 
 def of_angles(
-    angles: Array,
-    parameters: Array,
-    periodic: bool,
-    sines: Array,
-    cosines: Array,
-    rows: Array,
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    sines_and_cosines(angles, sines, cosines)
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
     h, v = lengths * sines, lengths * cosines

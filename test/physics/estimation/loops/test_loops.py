@@ -140,7 +140,6 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('all_within', (whole, 40.0)),
         ('all_within', (angles, math.inf)),
         *[('median_change', (angles[:n], whole[:n], others[:n])) for n in (ROTORS, 17, 16, 0)],
-        ('sines_and_cosines', (np.append(angles, [0.0, 3e7, -2e5]), *np.zeros((2, ROTORS + 3)))),
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
         ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 0, 1, 8)),
         ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 20, 9, 0)),
@@ -160,7 +159,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         ends = np.array([-math.inf, 20.3, 31.8, math.inf])
         ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
-            ('of_angles', (angles, chain.spring_parameters, periodic, sines, cosines, empty)),
+            ('of_angles', (sines, cosines, chain.spring_parameters, periodic, empty)),
             *[
                 ('elastic', (rows, half, seen, half, periodic, 0.01, walls, reach))
                 for walls in (ends, ends[[0, 3]], ring)
@@ -341,23 +340,14 @@ def test_a_filter_without_a_share_may_be_the_likeliest_by_any_amount() -> None:
     assert made['share'][1:3] == pytest.approx([0.0, 1.0])
 
 
-def test_sines_and_cosines_are_those_of_numpy_to_rounding() -> None:
-    random = np.random.default_rng(4)
-    quarters = np.arange(-2000, 2001) * math.pi / 4
-    spread = np.concatenate([random.uniform(-size, size, 3000) for size in (4.0, 1e5, 1e9)])
-    angles = np.concatenate([quarters, spread, [1e5, -1e5, math.nan, 0.0]])
-    _, sines, cosines = frame_loops.sines_of(angles)
-    assert sines == pytest.approx(np.sin(angles), rel=0, abs=3e-16, nan_ok=True)
-    assert cosines == pytest.approx(np.cos(angles), rel=0, abs=3e-16, nan_ok=True)
-
-
 @pytest.mark.parametrize('periodic', [False, True])
 def test_springs_are_those_of_the_chain(periodic: bool) -> None:
     deviations = drawn_deviations(12, 3, periodic, rotor_length=0.1, spacing=0.1, rest_length=0.1)
     chain = Chain(number_of_rotors=12, periodic=periodic, deviations=deviations)
     angles = np.random.default_rng(2).uniform(-4, 4, 12)
-    rows, sides = np.empty((3, chain.number_of_springs)), np.empty((2, 12))
-    state_loops.of_angles(angles, chain.spring_parameters, periodic, *sides, rows)
+    rows = np.empty((3, chain.number_of_springs))
+    sines, cosines = np.sin(angles), np.cos(angles)
+    state_loops.of_angles(sines, cosines, chain.spring_parameters, periodic, rows)
     assert rows == pytest.approx(np.array(chain.springs(angles)), rel=1e-12, abs=1e-15)
 
 

@@ -21,28 +21,6 @@ _WHOLE = 2 * math.pi
 """A turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
 """One radian in turns [1/rad]."""
-_MANY_TURNS = 1e5
-"""Angle [rad] up to which multiples of a quarter are exact in the parts of `_QUARTER`."""
-_QUARTER = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
-"""pi / 2 in parts, of which the first two have few enough digits for products to be exact."""
-_SINE = (
-    -1.66666666666666324348e-01,
-    8.33333333332248946124e-03,
-    -1.98412698298579493134e-04,
-    2.75573137070700676789e-06,
-    -2.50507602534068634195e-08,
-    1.58969099521155010221e-10,
-)
-"""Polynomial of the sine up to pi / 4, of fdlibm (Sun Microsystems, 1993)."""
-_COSINE = (
-    4.16666666666666019037e-02,
-    -1.38888888888741095749e-03,
-    2.48015872894767294178e-05,
-    -2.75573143513906633035e-07,
-    2.08757232129817482790e-09,
-    -1.13596475577881948265e-11,
-)
-"""The same of the cosine."""
 
 
 class FrameSines(NamedTuple):
@@ -55,9 +33,7 @@ class FrameSines(NamedTuple):
 
 def sines_of(angles: Array) -> FrameSines:
     """Sines and cosines of the angles of a frame [rad], contiguous, shape (N,)."""
-    sines, cosines = np.empty(len(angles)), np.empty(len(angles))
-    sines_and_cosines(angles, sines, cosines)
-    return FrameSines(angles, sines, cosines)
+    return FrameSines(angles, np.sin(angles), np.cos(angles))
 
 
 def _wrapped(angle: float) -> float:
@@ -119,35 +95,6 @@ def compare(
             angle = math.pi - angle
         expected = before[n] if n < first else about[n - first] if n < end else beyond[n]
         differences[n] = wrapped(angle - expected)
-
-
-@compiled(READ, ROW, ROW)
-def sines_and_cosines(angles: Array, sines: Array, cosines: Array) -> None:
-    """Set sines and cosines of angles [rad], NaN where unknown, shape (N,) each.
-
-    From the polynomials of the nearest quarter of a turn: they are vectorised.
-    """
-    large = False
-    for n in range(angles.size):
-        angle = angles[n]
-        large |= abs(angle) > _MANY_TURNS
-        quarters = np.rint(angle * (2 / math.pi))
-        x = angle - quarters * _QUARTER[0] - quarters * _QUARTER[1] - quarters * _QUARTER[2]
-        square = x * x
-        sine, cosine = _SINE[5], _COSINE[5]
-        for order in range(4, -1, -1):
-            sine = _SINE[order] + square * sine
-            cosine = _COSINE[order] + square * cosine
-        sine = x + x * square * sine
-        cosine = 1 - 0.5 * square + square * square * cosine
-        turned = quarters - 4 * np.floor(0.25 * quarters)
-        odd = turned == 1 or turned == 3
-        sines[n] = (cosine if odd else sine) * (1.0 if turned < 2 else -1.0)
-        cosines[n] = (sine if odd else cosine) * (1.0 if turned == 0 or turned == 3 else -1.0)
-    if large:
-        for n in range(angles.size):
-            if abs(angles[n]) > _MANY_TURNS:
-                sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
 
 
 @compiled(READ, READ, READ)

@@ -10,8 +10,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABLE, YES, compiled
-from soliton_linkage.estimation.loops.frame_loops import sines_and_cosines
+from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, YES, compiled
 from soliton_linkage.linkage.chain import Array
 
 Energy = tuple[float, float, float]
@@ -41,18 +40,17 @@ def _spring(
     rows[2, n] = (v_next * across - h_next * up) / divisor
 
 
-@compiled(READ, READ_TABLE, YES, ROW, ROW, TABLE)
+@compiled(READ, READ, READ_TABLE, YES, TABLE)
 def of_angles(
-    angles: Array, parameters: Array, periodic: bool, sines: Array, cosines: Array, rows: Array
+    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set sines and cosines of angles [rad], shape (N,), and the rows of springs.
+    """Set the rows of springs by sines and cosines of angles, shape (N,).
 
     Parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`, shape (4, N), of which
     those of springs count as far as there are springs. Returns how the rotors twist and stand,
     the sums of sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge
     rotors, of cos(theta_n).
     """
-    sines_and_cosines(angles, sines, cosines)
     rotors = sines.size
     for n in range(rotors - 1):
         _spring(sines, cosines, parameters, n, n + 1, rows)
