@@ -229,7 +229,6 @@ class OrbitFilter:
         self._seen_as = view
         largest = variance + self._variance.largest_field
         explained = self._trust.is_explained(view, largest, self._beside.far.doubtful)
-        explained = explained and not self._variance.beyond
         if not explained and self._doubted(time, seen):
             return
         self._unexplained_since = math.nan if explained else self._unexplained_since
@@ -294,7 +293,7 @@ class OrbitFilter:
         tracking = self._tracking
         long = time - self._unexplained_since > tracking.doubted_time
         view = self._places.leader.view
-        hopeless = self._variance.beyond or not self._trust.is_believed(view)
+        hopeless = not self._trust.is_believed(view)
         if long and self._unexplained > tracking.doubted_frames and hopeless:
             self._forget(time)
             return True

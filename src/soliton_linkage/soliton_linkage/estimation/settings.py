@@ -71,7 +71,6 @@ class LikelihoodSettings(_Part):
     field_share: float = quantity(
         0.15, 'largest deviation beside noise that a frame may have, in swings of a rotor'
     )
-    wall_share: float = quantity(0.12, 'the same about a wall that is taken for one')
     largest_noise: float = quantity(0.25, 'largest noise that is taken for one', 'rad')
     least_share: float = quantity(0.2, 'least share of t^2 of rotors that are not doubtful')
     believed: float = quantity(0.7, 'least share of the information that must be believed')

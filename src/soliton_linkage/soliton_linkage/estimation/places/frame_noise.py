@@ -32,11 +32,11 @@ class FrameNoise:
         """
         self._settings = settings
         self._largest = largest
-        self.field = self.about_wall = 0.0
-        """Variance of what lasts about the wall, of the last few frames, and its mean by t^2,
-        without what the arc takes of it [rad^2]. They are of the smaller of what is left of a
-        rotor in two frames running, so that no reading that is wrong in one of them counts."""
-        self._field = self._field_share = self._field_sums = 0.0
+        self.field = 0.0
+        """Variance of what lasts about the wall, of the last few frames [rad^2], by the smaller
+        of what is left of a rotor in two frames running, so that no reading that is wrong in one
+        of them counts."""
+        self._field = self._field_share = 0.0
         self._before: Array | None = None
         self._given = 0.0 if given is None else given**2
         self._squares = self._freedoms = 0.0
@@ -78,10 +78,8 @@ class FrameNoise:
             fade = 1 - 1 / self._settings.field_frames
             self._field = fade * self._field + whole
             self._field_share = fade * self._field_share + free
-            self._field_sums = fade * self._field_sums + 1.0
-            lasting = max(self._field, 0.0)
-            self.field = lasting / self._field_share if self._field_share > 0 else 0.0
-            self.about_wall = lasting / self._field_sums
+            if self._field_share > 0:
+                self.field = max(self._field, 0.0) / self._field_share
         self._before = view.residuals
 
     def forget_what_lasted(self) -> None:

@@ -29,7 +29,6 @@ class RotorVariance:
         """What springs may do to a wall before it is known [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
         """Largest variance beside noise that a frame may have [rad^2]."""
-        self._most_about_wall = (given.wall_share * swing) ** 2
         self.forget()
 
     def forget(self) -> None:
@@ -41,11 +40,6 @@ class RotorVariance:
         """Frames of which it was learnt."""
         self.at_edge = False
         """Whether springs take up or give back energy."""
-
-    @property
-    def beyond(self) -> bool:
-        """Whether there is more about the wall than about any."""
-        return self.noise.about_wall > self._most_about_wall
 
     def begin(self, best: FrameView) -> None:
         """Begin anew with the likeliest view of a frame; the way is that of before."""
