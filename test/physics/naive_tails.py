@@ -155,10 +155,8 @@ def evidence(
     if not (leans[0] * leans[1] < 0 and min(map(abs, leans)) > given['leaning']):
         return NO_EVIDENCE
     handed = handed_of(left[1], left[2]), handed_of(right[1], right[2])
-    tail_products(settings, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails[0])
-    tail_products(
-        settings, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails[1]
-    )
+    tail_products(settings, angles, bond - 1, 0, left[0], left[3], handed[0], noise, tails)
+    tail_products(settings, angles, bond, rotors - 1, right[0], right[3], handed[1], noise, tails)
     lean = math.pi / 2 - (steepness_of(left[3]) + steepness_of(right[3])) / 2
     crossing = bond - 1 + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left[0] + 1 / right[0])
@@ -166,14 +164,13 @@ def evidence(
 
 
 def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
-    sums: list[list[list[float]]] = tails.tolist()
-    sides = [solved_of(each, rest_angle, settings[0]['bend']) for each in sums if each[0][0] > 0]
-    if not sides:
+    if tails[0, 0] <= 0:
         return math.nan, math.inf
-    variance = 1 / sum(1 / of_side for _, of_side in sides)
-    ratio = variance * sum(each / of_side for each, of_side in sides)
-    apart = sum((each - ratio) ** 2 / of_side for each, of_side in sides)
-    return ratio, math.sqrt(variance * max(1.0, apart) + settings[0]['neglected'] ** 2)
+    bend = np.diag([1, (rest_angle / settings[0]['bend']) ** 2])
+    covariance = np.linalg.inv(tails[:2, :2] + bend)
+    neglected = settings[0]['neglected']
+    ratio = covariance[0] @ tails[:2, 2]
+    return float(ratio), math.hypot(math.sqrt(covariance[0, 0]), neglected)
 
 
 def half_wavelength(
@@ -275,14 +272,6 @@ def flipping_of(left: float, right: float, variance: float, strongest: float) ->
     return float(min(max(likelihood, -strongest), strongest))
 
 
-def solved_of(sums: list[list[float]], rest_angle: float, bend: float) -> tuple[float, float]:
-    first, both = sums[0][0] + 1, sums[0][1]
-    second = sums[1][1] + (rest_angle / bend) ** 2
-    determinant = first * second - both**2
-    ratio = (second * sums[0][2] - both * sums[1][2]) / determinant
-    return ratio, second / determinant
-
-
 def observe(
     settings: Records,
     angles: Array,
@@ -292,18 +281,14 @@ def observe(
     flipping: float,
     rest_angle: float,
     tails: Array,
-    anchor: float,
-    forwards: bool,
-) -> tuple[tuple[float, float, float], tuple[float, bool], tuple[float, float]]:
-    of_frame = np.zeros((2, 3, 3))
+) -> tuple[tuple[float, float, float], tuple[float, float]]:
+    of_frame = np.zeros((3, 3))
     place, more, lean = evidence(settings, angles, sines, cosines, noise, of_frame)
-    if not (math.isnan(place) or abs(place - anchor) < 1):
-        forwards, anchor = place > anchor, place
-    weights = np.array([tails[:, 0, 0].sum(), of_frame[:, 0, 0].sum() + 1e-300])
+    weights = np.array([tails[0, 0], of_frame[0, 0] + 1e-300])
     known = np.isfinite([rest_angle, lean])
     if known.any():
         rest_angle = float(np.average(np.array([rest_angle, lean])[known], weights=weights[known]))
-    tails += of_frame[::-1] if forwards else of_frame
+    tails += of_frame
     strongest = settings[0]['strongest']
     both = min(max(flipping + more, -strongest), strongest), rest_angle
-    return (place, *both), (anchor, forwards), tail_ratio(settings, tails, both[1])
+    return (place, *both), tail_ratio(settings, tails, both[1])

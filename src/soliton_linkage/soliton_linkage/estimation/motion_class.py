@@ -13,9 +13,8 @@ there is
 
     lambda = (1 - d) / (1 + d),    e' = F(e) + lambda e + ...,
 
-so that a chain wobbles where lambda is below 0. Springs in motion keep the sign of lambda ahead
-of the wall, and may bend the rest, for which a term in e^2 stands. Behind a fast wall phonons
-disturb both: where its two sides differ by more than the noise, the deviation grows with it.
+so that a chain wobbles where lambda is below 0. Springs in motion keep the sign of lambda, and may
+bend the rest, for which a term in e^2 stands.
 """
 
 from __future__ import annotations
@@ -52,11 +51,11 @@ class MotionEvidence(NamedTuple):
     flipping: log likelihood of a flipper less that of a spinner [1], limited for errors that stay
         the same in all frames.
     rest_angle: mean angle that the uniform parts lean by [rad]; NaN without a wall.
-    tails: sums of products of (e, e^2, e' - F(e)) over their variance, left and right, (2, 3, 3).
-    tail_ratio: deviation of a rotor over that of its inner neighbour, lambda [1], mean of both
-        sides; NaN where unknown.
+    tails: sums of products of (e, e^2, e' - F(e)) over their variance, shape (3, 3).
+    tail_ratio: deviation of a rotor over that of its inner neighbour, lambda [1]; NaN where
+        unknown.
     tail_ratio_deviation: its standard deviation [1], with what springs in motion may do to it;
-        the larger where the sides differ by more than they should, infinite where unknown.
+        infinite where unknown.
     """
 
     place: float
@@ -81,15 +80,15 @@ class MotionEvidence(NamedTuple):
         return MotionClass(known, share, spinning)
 
 
-NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((2, 3, 3)), math.nan, math.inf)
+NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan, math.inf)
 """Of no frame."""
 
 
 class MotionObserver:
     """Adds up the evidence of the frames since the start or the last restart.
 
-    Of a wall that moves the sides are those ahead of it and behind it. A frame without a wall,
-    with the wall within four rotors of an edge or with too few angles known says nothing.
+    A frame without a wall, with the wall within four rotors of an edge or with too few angles
+    known says nothing.
     """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
@@ -100,8 +99,6 @@ class MotionObserver:
     def restart(self) -> None:
         """Forget all frames, as where the source of the angles has been started anew."""
         self.evidence = NO_EVIDENCE
-        self._anchor = math.nan
-        self._forwards = False
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add a frame of angles [rad], shape (N,), NaN where unknown, and return the class.
@@ -121,15 +118,13 @@ class MotionObserver:
     def observe_sines(self, frame: FrameSines, noise: float) -> MotionClass:
         """The same of a frame whose sines and cosines are known."""
         before, tails = self.evidence, self.evidence.tails.copy()
-        found, (self._anchor, self._forwards), ratio = tail_loops.observe(
+        found, ratio = tail_loops.observe(
             self._settings.record,
             *frame,
             noise,
             before.flipping,
             before.rest_angle,
             tails,
-            self._anchor,
-            self._forwards,
         )
         self.evidence = MotionEvidence(*found, tails, *ratio)
         return self.evidence.verdict(self._settings)

@@ -223,19 +223,17 @@ def of_walls(random: np.random.Generator) -> list[Case]:
 
 
 def of_motion(random: np.random.Generator) -> list[Case]:
-    angles, flat, settings = angles_of(random), np.zeros((2, 3, 3)), DEFAULTS.motion.record
+    angles, flat, settings = angles_of(random), np.zeros((3, 3)), DEFAULTS.motion.record
     sines, cosines = np.sin(angles), np.cos(angles)
     turned = 0.97 + math.pi / 2 * (1 + np.tanh((np.arange(ROTORS) - WALL) / 3))
     spun = staggered(turned + 0.02 * random.standard_normal(ROTORS))
     lean = math.asin(0.8)
-    factors = random.standard_normal((2, 3, 5))
-    one = factors @ factors.transpose(0, 2, 1)
-    other = one * [[[0.3]], [[0.0]]]
+    factors = random.standard_normal((3, 5))
+    one = factors @ factors.T
     return [
         *[
-            ('observe', (settings, each, *sides, 0.01, 29.0, lean, one, anchor, True))
+            ('observe', (settings, each, *sides, 0.01, 29.0, lean, one))
             for each, sides in ((angles, (sines, cosines)), (spun, (np.sin(spun), np.cos(spun))))
-            for anchor in (math.nan, 26.9, 24.0, 40.0)
             for lean in (0.9, math.nan)
         ],
         ('bond_of_wall', (sines,)),
@@ -254,7 +252,6 @@ def of_motion(random: np.random.Generator) -> list[Case]:
             for noise in (0.0, 0.2)
         ],
         ('tail_ratio', (settings, one, 0.97)),
-        ('tail_ratio', (settings, other, 0.97)),
         ('tail_ratio', (settings, flat, math.nan)),
     ]
 

@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    BOX,
     COUNT,
     NUMBER,
     READ,
-    READ_BOX,
+    READ_TABLE,
     TABLE,
-    YES,
     compiled,
     records,
 )
@@ -192,13 +190,13 @@ def _limited(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
 
 
-@compiled(_NUMBERS, READ, READ, READ, NUMBER, BOX)
+@compiled(_NUMBERS, READ, READ, READ, NUMBER, TABLE)
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
     """Place, flipping and angle at rest of `MotionEvidence` of one frame; see there.
 
-    The noise is a lower bound [rad]. Tails, shape (2, 3, 3), are 0, and are set.
+    The noise is a lower bound [rad]. To tails, shape (3, 3), those of the frame are added.
     """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
@@ -216,8 +214,8 @@ def evidence(
         return _NO_EVIDENCE
     handed = _handed(left[1], left[2]), _handed(right[1], right[2])
     inner, last = bond - 1, rotors - 1
-    tail_products(settings, angles, inner, 0, left[0], left[3], handed[0], noise, tails[0])
-    tail_products(settings, angles, bond, last, right[0], right[3], handed[1], noise, tails[1])
+    tail_products(settings, angles, inner, 0, left[0], left[3], handed[0], noise, tails)
+    tail_products(settings, angles, bond, last, right[0], right[3], handed[1], noise, tails)
     lean = math.pi / 2 - (_steepness(left[3]) + _steepness(right[3])) / 2
     crossing = inner + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left[0] + 1 / right[0])
@@ -225,35 +223,22 @@ def evidence(
     return crossing, flipping, lean
 
 
-@compiled(_NUMBERS, READ_BOX, NUMBER)
+@compiled(_NUMBERS, READ_TABLE, NUMBER)
 def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
     """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
 
-    Mean of both sides. Where they differ by more than they should, the deviation is as much
-    larger. The term in e^2 is at most about the bend over theta_bar.
+    The term in e^2 is at most about the bend over theta_bar.
     """
-    unbent, neglected = (rest_angle / settings[0]['bend']) ** 2, settings[0]['neglected'] ** 2
-    known, whole, mean = 0, 0.0, 0.0
-    ratios, variances = np.zeros(2), np.zeros(2)
-    for sums in tails:
-        if sums[0, 0] > 0:
-            first, both = sums[0, 0] + 1, sums[0, 1]
-            second = sums[1, 1] + unbent
-            determinant = first * second - both * both
-            ratios[known] = (second * sums[0, 2] - both * sums[1, 2]) / determinant
-            variances[known] = second / determinant
-            whole += 1 / variances[known]
-            mean += ratios[known] / variances[known]
-            known += 1
-    if not known:
+    if tails[0, 0] <= 0:
         return math.nan, math.inf
-    ratio, apart = mean / whole, 0.0
-    for n in range(known):
-        apart += (ratios[n] - ratio) ** 2 / variances[n]
-    return ratio, math.sqrt(max(1.0, apart) / whole + neglected)
+    first, both = tails[0, 0] + 1, tails[0, 1]
+    second = tails[1, 1] + (rest_angle / settings[0]['bend']) ** 2
+    determinant = first * second - both * both
+    ratio = (second * tails[0, 2] - both * tails[1, 2]) / determinant
+    return ratio, math.sqrt(second / determinant + settings[0]['neglected'] ** 2)
 
 
-@compiled(_NUMBERS, READ, READ, READ, NUMBER, NUMBER, NUMBER, BOX, NUMBER, YES)
+@compiled(_NUMBERS, READ, READ, READ, NUMBER, NUMBER, NUMBER, TABLE)
 def observe(
     settings: Records,
     angles: Array,
@@ -263,29 +248,18 @@ def observe(
     flipping: float,
     rest_angle: float,
     tails: Array,
-    anchor: float,
-    forwards: bool,
-) -> tuple[tuple[float, float, float], tuple[float, bool], tuple[float, float]]:
+) -> tuple[tuple[float, float, float], tuple[float, float]]:
     """Add the `evidence` of a frame to that of those before, whose tails are brought up to date.
 
-    Sides are those behind the wall and ahead of it, where it goes forwards; its way is told by an
-    anchor [rotor spacings] that it has left by a spacing or more. Returns place, flipping and
-    angle at rest, anchor and whether it goes forwards, and the `tail_ratio` of all.
+    Returns place, flipping and angle at rest, and the `tail_ratio` of all.
     """
-    of_frame = np.zeros((2, 3, 3))
-    place, more, lean = evidence(settings, angles, sines, cosines, noise, of_frame)
-    if math.isfinite(place) and not abs(place - anchor) < 1:
-        forwards, anchor = place > anchor, place
-    if forwards:
-        ahead = of_frame[1].copy()
-        of_frame[1], of_frame[0] = of_frame[0], ahead
+    known = tails[0, 0]
+    place, more, lean = evidence(settings, angles, sines, cosines, noise, tails)
     flipping = _limited(flipping + more, settings[0]['strongest'])
     if math.isfinite(lean) and math.isfinite(rest_angle):
         # Each weighs as much as the tails tell, never quite nothing.
-        known, added = tails[:, 0, 0].sum(), of_frame[:, 0, 0].sum() + _LEAST_WEIGHT
+        added = tails[0, 0] - known + _LEAST_WEIGHT
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
         rest_angle = lean
-    tails += of_frame
-    ratio = tail_ratio(settings, tails, rest_angle)
-    return (place, flipping, rest_angle), (anchor, forwards), ratio
+    return (place, flipping, rest_angle), tail_ratio(settings, tails, rest_angle)
