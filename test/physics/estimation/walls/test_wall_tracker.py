@@ -9,11 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from soliton_linkage.estimation.places.orbit_estimate import lost
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.estimation.walls.soliton_event import EventKind, SolitonEvent
 from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
-from soliton_linkage.estimation.walls.wall_track import FollowedWall, SeenWall, WallTrack
+from soliton_linkage.estimation.walls.wall_track import SeenWall, WallTrack
 from soliton_linkage.estimation.walls.wall_tracker import WallTracker
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import site_arc
@@ -58,7 +59,7 @@ class Story:
 
     def follow(self, wall: tuple[float, float] | None) -> None:
         self.time += PERIOD
-        there = FollowedWall(*wall) if wall else None
+        there = lost(self.time)._replace(place=wall[0], place_rate=wall[1]) if wall else None
         self._note(*self.tracker.follow(self.time, there, Scene()))
 
     def _note(self, shown: list[WallTrack], events: list[SolitonEvent]) -> None:

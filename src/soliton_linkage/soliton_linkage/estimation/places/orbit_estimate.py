@@ -49,46 +49,25 @@ class OrbitEstimate(NamedTuple):
 
     time: float
     status: TrackingStatus
-    arc: float
-    rate: float
-    arc_deviation: float
-    rate_deviation: float
-    covariance: float
-    place: float
-    place_rate: float
-    place_deviation: float
-    place_rate_deviation: float
-    leg: int
-    leg_known: bool
-    phase: float
-    completed_cycles: int
-    noise: float
-    misfit: float
-    frame_misfit: float
-    upside_down: bool
+    arc: float = math.nan
+    rate: float = math.nan
+    arc_deviation: float = math.nan
+    rate_deviation: float = math.nan
+    covariance: float = math.nan
+    place: float = math.nan
+    place_rate: float = math.nan
+    place_deviation: float = math.nan
+    place_rate_deviation: float = math.nan
+    leg: int = -1
+    leg_known: bool = False
+    phase: float = math.nan
+    completed_cycles: int = 0
+    noise: float = math.nan
+    misfit: float = math.nan
+    frame_misfit: float = math.nan
+    upside_down: bool = False
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
     """Estimate of an instant [s] at which nothing is known, but for the noise [rad]."""
-    nan = math.nan
-    return OrbitEstimate(
-        time=time,
-        status=TrackingStatus.LOST,
-        arc=nan,
-        rate=nan,
-        arc_deviation=nan,
-        rate_deviation=nan,
-        covariance=nan,
-        place=nan,
-        place_rate=nan,
-        place_deviation=nan,
-        place_rate_deviation=nan,
-        leg=-1,
-        leg_known=False,
-        phase=nan,
-        completed_cycles=0,
-        noise=noise,
-        misfit=nan,
-        frame_misfit=nan,
-        upside_down=False,
-    )
+    return OrbitEstimate(time, TrackingStatus.LOST, noise=noise)

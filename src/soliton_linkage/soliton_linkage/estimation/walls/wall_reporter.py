@@ -16,7 +16,7 @@ from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_placing import WallPlacer
 from soliton_linkage.estimation.walls.wall_shapes import WallShapes
-from soliton_linkage.estimation.walls.wall_track import FollowedWall, WallTrack
+from soliton_linkage.estimation.walls.wall_track import WallTrack
 from soliton_linkage.estimation.walls.wall_tracker import WallTracker
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain
@@ -73,13 +73,7 @@ class WallReporter:
     def on_orbit(self, estimate: OrbitEstimate, frame: WallFrame) -> Walls:
         """The wall on the orbit, none while it is at an edge."""
         inside = self._inside <= estimate.place <= self.line.rotors - 1 - self._inside
-        wall = FollowedWall(
-            estimate.place,
-            estimate.place_rate,
-            estimate.place_deviation,
-            estimate.place_rate_deviation,
-        )
-        return self._tracker.follow(estimate.time, wall if inside else None, frame)
+        return self._tracker.follow(estimate.time, estimate if inside else None, frame)
 
     def beside_orbit(self, time: float, state: FrameState, seen: Array, frame: WallFrame) -> Walls:
         """All walls that a frame shows at an instant [s].

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
+from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.estimation.walls.wall_line import WallLine
 
@@ -38,19 +38,6 @@ class SeenWall(NamedTuple):
     """Square of what chance makes of it [rotor spacings^4]."""
     unknown: float = 0.0
     """Variance of the centre by what springs may do to a wall [rotor spacings^2]."""
-
-
-class FollowedWall(NamedTuple):
-    """A wall as a filter has it that knows more than the frames of this record."""
-
-    rotor: float
-    """Centre [rotor spacings]."""
-    place_rate: float
-    """Rate of the centre [rotor spacings / s]."""
-    deviation: float = math.nan
-    """Standard deviation of the centre [rotor spacings]."""
-    rate_deviation: float = math.nan
-    """Standard deviation of the rate [rotor spacings / s]."""
 
 
 class WallTrack:
@@ -141,10 +128,11 @@ class WallTrack:
         unknown = seen.unknown * math.exp(-self.frames / _SETTLED)
         return unknown + (self._lasting if sure else 0.0)
 
-    def follow(self, wall: FollowedWall, time: float) -> None:
-        """Be where another filter has it."""
+    def follow(self, wall: OrbitEstimate, time: float) -> None:
+        """Be where the filter of the orbit has it."""
         self._note(time)
-        self.rotor, self.place_rate, self.deviation, self.rate_deviation = wall
+        self.rotor, self.place_rate = wall.place, wall.place_rate
+        self.deviation, self.rate_deviation = wall.place_deviation, wall.place_rate_deviation
         self._motion, self._variance, self.seen = None, 0.0, None
 
     def miss(self) -> None:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.walls.edge_waits import EdgeWaits
 from soliton_linkage.estimation.walls.encounter import Encounter
@@ -19,7 +20,7 @@ from soliton_linkage.estimation.walls.soliton_event import EventKind, SolitonEve
 from soliton_linkage.estimation.walls.wall_association import ExpectedWall, assigned
 from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
-from soliton_linkage.estimation.walls.wall_track import FollowedWall, SeenWall, WallTrack
+from soliton_linkage.estimation.walls.wall_track import SeenWall, WallTrack
 
 
 class WallTracker:
@@ -53,9 +54,9 @@ class WallTracker:
         self._time, self._frames = math.nan, 0
 
     def follow(
-        self, time: float, wall: FollowedWall | None, frame: WallFrame
+        self, time: float, wall: OrbitEstimate | None, frame: WallFrame
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Take a frame [s] that shows one kink, where another filter has it, or no wall at all.
+        """Take a frame [s] that shows one kink, where the orbit has it, or no wall at all.
 
         Returns the walls with a name that it shows, from rotor 0 on, and what happened.
         """
@@ -67,8 +68,8 @@ class WallTracker:
         self._begin(time)
         if wall is not None:
             kinks = [each for each in self._tracks if each.charge > 0 and not self._overlap(each)]
-            same = min(kinks, key=lambda each: self._way(each, wall.rotor), default=None)
-            if same is None or self._way(same, wall.rotor) > self._line.near:
+            same = min(kinks, key=lambda each: self._way(each, wall.place), default=None)
+            if same is None or self._way(same, wall.place) > self._line.near:
                 same = self._new(1)
             same.follow(wall, time)
         for track in self._tracks:
@@ -76,13 +77,13 @@ class WallTracker:
                 track.miss()
         return self._resolved(time, frame, 1)
 
-    def _goes_on(self, wall: FollowedWall) -> bool:
+    def _goes_on(self, wall: OrbitEstimate) -> bool:
         """Whether it is the only wall that there was, far from the edges: nothing can happen."""
         if len(self._tracks) != 1 or self._encounters or self._untold or self._waits:
             return False
         track = self._tracks[0]
-        free = track.was_free and self._line.edge_distance(wall.rotor) > self._line.free
-        return free and track.id > 0 and self._way(track, wall.rotor) < self._line.near
+        free = track.was_free and self._line.edge_distance(wall.place) > self._line.free
+        return free and track.id > 0 and self._way(track, wall.place) < self._line.near
 
     def take(
         self, time: float, seen: Sequence[SeenWall], frame: WallFrame
