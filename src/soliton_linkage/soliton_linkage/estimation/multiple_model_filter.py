@@ -120,34 +120,14 @@ class MultipleModelFilter:
         return self.summary[1]
 
     @property
-    def arc_variance(self) -> float:
-        """Variance of the arc length [rad^2]."""
-        return self.summary[2]
-
-    @property
-    def covariance(self) -> float:
-        """Covariance of arc and rate [rad^2/s]."""
-        return self.summary[3]
-
-    @property
-    def rate_variance(self) -> float:
-        """Variance of the rate [rad^2/s^2]."""
-        return self.summary[4]
-
-    @property
     def arc_deviation(self) -> float:
         """Standard deviation of the arc length [rad]."""
-        return math.sqrt(self.arc_variance)
+        return math.sqrt(self.summary[2])
 
     @property
     def rate_deviation(self) -> float:
         """Standard deviation of the rate [rad/s]."""
-        return math.sqrt(self.rate_variance)
-
-    @property
-    def steadiness(self) -> float:
-        """Probability that the rate has been constant of late."""
-        return float(self.filters['weight'][0] / self.filters['weight'][: self._base].sum())
+        return math.sqrt(self.summary[4])
 
     @property
     def disturbance(self) -> float:
