@@ -55,16 +55,3 @@ def test_the_misfit_is_of_the_last_quarter_of_a_second() -> None:
         noise.update(view_of(0.1 * random.standard_normal(ROTORS)), 0.001)
     share = 1 - math.exp(-1)
     assert noise.scatter == pytest.approx(share * 0.01 + (1 - share) * 1e-4, rel=0.2)
-
-
-def test_what_lasts_about_the_wall_is_told_at_once_and_not_by_wrong_readings() -> None:
-    random, noise = np.random.default_rng(6), FrameNoise(0.01, largest=0.5)
-    pattern = 0.1 * np.where(np.arange(ROTORS) % 2, 1, -1)
-    for frame in range(60):
-        differences = 0.01 * random.standard_normal(ROTORS)
-        differences[FIRST + frame % 5] += 0.4
-        noise.update(view_of(differences, 0.02**2), 0.004)
-    assert math.sqrt(noise.field) < 0.02
-    for _ in range(30):
-        noise.update(view_of(pattern + 0.01 * random.standard_normal(ROTORS)), 0.004)
-    assert math.sqrt(noise.field) == pytest.approx(0.1, rel=0.3)

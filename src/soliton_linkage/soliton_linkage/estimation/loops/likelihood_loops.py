@@ -237,24 +237,3 @@ def frame_likelihood(differences: Array, variance: float, bound: float, floor: f
     for n in range(differences.size):
         likelihood += _of_rotor(differences[n], variance, bound, floor)
     return likelihood
-
-
-@compiled(READ, READ, COUNT, READ, NUMBER)
-def lasting_square(
-    before: Array, residuals: Array, first: int, tangent: Array, largest: float
-) -> tuple[float, float]:
-    """Sum over the rotors of a wall of t^2 times the smaller square of two frames running.
-
-    Residuals before and now [rad] are of shape (N,); squares count with the sign of the product,
-    so that noise cancels, and none where one is beyond the largest [rad]. Returns the sum
-    [rad^2], and that of t^2 - t^4, what a field of 1 rad would make it [1].
-    """
-    whole, free = 0.0, 0.0
-    for n in range(tangent.size):
-        one, other = before[first + n], residuals[first + n]
-        smaller = min(abs(one), abs(other))
-        if max(abs(one), abs(other)) < largest:
-            share = tangent[n] * tangent[n]
-            whole += share * smaller * smaller * (1.0 if one * other > 0 else -1.0)
-            free += share - share * share
-    return whole, free

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import math
 
-from soliton_linkage.estimation.loops import frame_loops, likelihood_loops
+from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.places.frame_view import FrameView
 from soliton_linkage.estimation.settings import DEFAULTS, NoiseSettings
-from soliton_linkage.linkage.chain import Array
 
 
 class FrameNoise:
@@ -20,24 +19,9 @@ class FrameNoise:
     c_0 = (4 c_1 - c_2) / 3.
     """
 
-    def __init__(
-        self,
-        given: float | None,
-        settings: NoiseSettings = DEFAULTS.noise,
-        largest: float = math.inf,
-    ) -> None:
-        """Begin without frames, with the standard deviation that is given [rad].
-
-        What lasts of a rotor is not beyond the largest residual [rad].
-        """
+    def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
+        """Begin without frames, with the standard deviation that is given [rad]."""
         self._settings = settings
-        self._largest = largest
-        self.field = 0.0
-        """Variance of what lasts about the wall, of the last few frames [rad^2], by the smaller
-        of what is left of a rotor in two frames running, so that no reading that is wrong in one
-        of them counts."""
-        self._field = self._field_share = 0.0
-        self._before: Array | None = None
         self._given = 0.0 if given is None else given**2
         self._squares = self._freedoms = 0.0
         self._recent_squares = self._recent_freedoms = 0.0
@@ -67,20 +51,7 @@ class FrameNoise:
         if len(self._earlier) == 2:
             self._pair(self._earlier[0], self._earlier[1], view, fade)
         self._earlier = [*self._earlier[-1:], view]
-        self._see_what_lasts(view)
         self._estimate()
-
-    def _see_what_lasts(self, view: FrameView) -> None:
-        if self._before is not None:
-            whole, free = likelihood_loops.lasting_square(
-                self._before, view.residuals, view.first, view.tangent, self._largest
-            )
-            fade = 1 - 1 / self._settings.field_frames
-            self._field = fade * self._field + whole
-            self._field_share = fade * self._field_share + free
-            if self._field_share > 0:
-                self.field = max(self._field, 0.0) / self._field_share
-        self._before = view.residuals
 
     def forget_what_lasted(self) -> None:
         """Begin anew with all but the noise, as what encoders add has been found out."""

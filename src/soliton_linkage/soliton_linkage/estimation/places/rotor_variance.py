@@ -24,7 +24,6 @@ class RotorVariance:
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self._tracking = settings.tracking
-        self._gross = given.gross_share * swing
         self.elastic = (given.elastic_share * swing) ** 2
         """What springs may do to a wall before it is known [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
@@ -33,7 +32,7 @@ class RotorVariance:
 
     def forget(self) -> None:
         """Begin anew."""
-        self.noise = FrameNoise(self._given_noise, self._settings.noise, self._gross)
+        self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.way = math.inf
         """How far the wall went since the last frame [rotor spacings]."""
         self.frames = 0
@@ -44,7 +43,7 @@ class RotorVariance:
     def begin(self, best: FrameView) -> None:
         """Begin anew with the likeliest view of a frame; the way is that of before."""
         self.frames = 0
-        self.noise = FrameNoise(self._given_noise, self._settings.noise, self._gross)
+        self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.noise.update(best, 0.0)
 
     def learn(self, view: FrameView, elapsed: float) -> None:
@@ -58,8 +57,8 @@ class RotorVariance:
         The field is that of late, and what it may have changed by since the last frame.
         """
         noise = self.noise
-        about = self._tracking.field_ratio * max(noise.excess, noise.field)
-        field = max(noise.scatter - noise.variance, 0.0) + about
+        field = max(noise.scatter - noise.variance, 0.0)
+        field += self._tracking.field_ratio * noise.excess
         changed = max(min(self.way, 1.0), math.exp(-self.frames / self._tracking.settled))
         edge_ratio = self._tracking.edge_ratio if self.at_edge else 1.0
         field += self.elastic * changed * edge_ratio
