@@ -248,18 +248,8 @@ def test_passages_that_differ_by_more_than_noise_say_by_how_much() -> None:
     for _ in range(200):
         values = spread * random.standard_normal(60) + noise * random.standard_normal(60)
         found.append(passage_scatter(values, np.full(60, noise**2)))
-    variance, alike = np.mean(found, axis=0)
-    assert variance == pytest.approx(spread**2, rel=0.1)
-    # Passages that chance makes alike are taken to go together.
-    assert 1 <= alike < 1.3
-    assert passage_scatter(noise * np.tile([1.0, -1.0], 30), np.full(60, noise**2)) == (0, 1)
-
-
-def test_passages_that_go_together_do_not_count_for_many() -> None:
-    values = 0.03 * np.sin(2 * np.pi * np.arange(60) / 24)
-    variance, alike = passage_scatter(values, np.full(60, 1e-8))
-    assert variance == pytest.approx(0.03**2 / 2, rel=0.05)
-    assert alike > 5
+    assert np.mean(found) == pytest.approx(spread**2, rel=0.1)
+    assert passage_scatter(noise * np.tile([1.0, -1.0], 30), np.full(60, noise**2)) == 0
 
 
 @pytest.mark.parametrize('example', EXAMPLES)

@@ -45,10 +45,9 @@ def fit_near(
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
 
     Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
-    with differences counted from -pi to pi; after the first step divided by the slope that the
-    last one met, which the curvature of the orbit makes other than 1 in a frame off the orbit.
-    The arc may leave the range of one round, so that a series of fits counts cycles. Raises
-    ValueError for angles of another shape or infinite ones, and for an arc that is not finite.
+    with differences counted from -pi to pi. The arc may leave the range of one round, so that a
+    series of fits counts cycles. Raises ValueError for angles of another shape or infinite ones,
+    and for an arc that is not finite.
     """
     if not math.isfinite(arc):
         raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
@@ -79,19 +78,14 @@ def _search(orbit: Orbit, settings: EstimationSettings) -> PlaceSearch:
 
 
 def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:
-    longest, least_slope = settings.longest_step, settings.least_slope
-    ahead_before, step = 0.0, 0.0
     for _ in range(settings.iterations):
         difference, tangent = _compared(frame, orbit.stretch(arc))
         information = float(tangent @ tangent)
         if information < settings.least_information:
             break
-        ahead = float(tangent @ difference) / information
-        slope = (ahead_before - ahead) / step if step else 1.0
-        step = ahead / min(max(slope, least_slope), 1 / least_slope)
-        step = min(max(step, -longest), longest)
+        step = float(tangent @ difference) / information
+        step = min(max(step, -settings.longest_step), settings.longest_step)
         arc += step
-        ahead_before = ahead
         if abs(step) < settings.close:
             break
     squares, known = float(difference @ difference), len(difference)

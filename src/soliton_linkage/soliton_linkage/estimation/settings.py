@@ -44,7 +44,6 @@ class NoiseSettings(_Part):
     memory: float = quantity(4000, 'frames over which the noise of angles is averaged')
     recent_frames: float = quantity(20, 'frames over which the misfit of late is averaged, or')
     recent_time: float = quantity(0.25, 'time over which it is, where that is more frames', 's')
-    field_frames: float = quantity(8, 'frames over which what lasts of late is averaged')
     least_noise: float = quantity(1e-5, 'least noise of angles that is estimated', 'rad')
     significance: float = quantity(4.0, 'standard deviations from which on what lasts is believed')
     rate_memory: int = quantity(1000, 'frames over which the noise of rates is averaged')
@@ -189,7 +188,6 @@ class SearchSettings(_Part):
     iterations: int = quantity(20, 'most steps of Gauss and Newton')
     close: float = quantity(1e-8, 'step that is the last', 'rad')
     longest_step: float = quantity(0.5, 'longest step', 'rad')
-    least_slope: float = quantity(0.3, 'least slope that divides a step, and 1 over the largest')
     least_information: float = quantity(1e-6, 'information below which the arc is not fitted')
 
 
@@ -268,7 +266,6 @@ class WidthSettings(_Part):
     closest: float = quantity(1e-5, 'the same for exact angles')
     degenerate: float = quantity(1e-12, 'least determinant, over that of independent derivatives')
     coarsest: float = quantity(math.log(1.5), 'largest standard deviation of ln(gamma) told')
-    rough: float = quantity(0.03, 'deviation of the mean above which each frame is fitted alone')
     least_deviation: float = quantity(3e-4, 'least deviation of the mean: shapes have errors')
     least_noise: float = quantity(1e-6, 'least noise of angles', 'rad')
     memory: float = quantity(5, 'passages over which the mean fades by e')
@@ -277,7 +274,6 @@ class WidthSettings(_Part):
     typical_scatter: float = quantity(0.01, 'scatter of passages until then, and of frames')
     significance: float = quantity(2.5, 'deviations from which on scatter is no chance')
     contradiction: float = quantity(6.0, 'deviations at which a passage begins a new mean')
-    most_alike: float = quantity(0.95, 'largest correlation from passage to passage')
     widest_lean_ratio: float = quantity(
         2.0, 'lean ratio d from which on only spinners have a width: psi has no tanh'
     )

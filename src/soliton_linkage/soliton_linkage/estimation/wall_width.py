@@ -78,30 +78,19 @@ class WallFamily:
             return UNTOLD
         start = place, math.exp(-logarithm)
         centre, stretch, *_ = wall_loops.fit(*seen, *start, 1.0, math.inf, True)
-        found = self._step(seen, centre, -math.log(stretch), noise)
-        close = max(settings.close * found.deviation, settings.closest)
-        ends = abs(found.logarithm + math.log(stretch)) < close
-        near = abs(centre - place) < 1 + self._scale
-        return found if near and ends and found.deviation < settings.coarsest else UNTOLD
-
-    def step(
-        self, angles: Array, place: float, leg: int, noise: float, logarithm: float
-    ) -> Contraction:
-        """The same by one step of the method alone, as linear in the noise as it can be."""
-        seen = self._seen(angles, place, leg)
-        return UNTOLD if seen is None else self._step(seen, place, logarithm, noise)
-
-    def _step(self, seen: _Seen, centre: float, logarithm: float, noise: float) -> Contraction:
-        stretch = math.exp(-logarithm)
         places, stretches, both, ahead, wider = wall_loops.sums_of_fit(
             *seen, centre, stretch, 1.0, math.inf, True
         )
         determinant = places * stretches - both * both
-        if not determinant > self.settings.degenerate * places * stretches:
+        if not determinant > settings.degenerate * places * stretches:
             return UNTOLD
-        contracted = (both * ahead - places * wider) / (determinant * stretch)
+        left = (both * ahead - places * wider) / (determinant * stretch)
         deviation = noise * math.sqrt(places / determinant) / stretch
-        return Contraction(logarithm + contracted, deviation)
+        near = abs(centre - place) < 1 + self._scale
+        ends = abs(left) < max(settings.close * deviation, settings.closest)
+        if near and ends and deviation < settings.coarsest:
+            return Contraction(left - math.log(stretch), deviation)
+        return UNTOLD
 
     def _seen(self, angles: Array, place: float, leg: int) -> _Seen | None:
         """What there is to fit; None of a wall that is at an edge, or nowhere."""
@@ -116,11 +105,10 @@ class WallFamily:
 class ContractionMean:
     """Mean contraction over the last few rotors that a wall has passed.
 
-    Each frame is a step of Gauss and Newton's method from the mean so far, where it is nearly
-    linear in the noise. It counts by its information, and with what springs do to a wall between
-    two rotors as one more noise, so that no place between them counts for all. Frames are
-    gathered in passages of one rotor, of which each counts e^(-1/5) of the next;
-    `passage_scatter` tells what the springs of a wall in motion, and waves, add to the noise.
+    Each frame counts by its information, and with what springs do to a wall between two rotors as
+    one more noise, so that no place between them counts for all. Frames are gathered in passages
+    of one rotor, of which each counts e^(-1/5) of the next; `passage_scatter` tells what the
+    springs of a wall in motion, and waves, add to the noise.
     """
 
     def __init__(self, family: WallFamily) -> None:
@@ -139,7 +127,7 @@ class ContractionMean:
     def _begin_anew(self) -> None:
         self._passages: deque[tuple[float, float]] = deque(maxlen=self._settings.passages)
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        self._mean, self._alike = UNTOLD, 1.0
+        self._mean = UNTOLD
 
     def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
         """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
@@ -153,12 +141,9 @@ class ContractionMean:
         if abs(place - self._anchor) >= 1:
             self._pass()
             self._anchor = place
-        mean, settings = self._mean, self._settings
-        if mean.deviation > settings.rough:
-            found = self._family.fit(angles, place, leg, noise)
-        else:
-            found = self._family.step(angles, place, leg, noise, mean.logarithm)
-        if not found.deviation < settings.coarsest:
+        settings = self._settings
+        found = self._family.fit(angles, place, leg, noise)
+        if found is UNTOLD:
             return UNTOLD
         weight = 1 / (found.deviation**2 + settings.typical_scatter**2)
         value, before, noise = self._passage
@@ -178,8 +163,7 @@ class ContractionMean:
         whole, weights, noises, squares = self._sums()
         if not weights:
             return UNTOLD
-        alike = min(squares / weights**2 * self._alike, 1.0)
-        variance = noises / weights**2 + alike * self._scatter
+        variance = (noises + squares * self._scatter) / weights**2
         least = self._settings.least_deviation
         return Contraction(whole / weights, math.sqrt(variance + least**2))
 
@@ -198,33 +182,23 @@ class ContractionMean:
         self._passages.append((value, variance))
         if len(self._passages) >= settings.fewest_passages:
             values, variances = np.array(self._passages).T
-            self._scatter, self._alike = passage_scatter(values, variances, settings)
+            self._scatter = passage_scatter(values, variances, settings)
         fade = self._fade
         self._before = fade * sums[0], fade * sums[1], fade**2 * sums[2], fade**2 * sums[3]
 
 
 def passage_scatter(
     values: Array, variances: Array, settings: WidthSettings = DEFAULTS.width
-) -> tuple[float, float]:
-    """How much passages differ beyond what noise gives them, and how many go together.
+) -> float:
+    """Variance by which passages differ beyond what noise gives them, 0 where that is chance.
 
-    Differences of values, shape (M,), from their mean have a variance tau^2 beside those of the
-    noise, shape (M,), and a correlation rho from one to the next, with which a mean of M passages
-    has
-
-        min(1, (1 + rho) / ((1 - rho) M)) tau^2.
-
-    Returns tau^2, 0 where noise alone may have done it, and (1 + rho) / (1 - rho).
+    It is that of values, shape (M,), less the mean of the variances of their noise, shape (M,).
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + settings.significance * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:
-        return 0.0, 1.0
-    excess = max(float(apart @ apart) - freedoms * float(np.mean(variances)), 0.0)
-    # The mean takes its share of what neighbours have in common.
-    product = float(apart[1:] @ apart[:-1] + apart @ apart / len(apart))
-    rho = min(product / max(excess, product), settings.most_alike) if product > 0 else 0.0
-    return excess / freedoms, (1 + rho) / (1 - rho)
+        return 0.0
+    return max(float(apart @ apart) / freedoms - float(np.mean(variances)), 0.0)
 
 
 class WidthReporter:
