@@ -62,10 +62,8 @@ def tail_products(
     first, last = sorted((nearest, nearest + way * half))
     theta = staggered(angles)[first : last + 1][::way]
     near = handed * wrapped(theta - mean)
-    core = (near <= -rest_angle).nonzero()[0]
-    begin = int(core[-1]) + 1 if len(core) else 0
-    calm = (~(np.abs(near[begin:-1]) > flat)).nonzero()[0]
-    end = begin + int(calm[0]) if len(calm) else max(half, begin)
+    begin, end = tail_of_side(near, rest_angle, flat)
+    end = max(min(end, half), begin)
     inner, outer = near[begin:end], near[begin + 1 : end + 1]
     known = np.isfinite(outer)
     inner, outer = inner[known], outer[known]
@@ -107,11 +105,11 @@ def next_deviation(inner: Array, rest_angle: float, k: float) -> tuple[Array, Ar
     return outer - rest_angle, slopes
 
 
-def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
-    sizes = np.abs(expected)
+def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
+    sizes = np.abs(deviations)
     inside = (sizes > large).nonzero()[0]
     begin = int(inside[-1]) + 1 if len(inside) else 0
-    low = (sizes[begin:] <= small).nonzero()[0]
+    low = (~(sizes[begin:] > small)).nonzero()[0]
     return begin, begin + int(low[0]) if len(low) else len(sizes)
 
 

@@ -109,12 +109,17 @@ def uniform_part(
     return count, sine, cosine, mean, scatter
 
 
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, COUNT)
-def _deviation(
-    angles: Array, nearest: int, way: int, mean: float, handed: float, beyond: int
-) -> float:
-    """Deviation handed (theta - mean) of a rotor so far beyond the nearest to a wall [rad]."""
-    return handed * wrapped(_staggered(angles, nearest + way * beyond) - mean)
+@compiled(READ, NUMBER, NUMBER)
+def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
+    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
+    begin = 0
+    for n in range(deviations.size):
+        if abs(deviations[n]) > large:
+            begin = n + 1
+    end = begin
+    while end < deviations.size and abs(deviations[end]) > small:
+        end += 1
+    return begin, end
 
 
 @compiled(NUMBER, NUMBER)
@@ -152,18 +157,14 @@ def tail_products(
         return
     flat = max(settings[0]['flat_in_noise'] * noise, settings[0]['flat'] * rest_angle)
     way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
-    begin = 0
+    deviations = np.empty(half + 1)
     for n in range(half + 1):
-        if _deviation(angles, nearest, way, mean, handed, n) <= -rest_angle:
-            begin = n + 1
-    end = begin
-    while end < half and abs(_deviation(angles, nearest, way, mean, handed, end)) > flat:
-        end += 1
+        deviations[n] = handed * wrapped(_staggered(angles, nearest + way * n) - mean)
+    begin, end = tail_of_side(deviations, rest_angle, flat)
     k = 2 * math.sin(rest_angle)
     variance = noise * noise * (settings[0]['spread'] + 1 / count)
-    for n in range(begin, end):
-        e = _deviation(angles, nearest, way, mean, handed, n)
-        outer = _deviation(angles, nearest, way, mean, handed, n + 1)
+    for n in range(begin, min(end, half)):
+        e, outer = deviations[n], deviations[n + 1]
         if math.isfinite(outer):
             row = (e, e * e, outer - next_deviation(e, rest_angle, k)[0])
             for i in range(3):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled, named_tuple, records
 from soliton_linkage.estimation.loops.frame_loops import wrapped
-from soliton_linkage.estimation.loops.tail_loops import next_deviation
+from soliton_linkage.estimation.loops.tail_loops import next_deviation, tail_of_side
 from soliton_linkage.estimation.settings import WobbleSettings, record_dtype
 from soliton_linkage.linkage.chain import Array
 
@@ -84,19 +84,6 @@ def beside_wall(
         lean = wrapped(handed * there + phase)
         expected[place] = lean
         measured[place] = lean + handed * wrapped(apart)
-
-
-@compiled(READ, NUMBER, NUMBER)
-def tail_of_side(expected: Array, large: float, small: float) -> tuple[int, int]:
-    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
-    begin = 0
-    for n in range(expected.size):
-        if abs(expected[n]) > large:
-            begin = n + 1
-    end = begin
-    while end < expected.size and abs(expected[end]) > small:
-        end += 1
-    return begin, end
 
 
 @compiled(READ, NUMBER, NUMBER)
