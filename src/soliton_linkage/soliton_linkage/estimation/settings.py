@@ -331,22 +331,7 @@ class ReportSettings(_Part):
 
 @dataclass(frozen=True)
 class EstimationSettings:
-    """All numbers of the estimation that were chosen, in parts by subject.
-
-    likelihood: of a frame.
-    noise: of angles and rates.
-    offsets: of encoders.
-    filter: its models.
-    tracking: on the orbit.
-    search: of the nearest point.
-    scan: of all places.
-    hypotheses: that compete.
-    motion: its class.
-    wobble: of a wall in a chain of springs.
-    width: of a wall.
-    walls: several.
-    report: of states.
-    """
+    """All numbers of the estimation that were chosen, in parts by subject."""
 
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)

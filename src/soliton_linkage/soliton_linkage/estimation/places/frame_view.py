@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import bdtr
 
 from soliton_linkage.estimation.loops import likelihood_loops
 from soliton_linkage.estimation.loops.frame_loops import Flags
@@ -95,7 +96,6 @@ class FrameLikelihood:
         tails = 2 * bound / (bound**2 - 1) * math.exp(-0.5 * bound**2)
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
-        self._most_off: dict[int, int] = {}
         self.scales: Array | None = None
         """Deviations of the readings of the frame that is seen, in usual ones [1], shape (N,);
         None where all are 1."""
@@ -190,24 +190,11 @@ class FrameLikelihood:
                 return False
         if view.off <= 1:
             return True
-        if view.known not in self._most_off:
-            self._most_off[view.known] = _most(view.known, self._settings)
-        return view.off <= self._most_off[view.known]
+        within = bdtr(view.off - 1, view.known, self._settings.most_wrong)
+        return bool(1 - within > self._settings.false_alarms)
 
     def _log_scales(self, residuals: Array) -> float:
         """Logarithm of the product of the scales of what is known: densities are over these."""
         if self.scales is None:
             return 0.0
         return float(np.log(self.scales[np.isfinite(residuals)]).sum())
-
-
-def _most(known: int, settings: LikelihoodSettings) -> int:
-    """Quantile of the number of wrong readings among those known."""
-    share, left = settings.most_wrong, settings.false_alarms
-    chance = within = (1 - share) ** known
-    count = 0
-    while 1 - within > left and count < known:
-        chance *= (known - count) / (count + 1) * share / (1 - share)
-        within += chance
-        count += 1
-    return count

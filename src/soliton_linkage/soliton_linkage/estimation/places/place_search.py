@@ -223,10 +223,7 @@ class PlaceSearch:
     def _scanned(self, image: Array, samples: OrbitSamples, variance: float) -> Array:
         """Logarithm of the likelihood at samples, shape (S,)."""
         bound, floor = self._given.bound, self._likelihood.floor(variance)
-        sums = np.empty((2, len(self._before), len(image) + 1))
-        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
-            likelihood_loops.sum_likelihoods(image, states, variance, bound, floor, row)
-        found = np.empty(len(samples.arcs))
+        sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         likelihood_loops.scan(
             image,
             sums[0],
@@ -242,17 +239,22 @@ class PlaceSearch:
         )
         return found
 
+    def _sums(self, image: Array, variance: float) -> Array:
+        """Running sums of log likelihoods before the wall and beyond it, (2, legs, N + 1)."""
+        bound, floor = self._given.bound, self._likelihood.floor(variance)
+        sums = np.empty((2, len(self._before), len(image) + 1))
+        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
+            likelihood_loops.sum_likelihoods(image, states, variance, bound, floor, row)
+        return sums
+
     def _samples(self, image: Array, variance: float) -> OrbitSamples:
         """Samples of the whole orbit, or of where uniform parts let the wall be in a long one."""
         if self._all is not None:
             return self._all
-        orbit, bound = self._orbit, self._given.bound
-        floor = self._likelihood.floor(variance)
-        sums = np.empty((2, len(self._before), len(image) + 1))
-        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
-            likelihood_loops.sum_likelihoods(image, states, variance, bound, floor, row)
+        orbit, sums = self._orbit, self._sums(image, variance)
         split = sums[0] + sums[1][:, -1:] - sums[1]
-        likely = split.max(axis=0) >= split.max() + floor * self._core
+        least = split.max() + self._likelihood.floor(variance) * self._core
+        likely = split.max(axis=0) >= least
         places = np.flatnonzero(likely) - 0.5
         low, high = float(places.min()) - self._core, float(places.max()) + self._core
         arcs = []
