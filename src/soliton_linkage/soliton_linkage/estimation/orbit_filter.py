@@ -198,7 +198,7 @@ class OrbitFilter:
         for place in places:
             motion = MultipleModelFilter(
                 place.arc,
-                self._variance.of_first(place),
+                self._variance.noise.variance / place.view.information,
                 scale,
                 self.orbit.site_arc,
                 self._settings.filter,
@@ -220,7 +220,7 @@ class OrbitFilter:
             return
         self._variance.way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
         variance = self._looked_at(seen, elapsed)
-        self._weigh(variance)
+        self._places.weigh([each.view.likelihood for each in self._places.all])
         view = self._places.leader.view
         if not view.known:
             self._seen_as = None
@@ -228,7 +228,7 @@ class OrbitFilter:
             return
         self._seen_as = view
         largest = variance + self._variance.largest_field
-        explained = self._trust.is_explained(view, largest, self._beside.far.doubtful)
+        explained = self._likelihood.explains(view, largest)
         if not explained and self._doubted(time, seen):
             return
         self._unexplained_since = math.nan if explained else self._unexplained_since
@@ -328,13 +328,6 @@ class OrbitFilter:
         length = self.orbit.length
         turns = round((self._estimate.arc - place.arc) / length)
         return place._replace(arc=place.arc + turns * length)
-
-    def _weigh(self, variance: float) -> None:
-        """Weigh the places by how likely each made the frame, of rotors of a variance [rad^2]."""
-        if len(self._places.all) > 1:
-            variance = self._variance.of_competition(variance)
-            views = [each.view for each in self._places.all]
-            self._places.weigh([self._likelihood.of_residuals(view, variance) for view in views])
 
     def _update_by(self, hypothesis: Hypothesis, elapsed: float) -> None:
         """Update a filter by its view of a frame, a time [s] after the last."""

@@ -62,7 +62,6 @@ class LikelihoodSettings(_Part):
     most_wrong: float = quantity(0.1, 'share of them that is taken for no other motion')
     false_alarms: float = quantity(1e-3, 'share of frames with as many that is refused')
     gross_share: float = quantity(0.3, 'difference that no springs make, in swings of a rotor')
-    most_staying: int = quantity(1, 'rotors that may be as far off in two frames running')
     longest_run: int = quantity(2, 'rotors side by side that may be wrong in one frame')
     elastic_share: float = quantity(
         0.03, 'what springs may do to a wall before it is known, in swings of a rotor'
@@ -155,9 +154,6 @@ class TrackingSettings(_Part):
     close: float = quantity(0.01, 'step that is the last', 'rad')
     longest_step: float = quantity(0.5, 'longest step', 'rad')
     lost_deviations: float = quantity(4.0, 'deviations of the arc that must fit into the orbit')
-    field_beyond_chance: float = quantity(
-        9.0, 'variance about a wall of one frame that is no noise, over that of noise'
-    )
     field_ratio: float = quantity(
         3.0, 'largest square of what lasts about a wall, over its mean: it is not even'
     )

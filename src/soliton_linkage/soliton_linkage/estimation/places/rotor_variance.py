@@ -12,7 +12,6 @@ import math
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.frame_noise import FrameNoise
 from soliton_linkage.estimation.places.frame_view import FrameView
-from soliton_linkage.estimation.places.place_search import Place
 from soliton_linkage.estimation.settings import EstimationSettings
 
 
@@ -63,23 +62,6 @@ class RotorVariance:
         edge_ratio = self._tracking.edge_ratio if self.at_edge else 1.0
         field += self.elastic * changed * edge_ratio
         return noise.variance + min(field, self.largest_field)
-
-    def of_competition(self, variance: float) -> float:
-        """The same for places that compete, of rotors of a variance [rad^2].
-
-        What springs do to a frame lasts while the wall moves on by about half a rotor: so many
-        frames, of which each shows the same, are to count as one.
-        """
-        alike = self._tracking.way_beside / max(self.way, 1e-9)
-        return variance + self.elastic * min(max(alike, 1.0), self._tracking.most_alike)
-
-    def of_first(self, place: Place) -> float:
-        """Variance of the arc of the first frame [rad^2], with what it shows beyond chance."""
-        left, shares = place.view.left, place.view.tangent**2
-        free = float((shares - shares**2).sum())
-        seen = float(shares @ left**2) / max(free, 1e-12)
-        chance = self._tracking.field_beyond_chance * self.noise.variance
-        return (self.noise.variance + (seen if seen > chance else 0.0)) / place.view.information
 
     def of_arc(self, motion: MultipleModelFilter, view: FrameView, elapsed: float) -> float:
         """Variance of the arc that a frame shows [rad^2], a time [s] after the last.
