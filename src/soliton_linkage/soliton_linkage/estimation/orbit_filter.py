@@ -206,6 +206,7 @@ class OrbitFilter:
             evidence = place.evidence - best.evidence
             self._places.all.append(Hypothesis(motion, place.upside_down, place.view, evidence))
         self._seen_as = best.view
+        self._beside.learn(seen, best.view, 0.0, self._variance.noise, best.upside_down)
         self._report(time, TrackingStatus.ACQUIRED)
 
     def _follow(self, time: float, elapsed: float, seen: Array, torques: Array | None) -> None:
@@ -340,7 +341,7 @@ class OrbitFilter:
         """Learn noise, field and offsets from what the likeliest place leaves of a frame."""
         self._variance.learn(view, elapsed)
         noise, turned = self._variance.noise, self._places.leader.upside_down
-        if self._beside.learn(seen, view, elapsed, noise.variance, turned):
+        if self._beside.learn(seen, view, elapsed, noise, turned):
             noise.forget_what_lasted()
 
     def _report(self, time: float, status: TrackingStatus) -> None:
@@ -350,7 +351,9 @@ class OrbitFilter:
         completed, within = divmod(arc, orbit.length)
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
         # than the chain is that of the orbit: what rotors are off by, the arc is too.
-        beside = self._tracking.beside_share**2 * noise.excess + self._beside.disorder**2
+        leg = orbit.leg(arc)
+        beside = self._tracking.beside_share**2 * noise.excess
+        beside += self._beside.shift(orbit.place(arc), leg) ** 2
         of_rate = beside * (rate / (self._tracking.way_beside * orbit.site_arc)) ** 2
         wall = self._places.wall(beside, of_rate)
         seen = self._seen_as if status is not TrackingStatus.COASTING else None
@@ -366,7 +369,7 @@ class OrbitFilter:
             place_rate=wall.place_rate,
             place_deviation=wall.place_deviation,
             place_rate_deviation=wall.place_rate_deviation,
-            leg=orbit.leg(arc),
+            leg=leg,
             leg_known=self._places.leg_is_known(),
             phase=2 * math.pi * within / orbit.length,
             completed_cycles=int(completed),

@@ -99,10 +99,8 @@ class OffsetSettings(_Part):
     largest_scale: float = quantity(
         1.5, 'deviation from the orbit, in usual ones, up to which readings tell of offsets'
     )
-    wall_shifts: tuple[float, float] = quantity(
-        (1.0, 2.4),
-        'arc that uneven rotors shift walls of flippers and of spinners by, over typical residuals'
-        ' that last: measured for 1 and 5 % in lengths and stiffnesses',
+    fewest_freedoms: float = quantity(
+        3.0, 'degrees of freedom at least of the deviation of a chain that is not even'
     )
     evenness: float = quantity(
         4e-3, 'lasting residuals up to which the chain is taken for even', 'rad'

@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.estimation.loops import offset_loops
-from soliton_linkage.estimation.robust import DEVIATION_PER_MEDIAN, median, robust_deviation
+from soliton_linkage.estimation.robust import (
+    DEVIATION_PER_MEDIAN,
+    clipped_deviation,
+    median,
+    robust_deviation,
+)
 from soliton_linkage.estimation.settings import DEFAULTS, OffsetSettings
 from soliton_linkage.linkage.chain import Array
 
@@ -45,21 +50,6 @@ class EncoderOffsets:
     def corrections(self) -> Array:
         """What is to be subtracted from each angle [rad], shape (N,): 0 where none is sure."""
         return self._corrections
-
-    @property
-    def typical(self) -> float:
-        """Typical residual that lasts, of rotors on the sides on which they were seen [rad].
-
-        It is that of rest angles, where most rotors or springs differ from the chain's; 0 where
-        chance may have done it.
-        """
-        means, chances = np.empty((2, 2 * len(self.encoders)))
-        known = offset_loops.lasting_residuals(self.encoders, means, chances)
-        if not known:
-            return 0.0
-        typical = robust_deviation(means[:known])
-        by_chance = self.settings.chance_ratio * median(chances[:known])
-        return typical if typical > by_chance else 0.0
 
     def update(
         self, residuals: Array, sides: Array, variance: float, repeated: float = 0.0
@@ -96,14 +86,15 @@ class FarRotors:
     """
 
     def __init__(
-        self, offsets: EncoderOffsets, margin: float, time_unit: float, strong: float
+        self, offsets: EncoderOffsets, depth: float, time_unit: float, strong: float
     ) -> None:
-        """Learn these offsets beyond a margin [rotor spacings] of a wall; time unit in [s].
+        """Learn these offsets, with the penetration depth [rotor spacings], the time unit [s].
 
         Waves of a strong mean square [rad^2] tell nothing of encoders.
         """
         self._offsets = offsets
-        self._margin = margin
+        self._margin = 1 + offsets.settings.depths_beside * depth
+        self._independent = math.tanh(1 / depth) if depth else 1.0
         self._time_unit = time_unit
         self._strong = strong
         self._settings = offsets.settings
@@ -114,6 +105,13 @@ class FarRotors:
         self._waves = 0.0
         self._means = np.full(rotors, np.nan)
         self._uneven = False
+        self._first = True
+        self.unevenness = 0.0
+        """Typical deviation of far rotors from the orbit that nobody told [rad].
+
+        Until the first block tells, or where that is strong the next, it is all that is not
+        known to be noise.
+        """
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: NDArray[np.bool_] | None = None
@@ -127,13 +125,18 @@ class FarRotors:
         self._lowest, self._highest = math.inf, -math.inf
 
     def add(
-        self, residuals: Array, outlying: NDArray[np.bool_] | None, place: float, elapsed: float
+        self,
+        residuals: Array,
+        outlying: NDArray[np.bool_] | None,
+        place: float,
+        elapsed: float,
+        variance: float,
     ) -> bool:
         """Take in what is left of a frame [rad], shape (N,); whether that fills the block.
 
         Of rotors that are outlying now and were not, or by as much, before, the mean so far
         counts: such a reading is wrong once. The frame is a time [s] after the last, with the
-        wall at a place [rotor spacings].
+        wall at a place [rotor spacings]; of noise a variance is known [rad^2].
         """
         self._sums += residuals
         if outlying is not None:
@@ -147,6 +150,8 @@ class FarRotors:
         self._lowest, self._highest = min(self._lowest, place), max(self._highest, place)
         self._time += elapsed
         self._frames += 1
+        if self._first:
+            self.unevenness = self._beyond_noise(variance)
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
@@ -172,8 +177,11 @@ class FarRotors:
         strong = self._strong + given.strong_waves * noise
         changed, self._means = means - self._means, means.copy()
         changed[np.isnan(innovations)] = np.nan
+        first, self._first = self._first, False
         if self._most(squares[:known]) > strong:
             if not self._lasts(changed, strong):
+                if not first:
+                    self.unevenness = self._lasting()
                 self.forget()
                 return
             self._uneven = True
@@ -191,6 +199,7 @@ class FarRotors:
             offsets.corrections[:] = 0.0
         offsets.doubt(strange)
         offset_loops.beyond_chance(offsets.encoders, given.record, sides, repeated, self._apart)
+        self.unevenness = self._lasting()
         self.forget()
 
     def _lasts(self, changed: Array, strong: float) -> bool:
@@ -213,6 +222,31 @@ class FarRotors:
         far_off = self._apart > limit + given.least_doubted
         unknown = far_off & (self._offsets.corrections == 0)
         self.doubtful = self.stuck | (unknown & (not self._uneven))
+
+    def _beyond_noise(self, variance: float) -> float:
+        """Deviation of mean residuals in the block so far that no noise has made [rad]."""
+        rotors = np.arange(len(self._sums))
+        far = (rotors < self._lowest - self._margin) | (rotors > self._highest + self._margin)
+        means = np.abs(self._sums[far & np.isfinite(self._sums)]) / self._frames
+        return self._stated(means, math.sqrt(variance / self._frames))
+
+    def _lasting(self) -> float:
+        """The same of residuals that last, of rotors on the sides on which they were seen."""
+        means, chances = np.empty((2, 2 * len(self._sums)))
+        known = offset_loops.lasting_residuals(self._offsets.encoders, means, chances)
+        return self._stated(means[:known], median(chances[:known]) if known else 0.0)
+
+    def _stated(self, sizes: Array, chance: float) -> float:
+        """Deviation of residuals beyond those of an even chain [rad], by Student's distribution.
+
+        Rotors nearer than the penetration depth are alike, so that few of them tell little; 0
+        where chance [rad] may have made so much.
+        """
+        given, typical = self._settings, clipped_deviation(sizes)
+        if typical <= max(given.chance_ratio * chance, given.evenness):
+            return 0.0
+        freedoms = max(self._independent * len(sizes), given.fewest_freedoms)
+        return math.sqrt((typical**2 - given.evenness**2) * freedoms / (freedoms - 2))
 
     def _most(self, squares: Array) -> float:
         """Mean of all squares but the few largest, which may be of offsets [rad^2]."""

@@ -10,12 +10,14 @@ import numpy as np
 from soliton_linkage.estimation.loops import frame_loops
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets, FarRotors
+from soliton_linkage.estimation.places.frame_noise import FrameNoise
 from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.places.unseen_rotors import UnseenRotors
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.orbit.wall_shifts import WallShifts
 
 
 class FrameComparison:
@@ -31,23 +33,20 @@ class FrameComparison:
         """Begin without offsets; waves of a mean square [rad^2] tell nothing of encoders."""
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
-        self._tracking, self._evenness = settings.tracking, settings.offsets.evenness
+        self._tracking = settings.tracking
         self._backgrounds = [
             orbit.background(orbit.arc_at(orbit.middle, leg))
             for leg in range(orbit.number_of_legs)
         ]
         self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
-        margin = 1 + settings.offsets.depths_beside * penetration_depth(chain) / chain.spacing
-        self.far = FarRotors(self.offsets, margin, chain.time_unit, elastic)
+        depth = penetration_depth(chain) / chain.spacing
+        self.far = FarRotors(self.offsets, depth, chain.time_unit, elastic)
         self._largest_scale = settings.offsets.largest_scale
-        shifts = settings.offsets.wall_shifts
-        self._shift = shifts[1] if chain.motion is Motion.SPINNER else shifts[0]
+        self._shifts = WallShifts(orbit)
         self._unseen = UnseenRotors(orbit)
         self.noise = 0.0
         """Variance of a reading, of that of a rotor from the orbit [rad^2]."""
         self._doubts = False
-        self.disorder = 0.0
-        """Deviation of the arc by rotors that are not those of the orbit [rad]."""
 
     def view(
         self,
@@ -115,12 +114,17 @@ class FrameComparison:
             arc += min(max(step, -tracking.longest_step), tracking.longest_step)
         return view
 
+    def shift(self, place: float, leg: int) -> float:
+        """Deviation of the arc [rad] by rotors that are not those of the orbit, at a place."""
+        uneven = self.far.unevenness
+        return uneven * self._shifts.ratio(place, leg) if uneven else 0.0
+
     def learn(
-        self, seen: Array, view: FrameView, elapsed: float, variance: float, upside_down: bool
+        self, seen: Array, view: FrameView, elapsed: float, noise: FrameNoise, upside_down: bool
     ) -> bool:
         """Learn offsets from what a view leaves; whether others are known than before.
 
-        The frame is a time [s] after the last, of a noise of a variance [rad^2].
+        The frame is a time [s] after the last.
         """
         outlying = view.outlying if view.unbelieved else None
         place = self._orbit.place(view.arc)
@@ -128,11 +132,10 @@ class FrameComparison:
         if self._likelihood.scales is not None:
             unsure = self._likelihood.scales > self._largest_scale
             residuals = np.where(unsure, np.nan, residuals)
-        if not self.far.add(residuals, outlying, place, elapsed):
+        if not self.far.add(residuals, outlying, place, elapsed, noise.least):
             return False
         known = np.count_nonzero(self.offsets.corrections)
-        self.far.learn(-1 if upside_down else 1, variance)
+        self.far.learn(-1 if upside_down else 1, noise.variance)
         self.far.look_for_doubtful(seen, view.outlying)
         self._doubts = bool(self.far.doubtful.any())
-        self.disorder = self._shift * max(self.offsets.typical - self._evenness, 0.0)
         return bool(np.count_nonzero(self.offsets.corrections) != known)

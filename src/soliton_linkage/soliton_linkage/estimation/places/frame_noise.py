@@ -26,6 +26,8 @@ class FrameNoise:
         self._squares = self._freedoms = 0.0
         self._recent_squares = self._recent_freedoms = 0.0
         self.variance = self._given
+        self.least = 0.0
+        """Variance that is noise for sure [rad^2]: all that a single frame shows may last."""
         self._earlier: list[FrameView] = []
         self.forget_what_lasted()
 
@@ -90,13 +92,16 @@ class FrameNoise:
         whole = self._squares / self._freedoms if self._freedoms else 0.0
         recent = self._recent_freedoms
         self.scatter = self._recent_squares / recent if recent else 0.0
-        sure = self._products > self._by_chance(whole, self._pairs, 1.0) > 0
+        chance = self._by_chance(whole, self._pairs, 1.0)
+        sure = self._products > chance > 0
         self.lasting = self._products / self._pairs if sure else 0.0
         sure = self._wall > self._by_chance(whole, self._wall_chance, 0.25)
         self.excess = self._wall / self._wall_share if sure else 0.0
         white = max(whole - self.lasting, self._settings.least_noise**2)
         doubt = 1 + self._settings.significance * math.sqrt(2 / max(self._freedoms, 1.0))
         self.variance = white if white > self._given * doubt else self._given
+        lasting = (self._products + chance) / self._pairs if self._pairs else whole
+        self.least = self.variance if self._given else max(whole - lasting, 0.0)
 
     def _by_chance(self, square: float, squared_weights: float, largest: float) -> float:
         """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""

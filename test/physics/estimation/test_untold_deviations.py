@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is stated of walls where rotors and springs differ, which nobody told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from scipy import stats
+from scipy.optimize import brentq
+
+from soliton_linkage.estimation.orbit_filter import OrbitFilter
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linear.statics import unstretched
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+
+ROTORS, NOISE, BOND = 20, 0.005, 9
+DRAWS, FRAMES = 25, 18
+
+
+def resting(orbit: UniformOrbit, seed: int, share: float) -> Array:
+    """Angles of a chain that deviates by a share, with half of its mode left of the bond."""
+    drawn = drawn_deviations(ROTORS, seed, spacing=share, rotor_length=share)
+    chain = replace(orbit.chain, deviations=drawn)
+
+    def angles(arc: float) -> Array:
+        return unstretched(chain, orbit.configuration(arc))
+
+    def beyond_half(arc: float) -> float:
+        return float(np.sum(zero_mode(chain, angles(arc))[: BOND + 1] ** 2)) - 0.5
+
+    low, high = (orbit.arc_at(place, 0) for place in (BOND - 0.5, BOND + 1.5))
+    return angles(float(brentq(beyond_half, low, high, xtol=1e-4)))
+
+
+@pytest.mark.parametrize(('example', 'share'), [(FLIPPER, 0.03), (WOBBLER, 0.03), (SPINNER, 0.01)])
+def test_what_is_stated_of_the_place_is_true_from_the_first_frame_on(
+    example: tuple[float, float], share: float
+) -> None:
+    orbit = UniformOrbit(chain_of(example, ROTORS))
+    scores = np.empty((DRAWS, FRAMES))
+    for seed in range(DRAWS):
+        random, angles = np.random.default_rng(seed), resting(orbit, seed, share)
+        tracker = OrbitFilter(orbit)
+        for frame in range(FRAMES):
+            noisy = angles + NOISE * random.standard_normal(ROTORS)
+            said = tracker.update(0.004 * frame, noisy)
+            scores[seed, frame] = (said.place - BOND - 0.5) / said.place_deviation
+    squares = np.sum(scores**2, axis=0)
+    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], DRAWS)
+    assert squares.max() < high
+    assert low < squares[-1]
