@@ -24,6 +24,7 @@ from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import 
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
+from soliton_linkage_nodes.serial_encoders.parameters import ValveParameters
 
 ROTORS = 4
 ANGLES = np.array([0.5, -1.0, 2.0, math.nan])
@@ -178,6 +179,7 @@ def test_torques_go_to_the_valves_until_nobody_renews_them(
     scale = {'valves.torque_per_pressure': [1e-6]} if pressure else {}
     node, heard = begin(graph, controller, **scale, **{'valves.hold': PATIENT})
     torques = graph.speak(interfaces.ROTOR_TORQUES)
+    delivered = graph.hear(interfaces.DELIVERED_IMPULSES)
     controller.say_and_hear(heard, 1)
     wanted = pytest.approx([0.0, 0.0, 0.05, 0.0])
     begun = time.monotonic()
@@ -192,6 +194,12 @@ def test_torques_go_to_the_valves_until_nobody_renews_them(
     assert elapsed < PATIENT, 'it was the controller that gave up'
     assert node.valves.shut
     assert node.valves.told <= 100 * elapsed + 3
+    controller.say_and_hear(heard, 1)
+    graph.until(lambda: delivered, 'the impulse of it')
+    impulse = delivered[0].impulse[2]
+    assert list(delivered[0].impulse) == [0, 0, impulse, 0]
+    assert 0.05 * ValveParameters().command_timeout < impulse < 0.05 * elapsed
+    assert delivered[0].header == heard[-1].header
 
 
 def test_a_node_that_stops_shuts_the_valves_first(

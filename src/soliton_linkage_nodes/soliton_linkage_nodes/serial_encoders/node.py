@@ -23,6 +23,7 @@ from soliton_linkage_nodes.messages.conversions import (
     FRAME,
     NamedChain,
     chain_to_msg,
+    impulses_to_msg,
     torques_from_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
@@ -53,7 +54,8 @@ class SerialEncoders(ManagedNode):
     """Publishes the angles that a microcontroller measures, and tells its valves what to do.
 
     Publishes `joint_states` [rad], NaN for rotors that are missing, with the stamp of their
-    measurement, `/diagnostics` and, where it is told the chain by parameters, `chain` (latched).
+    measurement, before that what the valves have delivered until then as `delivered_impulses`
+    [N m s], `/diagnostics` and, where it is told the chain by parameters, `chain` (latched).
     Subscribes to `rotor_torques` [N m] and, unless told the chain by parameters, to `chain`.
     """
 
@@ -87,6 +89,7 @@ class SerialEncoders(ManagedNode):
         self._restarts = Complaints(self.get_logger().warning, _SAID_AGAIN)
         self._take = self.diagnostics.refusing('frame', self._on_frame)
         self._angles = interfaces.JOINT_STATES.publisher(self)
+        self._impulses = interfaces.DELIVERED_IMPULSES.publisher(self)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
         if self._source.parameters.chain_from == 'parameters' and self._named is not None:
             stamp = self.get_clock().now().to_msg()
@@ -143,7 +146,7 @@ class SerialEncoders(ManagedNode):
             self._take(frame, arrival)
 
     def _on_frame(self, frame: SerialFrame, arrival: int) -> None:
-        if self.stream is None or self._named is None:
+        if self.stream is None or self.valves is None or self._named is None:
             return
         restarts = self.stream.clock.restarts
         read = self.stream.take(frame, arrival)
@@ -151,9 +154,13 @@ class SerialEncoders(ManagedNode):
             self._restarts.tell('the clock of the controller has begun anew')
         if read is None:
             return
-        stamp = read.stamp + self._clock_ahead() - round(self.settings.least_delay * SECOND)
-        self._stamp = max(stamp, self._stamp + 1)
-        header = Header(stamp=time_to_msg(self._stamp), frame_id=FRAME)
+        measured = read.stamp - round(self.settings.least_delay * SECOND)
+        self._stamp = max(measured + self._clock_ahead(), self._stamp + 1)
+        stamp = time_to_msg(self._stamp)
+        impulses = self.valves.delivered(measured / SECOND)
+        if impulses.any():
+            self._impulses.publish(impulses_to_msg(self._named, impulses, stamp))
+        header = Header(stamp=stamp, frame_id=FRAME)
         names = list(self._named.joint_names)
         message = JointState(header=header, name=names, position=read.angles.tolist())
         self._angles.publish(message)
@@ -197,9 +204,12 @@ class SerialEncoders(ManagedNode):
     def _tell_valves(self) -> None:
         if self.valves is None or self._port is None or self.decoder.protocol is None:
             return
-        command = self.valves.command(time.monotonic())
+        now = time.monotonic()
+        command = self.valves.command(now)
         try:
             self._port.write(encode(command, self.decoder.protocol))
+            if self._port.open:
+                self.valves.note_told(now)
         except OSError as error:
             self.diagnostics.fail(f'could not tell the valves: {error}')
 

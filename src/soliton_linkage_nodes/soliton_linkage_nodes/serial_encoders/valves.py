@@ -1,13 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the valves of a controller are told, and for how long."""
+"""What the valves of a controller are told, for how long, and what it delivers."""
 
 from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 from soliton_linkage_nodes.serial_encoders.parameters import ValveParameters
+
+_MOST_ACTING = 1000
+"""Commands whose impulses nobody has asked for [1]: of ten seconds without a frame."""
+
+
+class _Acting(NamedTuple):
+    """What a command does."""
+
+    begin: float
+    """[s]."""
+    end: float
+    """Without another command [s]."""
+    torques: Array
+    """[N m], shape (N,)."""
 
 
 class Valves:
@@ -22,6 +40,7 @@ class Valves:
         self._torques = np.zeros(rotors)
         self._until = 0.0
         self._shut = True
+        self._acting: deque[_Acting] = deque(maxlen=_MOST_ACTING)
 
     @property
     def shut(self) -> bool:
@@ -50,3 +69,22 @@ class Valves:
         )
         self.told += 1
         return frame
+
+    def note_told(self, now: float) -> None:
+        """Enter that the last command went to the controller at an instant [s]."""
+        torques = np.zeros_like(self._torques) if self._shut else self._torques
+        self._acting.append(_Acting(now, now + self._parameters.hold, torques))
+
+    def delivered(self, until: float) -> Array:
+        """Angular impulses since the last such instant, until one [s] [N m s], shape (N,).
+
+        Torques act from when they were told until the next command, or as long as they hold.
+        """
+        impulses = np.zeros_like(self._torques)
+        while self._acting and self._acting[0].begin < until:
+            acting = self._acting.popleft()
+            end = min(acting.end, self._acting[0].begin if self._acting else math.inf)
+            impulses += acting.torques * (min(end, until) - acting.begin)
+            if end > until:
+                self._acting.appendleft(acting._replace(begin=until))
+        return impulses

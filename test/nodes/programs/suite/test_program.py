@@ -14,7 +14,7 @@ from programs import Program
 
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.programs.suite import program as suite
-from soliton_linkage_nodes.programs.suite.program import NODES, addressed
+from soliton_linkage_nodes.programs.suite.program import NODES, addressed, of_one_chain
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -28,7 +28,8 @@ CLASSES = {
 def test_five_nodes_in_one_process_as_in_their_own(
     graph: Graph, start: Callable[..., Program], tmp_path: Path
 ) -> None:
-    reports = {node: graph.reports(node) for node in NODES}
+    nodes = of_one_chain([])
+    reports = {node: graph.reports(node) for node in nodes}
     program = start(
         'suite',
         *('--ros-args', '-r', '__ns:=/left', '-p', f'output:={tmp_path / "run"}'),
@@ -41,7 +42,7 @@ def test_five_nodes_in_one_process_as_in_their_own(
     for node, told in reports.items():
         assert told[-1].hardware_id == f'/left/{node}'
     assert program.stop() == 0
-    for node in NODES:
+    for node in nodes:
         assert any(f'[left.{node}]' in line for line in program.said), node
     assert program.said[-1].endswith(', 0 lost')
     assert (tmp_path / 'run_0/metadata.yaml').exists()
@@ -99,6 +100,37 @@ def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all() -> None:
     assert told['right/edge_actuator'] == {'joints': ['a']}
 
 
+@pytest.mark.parametrize(
+    ('rule', 'without'),
+    [
+        ('port:=/dev/ttyACM0', 'simulator'),
+        ('serial_encoders:port:=/dev/ttyACM0', 'simulator'),
+        ('serial_encoders:port:=', 'serial_encoders'),
+        ('export:=/dev/ttyACM0', 'serial_encoders'),
+    ],
+)
+def test_a_port_puts_a_controller_in_the_place_of_the_simulator(rule: str, without: str) -> None:
+    assert of_one_chain(['suite', '--ros-args', '-p', rule]) == [
+        name for name in NODES if name != without
+    ]
+
+
+def test_who_hears_a_controller_tells_the_chain_unless_told_otherwise(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    components: list[Any] = []
+    monkeypatch.setattr(suite, 'run_together', lambda those, _: components.extend(those))
+    for rules, source in (
+        (['-p', 'port:=/dev/ttyACM0'], ['parameters']),
+        (['-p', 'port:=/dev/ttyACM0', '-p', 'chain_from:=topic'], ['parameters', 'topic']),
+    ):
+        components.clear()
+        monkeypatch.setattr(sys, 'argv', ['suite', '--ros-args', *rules])
+        suite.main()
+        given = components[-1].create.keywords['parameter_overrides']
+        assert [each.value for each in given if each.name == 'chain_from'] == source
+
+
 @pytest.mark.parametrize('rule', ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0'])
 def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
     assert given_to(rule) == (['-p', rule], {})
@@ -107,7 +139,7 @@ def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
 @pytest.mark.parametrize(
     ('arguments', 'complaint'),
     [
-        (['encoders'], "'encoders' is none of simulator, edge_actuator"),
+        (['encoders'], "'encoders' is none of simulator, serial_encoders"),
         (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= is for all nodes'),
     ],
 )

@@ -2,8 +2,9 @@
 """Run several nodes of the suite in one process, which takes less memory and time than five.
 
 Each node has the name, topics, services, parameters and diagnostics that it has alone. Ctrl-C
-ends all and closes the bag. With real encoders in place of the simulator, name the others. Nodes
-of several chains are named with their namespaces, as left/soliton_analyser.
+ends all and closes the bag. With -p port:=/dev/ttyACM0 serial_encoders takes the place of the
+simulator, for a controller there; with other encoders name the others. Nodes of several chains are
+named with their namespaces, as left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 import yaml
@@ -25,13 +27,18 @@ from soliton_linkage_nodes.runtime.process import Component, run_together
 
 NODES = {
     'simulator': 'simulator.node:Simulator',
+    'serial_encoders': 'serial_encoders.node:SerialEncoders',
     'edge_actuator': 'edge_actuator.node:EdgeActuator',
     'soliton_analyser': 'soliton_analyser.node:SolitonAnalyser',
     'soliton_steering': 'soliton_steering.node:SolitonSteering',
     'bag_recorder': 'bags.recorder:BagRecorder',
 }
 """Where the class of each node is; a node that is not asked for is not imported."""
+_OF_CONTROLLERS = 'serial_encoders'
+"""The node that takes the simulator's place where a port is told."""
 _PARAMETER_OPTIONS = ('-p', '--param')
+_TELLS_THE_CHAIN = ('-p', f'{_OF_CONTROLLERS}:chain_from:=parameters')
+"""As a simulator does; what is given for all nodes or for this comes after it, and counts."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _OF_JOINTS = 'torque_limits.'
@@ -52,9 +59,12 @@ def main() -> None:
     )
     # What choices refuse of a list, argparse prints as a list.
     parser.add_argument(
-        'nodes', nargs='*', metavar='NODE', help=f'{", ".join(NODES)}; without any, all of them'
+        'nodes',
+        nargs='*',
+        metavar='NODE',
+        help=f'{", ".join(NODES)}; without any, all of one chain',
     )
-    names = parser.parse_beside_ros(_known_to_ros(sys.argv[1:])).nodes or list(NODES)
+    names = parser.parse_beside_ros(_known_to_ros(sys.argv[1:])).nodes or of_one_chain(sys.argv)
     for name in names:
         if _kind(name) not in NODES:
             parser.error(f'{name!r} is none of {", ".join(NODES)}')
@@ -63,7 +73,9 @@ def main() -> None:
     names.sort(key=lambda name: list(NODES).index(_kind(name)))
     classes = {name: _class_of(_kind(name)) for name in names}
     try:
-        rest, given = addressed(sys.argv, classes)
+        of_controllers = any(_kind(name) == _OF_CONTROLLERS for name in names)
+        told = _TELLS_THE_CHAIN if of_controllers else ()
+        rest, given = addressed([sys.argv[0], *told, *sys.argv[1:]], classes)
     except (TypeError, ValueError) as error:
         parser.error(str(error))
     components = [
@@ -72,6 +84,14 @@ def main() -> None:
     ]
     # The simulator is the last to begin and the first to end: the others miss nothing of it.
     run_together(components[::-1], rest)
+
+
+def of_one_chain(arguments: Sequence[str]) -> list[str]:
+    """All nodes of a chain: a simulated one, or where arguments of ROS tell a port that there."""
+    port = re.compile(rf'({_OF_CONTROLLERS}:)?port:=.+')
+    rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
+    unused = 'simulator' if any(map(port.fullmatch, rules)) else _OF_CONTROLLERS
+    return [name for name in NODES if name != unused]
 
 
 def addressed(
