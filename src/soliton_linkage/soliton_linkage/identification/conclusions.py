@@ -33,9 +33,16 @@ _NO_FORCES = dict.fromkeys(
 
 
 def of_springs(
-    fitted: MotionFit, given: Chain, reading_noise: float, scale: MassScale | None
+    fitted: MotionFit,
+    given: Chain,
+    reading_noise: float,
+    scale: MassScale | None,
+    left_out: int = 0,
 ) -> Identification:
-    """Chain of springs, whose stiffnesses, masses and damping the motion shows too."""
+    """Chain of springs, whose stiffnesses, masses and damping the motion shows too.
+
+    By all frames but those that were left out.
+    """
     motion = fitted.motion
     parts = split_chain(np.sqrt(np.diag(fitted.covariance)))
     geometry = motion.parts.lengths
@@ -76,17 +83,23 @@ def of_springs(
         bond_noise=np.maximum(by_bond[:-1], by_bond[1:]),
         tolerance=fitted.prior.tolerances.of_lengths,
         rigid=False,
+        left_out=left_out,
         open_combinations=open_combinations(fitted.information, fitted.basis, split_chain),
         warnings=(*_unexplained(fitted.noise, reading_noise), *_obstacles(chain)),
     )
 
 
 def of_bonds(
-    found: Adjustment, given: Chain, reading_noise: float, moved: BarMotion | None
+    found: Adjustment,
+    given: Chain,
+    reading_noise: float,
+    moved: BarMotion | None = None,
+    left_out: int = 0,
 ) -> Identification:
     """Chain whose bonds close, as bars do, or springs about slow walls.
 
-    With what the free motion of bars shows, where they move freely.
+    With what the free motion of bars shows, where they move freely, by all frames but those that
+    were left out.
     """
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
@@ -133,6 +146,7 @@ def of_bonds(
         bond_noise=found.bond_noise,
         tolerance=found.tolerances.of_lengths,
         rigid=rigid,
+        left_out=left_out,
         open_combinations=open_combinations(
             found.information, measurable(found.lengths), split_lengths
         ),

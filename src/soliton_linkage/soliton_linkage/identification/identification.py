@@ -42,6 +42,8 @@ class Identification:
     """The same of the logarithm of the mean mass [1], NaN where no push told that."""
     rigid: bool
     """Whether all bonds close to the noise, as bars do: then no stiffness is found."""
+    left_out: int
+    """Frames of the longest recordings by which masses, springs and drag were not found [1]."""
     open_combinations: tuple[str, ...]
     """What the angles alone leave open, in words."""
     warnings: tuple[str, ...]

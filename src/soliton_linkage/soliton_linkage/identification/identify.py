@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -26,15 +25,16 @@ from soliton_linkage.identification.residuals import (
     noise_of,
 )
 from soliton_linkage.identification.screening import check_motion
-from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.identification.thinning import telling
+from soliton_linkage.linkage.chain import Array, Chain
 
 _NOT_CLOSED = (
     'no lengths close the bonds of this recording; check the order of the joints, their signs and '
     'their zeros, and that no rotor was held'
 )
 _MOST_FITTED = 3000
-"""Frames of which a free motion is fitted [1], one in two or more of those that are beyond: 40
-rotors take a minute or two."""
+"""Frames of which a free motion is fitted [1], those that tell most: 40 rotors take a minute or
+two."""
 
 
 def identify(
@@ -60,21 +60,25 @@ def identify(
     except np.linalg.LinAlgError as error:
         raise ValueError(_NOT_CLOSED) from error
     known = spacing_known or not readings.gravity.acceleration
-    fitted = _fitted(readings, found, given, noise, tolerance, known)
+    pushes = [push.time for push in readings.pushes]
+    stay = telling(times, readings.seen, pushes, _MOST_FITTED)
+    left_out = len(times) - len(stay)
+    some = replace(readings, angles=readings.seen).of_frames(stay)
+    fitted = _fitted(some, found.left[stay], found, given, noise, tolerance, known)
     if fitted is not None:
         check_slips(fitted.times, fitted.left, fitted.noise, names)
         given = _scaled(given, readings, fitted.motion.gravity)
-        scale = mass_scale(fitted, readings.every(_MOST_FITTED), given.spacing)
-        return of_springs(fitted, given, noise, scale)
+        scale = mass_scale(fitted, some, given.spacing)
+        return of_springs(fitted, given, noise, scale, left_out)
     check_slips(times, found.left / readings.spreads, max(noise, found.noise), names)
     if not found.settled:
         raise ValueError(_NOT_CLOSED)
     if found.noise > STRAINED * noise:
-        return of_bonds(found, given, noise, None)
-    moved = _bars_moved(found, readings, given, known)
-    if moved is not None:
-        given = _scaled(given, readings, moved.gravity)
-    return of_bonds(found, given, noise, moved)
+        return of_bonds(found, given, noise)
+    moved = _bars_moved(some, found, given, known)
+    if moved is None:
+        return of_bonds(found, given, noise)
+    return of_bonds(found, _scaled(given, readings, moved.gravity), noise, moved, left_out)
 
 
 def _check_passage(recordings: Sequence[Readings]) -> None:
@@ -97,7 +101,8 @@ def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
 
 
 def _fitted(
-    readings: Readings,
+    some: Readings,
+    left: Array,
     found: Adjustment,
     given: Chain,
     noise: float,
@@ -105,8 +110,7 @@ def _fitted(
     spacing_known: bool,
 ) -> MotionFit | None:
     """Free motion of springs, None where bars explain the readings as well."""
-    rotors, some = found.lengths.rotors, readings.every(_MOST_FITTED)
-    left = found.left[:: math.ceil(len(found.left) / _MOST_FITTED)]
+    rotors = found.lengths.rotors
     angles = some.whole - found.lengths.offsets - left
     stiffness = given.stiffness / given.mass
     nothing, alike = np.zeros(rotors), np.ones(rotors)
@@ -117,7 +121,7 @@ def _fitted(
         0.0,
         nothing,
         nothing,
-        gravity=readings.gravity.acceleration / given.spacing,
+        gravity=some.gravity.acceleration / given.spacing,
     )
     windows = first_windows(some.times, angles, start, some.breaks, some.tilt_at)
     if not windows:
@@ -130,10 +134,9 @@ def _fitted(
 
 
 def _bars_moved(
-    found: Adjustment, readings: Readings, given: Chain, spacing_known: bool
+    some: Readings, found: Adjustment, given: Chain, spacing_known: bool
 ) -> BarMotion | None:
     """What the free motion of bars shows, None where they do not move freely."""
-    some = readings.every(_MOST_FITTED)
     acceleration = some.gravity.acceleration / given.spacing
     some = replace(some, gravity=replace(some.gravity, acceleration=acceleration))
     noise = max(found.noise, LEAST_NOISE)

@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soliton_linkage.identification.screening import filled
 from soliton_linkage.linkage.chain import Array
@@ -104,15 +104,12 @@ class Readings:
 
     def between(self, begin: float, end: float) -> Readings:
         """Those of a span of times [s]."""
-        some = (self.times >= begin) & (self.times <= end)
+        return self.of_frames((self.times >= begin) & (self.times <= end))
+
+    def of_frames(self, some: NDArray[Any]) -> Readings:
+        """Those of some frames, by their numbers or as a mask."""
         told = None if self.deviations is None else self.deviations[some]
         return replace(self, times=self.times[some], angles=self.angles[some], deviations=told)
-
-    def every(self, most: int) -> Readings:
-        """Every one of them, every second, every third, ..., no more than most."""
-        some = slice(None, None, math.ceil(len(self.times) / most))
-        told = None if self.deviations is None else self.deviations[some]
-        return replace(self, times=self.times[some], angles=self.seen[some], deviations=told)
 
 
 def joined(recordings: Sequence[Readings]) -> Readings:

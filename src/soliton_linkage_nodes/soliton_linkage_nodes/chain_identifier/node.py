@@ -20,7 +20,7 @@ from soliton_linkage.identification.identify import identify
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_msgs.msg import RotorImpulses
+from soliton_linkage_msgs.msg import Delivery, RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
@@ -56,8 +56,8 @@ class ChainIdentifierParameters:
     )
     most_frames: int = quantity(
         4000,
-        'number of frames that are kept, beyond which every other one is left out; half of it '
-        'makes lengths 1.4 times as unsure in half of the time',
+        'number of frames that are kept, beyond which those that tell least are left out; half '
+        'of it makes lengths 1.4 times as unsure in half of the time',
         '',
         100,
         100_000,
@@ -89,7 +89,8 @@ class ChainIdentifier(ManagedNode):
     """Proposes the chain that joints are of, with every length of its own.
 
     Subscribes to `joint_states` [rad], to `joint_state_deviations`, by which they are weighed, and
-    to `rotor_impulses`, `rotor_torques` and `tilt`, between which a chain moves by itself.
+    to `delivered_impulses`, `delivery` and `tilt`, between which a chain moves by itself, or to
+    `rotor_impulses` and `rotor_torques` where nobody tells what was delivered.
     Publishes `identified_chain` and `/diagnostics`. Serves `~/identify`, which tries at once,
     `~/save`, which writes the last proposal with its standard deviations to the file `output`, and
     `~/forget`, which begins with new frames.
@@ -124,6 +125,8 @@ class ChainIdentifier(ManagedNode):
         weigh = self.diagnostics.refusing('joint_state_deviations', self._weigh)
         interfaces.JOINT_STATE_DEVIATIONS.subscribe(self, self.while_active(weigh))
         interfaces.TILT.subscribe(self, self.while_active(self._note_tilt))
+        interfaces.DELIVERED_IMPULSES.subscribe(self, self.while_active(self._note_delivered))
+        interfaces.DELIVERY.subscribe(self, self.while_active(self._note_delivery))
         for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES):
             topic.subscribe(self, self.while_active(self._note_push))
         self.create_service(Trigger, '~/identify', self._on_identify)
@@ -154,6 +157,12 @@ class ChainIdentifier(ManagedNode):
 
     def _note_push(self, message: RotorImpulses | JointState) -> None:
         self._record.add_push(message, self.get_clock().now().nanoseconds)
+
+    def _note_delivered(self, message: RotorImpulses) -> None:
+        self._record.add_delivered(message)
+
+    def _note_delivery(self, message: Delivery) -> None:
+        self._record.add_delivery(message)
 
     def _note_tilt(self, message: Float64) -> None:
         if math.isfinite(message.data):
@@ -229,7 +238,11 @@ class ChainIdentifier(ManagedNode):
         return response
 
     def _report(self) -> Report:
-        values: dict[str, Any] = {'frames': self.frames, 'identifying': self._working is not None}
+        values: dict[str, Any] = {
+            'frames': self.frames,
+            'frames left out': self.frames - len(self._record),
+            'identifying': self._working is not None,
+        }
         if self.found is None:
             message = self._complaint or 'waiting for a soliton to pass'
             return Report(message, values, bool(self._complaint))

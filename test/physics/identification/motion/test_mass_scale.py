@@ -23,26 +23,28 @@ PUSHED = 110
 CHAIN = unequal(replace(FLIPPER, number_of_rotors=8), 7)
 
 
-def pushed(after: int = PUSHED) -> tuple[Array, Array, Array]:
-    """Times, angles, and the impulses that came after a frame."""
+def pushed(after: int = PUSHED, parts: int = 1) -> tuple[Array, Array, Array]:
+    """Times, angles, and the impulses that came in so many frames from one on."""
     start = leaning(CHAIN, -1).angles
     impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
     simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
     frames = []
     for frame in range(340):
-        if frame == after:
-            simulation.kick(impulses)
+        if after <= frame < after + parts:
+            simulation.kick(impulses / parts)
         frames.append(simulation.angles.copy())
         simulation.advance()
     return PERIOD * np.arange(len(frames)), np.array(frames), impulses
 
 
-def test_the_mean_mass_follows_from_an_impulse() -> None:
-    times, angles, impulses = pushed()
+def test_the_mean_mass_follows_from_impulses_in_a_row() -> None:
+    parts = 8
+    times, angles, impulses = pushed(parts=parts)
     readings, _ = read(angles, 2)
     given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
-    commanded = PERIOD * PUSHED - 0.006
-    found = identify(Readings(times, readings, pushes=[RecordedPush(commanded, impulses)]), given)
+    commanded = PERIOD * (PUSHED + np.arange(parts)) - 0.006
+    pushes = [RecordedPush(time, impulses / parts) for time in commanded.tolist()]
+    found = identify(Readings(times, readings, pushes=pushes), given)
     off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
     assert abs(off) < 3 * found.mass_deviation < 0.2
     assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)

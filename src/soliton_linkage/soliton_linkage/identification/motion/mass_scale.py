@@ -2,14 +2,17 @@
 """The mean mass, by what pushes of known impulses did to the rates of rotors.
 
 Free motion shows masses and stiffnesses but for one common factor. An angular impulse J_n changes
-the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. Where the chain is before a push,
-when that arrives and what it does are found by least squares with the readings about it.
+the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. Where the chain is before pushes
+in a row, by how much later they arrive and what they do are found by least squares with the
+readings about them. A torque that lasts is a push at each frame.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +25,7 @@ from soliton_linkage.identification.motion.free_motion import (
     split_chain,
 )
 from soliton_linkage.identification.motion.motion_fit import MotionFit
+from soliton_linkage.identification.motion.windows import FreeWindow
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array
 
@@ -30,7 +34,19 @@ _BEFORE = 50
 _AFTER = 25
 """Frames after it that count [1], in which most of what a push does is seen."""
 _MOST = 5
-"""Pushes that are looked at [1]: a second of computing each."""
+"""Rows of pushes that are looked at [1]: a second of computing each."""
+_LONGEST = 500
+"""Frames from free motion to free motion about pushes [1]: beyond, what was known of the motion
+before is no help to know that after."""
+
+
+class RateStep(NamedTuple):
+    """What a push does at its instant."""
+
+    time: float
+    """[s]."""
+    change: Array
+    """Of the rates [rad/s], shape (N,)."""
 
 
 class MassScale(NamedTuple):
@@ -47,12 +63,12 @@ def mass_scale(fitted: MotionFit, readings: Readings, spacing: float) -> MassSca
 
     For a mean spacing of pivots [m]; readings are those by which the motion was fitted.
     """
-    found = [
-        _of_push(fitted, readings, push.time, push.impulses / spacing**2)
-        for push in readings.pushes
-        if push.impulses is not None
-    ]
-    shown = [each for each in found if each is not None][:_MOST]
+    shown: list[tuple[float, float, float]] = []
+    for before, after in pairwise(fitted.windows):
+        pushes = _pushes_between(readings, before, after)
+        if pushes and len(shown) < _MOST:
+            found = _of_pushes(fitted, readings, before, after, pushes, spacing)
+            shown += [] if found is None else [found]
     if not shown:
         return None
     logarithms, variances, of_chain = (np.array(part) for part in zip(*shown, strict=True))
@@ -61,25 +77,41 @@ def mass_scale(fitted: MotionFit, readings: Readings, spacing: float) -> MassSca
     return MassScale(math.exp(-weights @ logarithms), math.sqrt(variance))
 
 
-def _of_push(
-    fitted: MotionFit, readings: Readings, time: float, impulses: Array
+def _pushes_between(
+    readings: Readings, before: FreeWindow, after: FreeWindow
+) -> list[tuple[float, Array]]:
+    """Times and impulses between windows, none where one is not known or they last too long."""
+    first, last = before.frames.stop, after.frames.start
+    begin, end = readings.times[first - 1], readings.times[last]
+    pushes = sorted(
+        (push for push in readings.pushes if begin <= push.time <= end), key=lambda each: each.time
+    )
+    known = [(push.time, push.impulses) for push in pushes if push.impulses is not None]
+    return known if len(known) == len(pushes) and last - first <= _LONGEST else []
+
+
+def _of_pushes(
+    fitted: MotionFit,
+    readings: Readings,
+    before: FreeWindow,
+    after: FreeWindow,
+    pushes: Sequence[tuple[float, Array]],
+    spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Logarithm of 1 / M, its variance by this push, and by what is unsure of the chain."""
+    """Logarithm of 1 / M, its variance by these pushes, and by what is unsure of the chain.
+
+    None where the rates change against the pushes.
+    """
     times = readings.times
-    before = [each for each in fitted.windows if times[each.frames.stop - 1] <= time]
-    after = [each for each in fitted.windows if times[each.frames.start] > time]
-    if not before or not after:
-        return None
-    first, last = before[-1].frames.stop, after[0].frames.start
-    others = [push.time for push in readings.pushes if push.time != time]
-    if any(times[first - 1] <= other <= times[last] for other in others):
-        return None
-    begin = max(before[-1].frames.start, first - _BEFORE)
-    motion = followed(before[-1].motion, times[before[-1].frames.start : begin + 1])[1]
-    some = slice(begin, min(last + _AFTER, after[0].frames.stop))
-    kick = impulses / (motion.masses * motion.lengths.rotor_lengths**2)
+    first, last = before.frames.stop, after.frames.start
+    begin = max(before.frames.start, first - _BEFORE)
+    motion = followed(before.motion, times[before.frames.start : begin + 1])[1]
+    some = slice(begin, min(last + _AFTER, after.frames.stop))
+    inertias = motion.masses * (spacing * motion.lengths.rotor_lengths) ** 2
+    steps = [RateStep(time, impulses / inertias) for time, impulses in pushes]
+    kick = np.sum([step.change for step in steps], axis=0)
     ahead = followed(motion, times[begin : last + 1])[1]
-    change = after[0].motion.rates - ahead.rates
+    change = after.motion.rates - ahead.rates
     guess = float(change @ kick / (kick @ kick))
     if guess <= 0:
         return None
@@ -93,8 +125,9 @@ def _of_push(
             angles=motion.angles + unknowns[:rotors],
             rates=motion.rates + unknowns[rotors:-2],
         )
-        pushed = _pushed(moved, times[some], time + unknowns[-2], math.exp(unknowns[-1]) * kick)
-        errors = (read - pushed) / (noise * readings.spreads[some])
+        late, factor = unknowns[-2], math.exp(unknowns[-1])
+        made = [RateStep(step.time + late, factor * step.change) for step in steps]
+        errors = (read - _pushed(moved, times[some], made)) / (noise * readings.spreads[some])
         return np.asarray(errors[seen])
 
     unknowns = np.zeros(2 * rotors + 2)
@@ -113,10 +146,14 @@ def _of_push(
     )
 
 
-def _pushed(motion: FreeMotion, times: Array, instant: float, changes: Array) -> Array:
-    """Angles at each time [rad], (T, N), of a motion whose rates change at an instant [s]."""
-    arrived = int(np.searchsorted(times, instant))
-    arrived = min(max(arrived, 1), len(times) - 1)
-    angles, there = followed(motion, np.append(times[:arrived], instant))
-    there = replace(there, rates=there.rates + changes)
-    return np.concatenate([angles[:-1], frames(there, np.insert(times[arrived:], 0, instant))[1:]])
+def _pushed(motion: FreeMotion, times: Array, steps: Sequence[RateStep]) -> Array:
+    """Angles at each time [rad], (T, N), of a motion with steps of its rates."""
+    parts, now, passed = [], float(times[0]), 0
+    for step in steps:
+        instant = min(max(step.time, now), float(times[-1]))
+        arrived = passed + int(np.searchsorted(times[passed:], instant))
+        angles, there = followed(motion, np.array([now, *times[passed:arrived], instant]))
+        parts.append(angles[1:-1])
+        motion = replace(there, rates=there.rates + step.change)
+        now, passed = instant, arrived
+    return np.concatenate([*parts, frames(motion, np.array([now, *times[passed:]]))[1:]])

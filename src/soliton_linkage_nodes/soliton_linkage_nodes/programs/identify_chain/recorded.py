@@ -25,6 +25,8 @@ def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
         topic.name
         for topic in (
             interfaces.JOINT_STATE_DEVIATIONS,
+            interfaces.DELIVERED_IMPULSES,
+            interfaces.DELIVERY,
             interfaces.ROTOR_IMPULSES,
             interfaces.ROTOR_TORQUES,
             interfaces.TILT,
@@ -49,14 +51,19 @@ def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
             record.add_deviations(joint_states_from_msg(message))
         elif connection.topic.endswith(interfaces.TILT.name):
             record.add_tilt(message.data, received)
+        elif connection.topic.endswith(interfaces.DELIVERED_IMPULSES.name):
+            record.add_delivered(message)
+        elif connection.topic.endswith(interfaces.DELIVERY.name):
+            record.add_delivery(message)
         else:
             record.add_push(message, received)
     if not len(record):
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
     progress.clear()
-    if record.thinned > 1:
+    if left_out := record.frames - len(record):
         print(
-            f'identify_chain: of {record.frames} frames one in {record.thinned} is used',
+            f'identify_chain: of {record.frames} frames {left_out} are left out, rather of rotors '
+            'at rest, and none near pushes',
             file=sys.stderr,
         )
     return record

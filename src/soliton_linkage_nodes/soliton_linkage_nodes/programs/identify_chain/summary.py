@@ -48,6 +48,11 @@ def summary(found: Identification) -> str:
         f'worst bonds: {bonds}',
         '; '.join(_of_forces(found)),
     ]
+    if found.left_out:
+        lines.append(
+            f'masses, springs and drag without {found.left_out} of the frames, rather of rotors '
+            'at rest'
+        )
     if found.open_combinations:
         lines.append(
             f'told by angles to no better than 10 % without the {found.tolerance:.2%}: '
