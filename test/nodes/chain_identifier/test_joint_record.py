@@ -16,7 +16,7 @@ NOTHING = np.zeros(0)
 
 
 def states(stamp: int, *values: float) -> JointStates:
-    return JointStates(*divmod(stamp, SECOND), '', NAMES, np.array(values), NOTHING)
+    return JointStates(*divmod(stamp, SECOND), '', NAMES, np.array(values, dtype=float), NOTHING)
 
 
 def test_frames_keep_their_deviations_whichever_comes_first_and_are_thinned() -> None:

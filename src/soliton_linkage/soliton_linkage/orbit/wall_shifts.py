@@ -54,14 +54,14 @@ class WallShifts:
         if (leg, bond) not in self._known:
             if self._far is None:
                 middle = self._orbit.stretch(self._orbit.arc_at(self._orbit.middle, 0))
-                self._far = _Bars(self._orbit.chain, middle).of_far_rotor()
+                self._far = _BarsAboutWall(self._orbit.chain, middle).of_far_rotor()
             about = self._orbit.stretch(self._orbit.arc_at(bond + 0.5, leg))
-            bars = _Bars(self._orbit.chain, about)
+            bars = _BarsAboutWall(self._orbit.chain, about)
             self._known[leg, bond] = (bars.of_arc(bond - about.first) / self._far) ** 2
         return self._known[leg, bond]
 
 
-class _Bars:
+class _BarsAboutWall:
     """Bars between the rotors about a wall: what moves by deviations of lengths, of 1 each.
 
     With c = h v' - v h' of the masses that a bar joins, its levers are l A = c - a v and
