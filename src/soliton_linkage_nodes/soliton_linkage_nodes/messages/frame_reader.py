@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from soliton_linkage.estimation.loops.frame_loops import all_within
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_nodes.messages.conversions import (
@@ -67,9 +66,8 @@ class FrameReader:
         self._names = names
 
     def _ordered(self, values: Array) -> Array:
-        # They may be views of a message, where numbers begin at any byte.
         values = values.copy()
-        if not all_within(values, LARGEST_ANGLE):
+        if not np.abs(values).max(initial=0.0) <= LARGEST_ANGLE:
             values[~(np.abs(values) <= LARGEST_ANGLE)] = np.nan
         if self._as_they_are:
             return values
