@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from soliton_linkage.estimation.loops.tail_loops import Records
-from soliton_linkage.estimation.loops.wobble_loops import AngleErrors, Beside, Overshoot
+from soliton_linkage.estimation.loops.wobble_loops import Overshoot
 from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
 LEAST_LEVER = 1e-9
@@ -75,12 +75,15 @@ def tail_products(
 def beside_wall(
     angles: Array,
     at_rest: Array,
-    beside: Beside,
+    first: int,
+    low: int,
+    middle: int,
+    high: int,
+    spins: bool,
     rest_angle: float,
     expected: Array,
     measured: Array,
 ) -> None:
-    first, low, middle, high, spins = beside
     rotors = np.arange(low, high)
     odd, beyond = rotors % 2, rotors >= middle
     handed = (1.0 - 2.0 * odd) * np.where(beyond & (not spins), -1.0, 1.0)
@@ -204,17 +207,21 @@ def wobble(
     settings: Records,
     angles: Array,
     at_rest: Array,
-    beside: Beside,
+    first: int,
+    low: int,
+    middle: int,
+    high: int,
+    spins: bool,
     rest_angle: float,
     length: float,
     k: float,
     calm: float,
-    errors: AngleErrors,
+    noise: float,
+    error: float,
 ) -> tuple[Overshoot, tuple[float, float], tuple[float, float]]:
-    given, (noise, error) = settings[0], errors
-    _, low, middle, high, spins = beside
+    given = settings[0]
     expected, measured = np.empty((2, high - low))
-    beside_wall(angles, at_rest, beside, rest_angle, expected, measured)
+    beside_wall(angles, at_rest, first, low, middle, high, spins, rest_angle, expected, measured)
     overshoots = []
     square = product = variance = weight = distance = 0.0
     for of_side in (slice(0, middle - low), slice(middle - low, high - low)):

@@ -96,12 +96,17 @@ class WobbleReporter:
             self._settings.record,
             angles,
             wall.angles,
-            wobble_loops.Beside(wall.first, low, middle, high, self._spins),
+            wall.first,
+            low,
+            middle,
+            high,
+            self._spins,
             chain.rest_angle,
             chain.rotor_length,
             self._pitch,
             0.0 if chain.lean_ratio > 1 else max(noise, self._calm),
-            wobble_loops.AngleErrors(noise, math.hypot(noise, lasting)),
+            noise,
+            math.hypot(noise, lasting),
         )
         ratio, ratio_deviation = self._ratio + tails[0], tails[1]
         decay, decay_deviation = self._decay_length(ratio, ratio_deviation)

@@ -23,7 +23,6 @@ from soliton_linkage.estimation.loops import (
     wobble_loops,
 )
 from soliton_linkage.estimation.loops.filter_loops import Records
-from soliton_linkage.estimation.loops.wobble_loops import AngleErrors, Beside
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings, OffsetSettings
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -190,14 +189,14 @@ def of_walls(random: np.random.Generator) -> list[Case]:
     wall = 10, 20, WALL + 1, 40
     tail = 0.6 ** np.arange(15) * (-1) ** np.arange(15) + 0.01 * random.standard_normal(15)
     sides = np.zeros(20), np.zeros(20)
-    edge = Beside(0, 1, 1, 9, False), 0.97, 0.05, 2.0, 0.1
+    edge = 0, 1, 1, 9, False, 0.97, 0.05, 2.0, 0.1
     beyond = np.arange(ROTORS) - WALL - 0.3
     wave = 0.6 ** np.abs(beyond) * np.cos(math.pi * np.abs(beyond))
     wobbling = staggered(-np.sign(beyond) * (0.97 + wave))
     wave = wave[WALL + 1 :] * (1 + 0.1 * random.random())
     return [
         *[
-            ('beside_wall', (image, whole[10:45] + 0.01, Beside(*wall, spins), 0.97, *sides))
+            ('beside_wall', (image, whole[10:45] + 0.01, *wall, spins, 0.97, *sides))
             for image in (whole, math.pi - whole)
             for spins in (False, True)
         ],
@@ -209,16 +208,16 @@ def of_walls(random: np.random.Generator) -> list[Case]:
         *[
             (
                 'wobble',
-                (settings, seen, at_rest, Beside(*wall, spins), 0.97, 0.05, 2.0, calm, errors),
+                (settings, seen, at_rest, *wall, spins, 0.97, 0.05, 2.0, calm, *errors),
             )
             for seen, errors in (
-                (whole, AngleErrors(0.03, 0.04)),
-                (wobbling + 0.003 * np.sin(whole), AngleErrors(0.003, 0.04)),
+                (whole, (0.03, 0.04)),
+                (wobbling + 0.003 * np.sin(whole), (0.003, 0.04)),
             )
             for at_rest in (whole[10:45] + 0.01, wobbling[10:45], np.repeat(whole[10:45:5], 7))
             for spins, calm in ((False, 0.0), (False, 0.03), (True, 0.0))
         ],
-        ('wobble', (settings, whole, whole[:9] + 0.1, *edge, AngleErrors(0.1, 0.1))),
+        ('wobble', (settings, whole, whole[:9] + 0.1, *edge, 0.1, 0.1)),
     ]
 
 

@@ -7,12 +7,11 @@ Deviations e are those of the angle by which a rotor leans from that of the unif
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled, named_tuple, records
+from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled, records
 from soliton_linkage.estimation.loops.frame_loops import wrapped
 from soliton_linkage.estimation.loops.tail_loops import next_deviation, tail_of_side
 from soliton_linkage.estimation.settings import WobbleSettings, record_dtype
@@ -22,42 +21,20 @@ Records = NDArray[np.void]
 Overshoot = tuple[float, float, float]
 
 
-class Beside(NamedTuple):
-    """Rotors beside a wall."""
-
-    first: int
-    """First rotor of the wall at rest."""
-    low: int
-    """First rotor that is looked at."""
-    middle: int
-    """First rotor beyond the wall."""
-    high: int
-    """End of the rotors that are looked at."""
-    spins: bool
-    """Whether rotors turn over as the wall passes."""
-
-
-class AngleErrors(NamedTuple):
-    """Standard deviations of angles [rad]."""
-
-    noise: float
-    """Of their noise."""
-    whole: float
-    """With what lasts beside it."""
-
-
 _NUMBERS = records(record_dtype(WobbleSettings))
-_BESIDE = named_tuple(Beside, COUNT, COUNT, COUNT, COUNT, YES)
-_ERRORS = named_tuple(AngleErrors, NUMBER, NUMBER)
 _NOT_TOLD = (math.nan, math.nan, math.nan)
 """The overshoot of a spinner, or of no rotor [m]."""
 
 
-@compiled(READ, READ, _BESIDE, NUMBER, ROW, ROW)
+@compiled(READ, READ, COUNT, COUNT, COUNT, COUNT, YES, NUMBER, ROW, ROW)
 def beside_wall(
     angles: Array,
     at_rest: Array,
-    beside: Beside,
+    first: int,
+    low: int,
+    middle: int,
+    high: int,
+    spins: bool,
     rest_angle: float,
     expected: Array,
     measured: Array,
@@ -65,9 +42,9 @@ def beside_wall(
     """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
 
     They are set as the wall at rest has them, whose angles are those of its rotors from the
-    first on, and as they are measured.
+    first on, and as they are measured: of the rotors from a low one to the end of the high ones,
+    of which those from the middle on are beyond the wall, where those of spinners turn over.
     """
-    first, low, middle, high, spins = beside
     alike = 0.0
     for n in range(low, high):
         alike += math.cos(angles[n]) * math.cos(at_rest[n - first])
@@ -178,36 +155,44 @@ def _overshoot(
     )
 
 
-@compiled(_NUMBERS, READ, READ, _BESIDE, NUMBER, NUMBER, NUMBER, NUMBER, _ERRORS)
+@compiled(
+    *(_NUMBERS, READ, READ, COUNT, COUNT, COUNT, COUNT, YES),
+    *(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER),
+)
 def wobble(
     settings: Records,
     angles: Array,
     at_rest: Array,
-    beside: Beside,
+    first: int,
+    low: int,
+    middle: int,
+    high: int,
+    spins: bool,
     rest_angle: float,
     length: float,
     k: float,
     calm: float,
-    errors: AngleErrors,
+    noise: float,
+    error: float,
 ) -> tuple[Overshoot, tuple[float, float], tuple[float, float]]:
     """Overshoot, ratio of the tails and distance of their zeros; see `WobbleReporter.wobble`.
 
     The wall is that of `beside_wall`; rotors have a length [m] and the pitch k = a / r. Calm are
-    deviations below that [rad]. The overshoot is, on the side where it is larger at rest, that
+    deviations below that [rad]; errors have that of the noise, and one with what lasts beside it
+    [rad]. The overshoot is, on the side where it is larger at rest, that
     measured, its deviation, and that at rest [m], NaN of spinners and of no rotor. Of the ratio
     it is what it differs from the exact one, with its deviation [1]; zeros [rotor spacings] are
     half a wavelength apart, also with a deviation. NaN where they are not told.
     """
-    numbers, noise, error = settings[0], errors.noise, errors.whole
-    split, count = beside.middle - beside.low, beside.high - beside.low
+    numbers, split, count = settings[0], middle - low, high - low
     expected, measured = np.empty(count), np.empty(count)
-    beside_wall(angles, at_rest, beside, rest_angle, expected, measured)
+    beside_wall(angles, at_rest, first, low, middle, high, spins, rest_angle, expected, measured)
     overshoot = _NOT_TOLD
     square, product, variance, weight, distance = 0.0, 0.0, 0.0, 0.0, 0.0
     for side in range(2):
         there = expected[:split] if side == 0 else expected[split:]
         seen = measured[:split] if side == 0 else measured[split:]
-        if not beside.spins:
+        if not spins:
             found = _overshoot(there, seen, rest_angle, length, calm, error)
             if math.isnan(overshoot[2]) or found[2] > overshoot[2]:
                 overshoot = found
