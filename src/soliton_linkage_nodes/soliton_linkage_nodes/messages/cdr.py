@@ -38,6 +38,7 @@ _STAMP = struct.Struct('<4xiI')
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Before the message itself: how it is encoded."""
+_DOUBLES = np.dtype('<f8')
 _NOTHING = np.zeros(0)
 """An empty sequence."""
 
@@ -84,8 +85,14 @@ class Layout:
         """The first arrays of a message that fits, maybe unaligned views of it."""
         arrays, end = [], self._end
         for _ in range(number):
-            array, end = _doubles(serialized, end)
-            arrays.append(array)
+            (count,) = _COUNT.unpack_from(serialized, end)
+            begin = end + 4
+            if count:
+                begin += -end % 8
+                arrays.append(np.frombuffer(serialized, _DOUBLES, count, begin))
+            else:
+                arrays.append(_NOTHING)
+            end = begin + 8 * count
         return arrays
 
 
@@ -103,8 +110,9 @@ class JointStateDecoder:
             if layout is not None and layout.fits(serialized):
                 seconds, nanoseconds = layout.stamp(serialized)
                 position, velocity = layout.arrays(serialized, 2)
-                names = layout.frame_id, layout.name
-                return JointStates(seconds, nanoseconds, *names, position, velocity)
+                return JointStates(
+                    seconds, nanoseconds, layout.frame_id, layout.name, position, velocity
+                )
             message = deserialize_message(serialized, JointState)
         except Exception as error:  # rclpy's own has no public name
             raise ValueError(
@@ -260,12 +268,3 @@ def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
     handle = publisher.handle
     with handle:
         handle.publish_raw(serialized)
-
-
-def _doubles(serialized: bytes | bytearray, begin: int) -> tuple[Array, int]:
-    """A sequence of doubles and where it ends."""
-    (count,) = _COUNT.unpack_from(serialized, begin)
-    if not count:
-        return _NOTHING, begin + 4
-    first = begin + 4 + -begin % 8
-    return np.frombuffer(serialized, '<f8', count, first), first + 8 * count
