@@ -12,11 +12,14 @@ from pathlib import Path
 import pytest
 from graphs import Graph
 from programs import Program
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
 from recordings import run_of, write_bag
+from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.runtime.process import initialise
+from soliton_linkage_nodes.runtime.process import Turns, initialise
 
 NODES = (
     'simulator',
@@ -27,6 +30,7 @@ NODES = (
     'bag_player',
 )
 MINUTE = 60 * 10**9
+MOST_HEARD = 50_000
 FIRST_WORDS = {
     'simulator': 'simulating a chain of 40 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle '
     '0.97 rad), elastic by DOP853, at 500 Hz',
@@ -77,6 +81,31 @@ def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Progr
         assert program.stop(signal.SIGINT) == 0, gap
         closed = sum('closed' in line for line in program.said)
         assert closed == (nodes[gap] == 'bag_recorder'), gap
+
+
+def test_a_turn_ends_where_messages_never_do(graph: Graph) -> None:
+    node = Node('busy', context=graph.context)
+    executor = EventsExecutor(context=graph.context)
+    executor.add_node(node)
+    publisher = node.create_publisher(Float64, 'echo', 10)
+    heard = []
+
+    def answer_twice(message: Float64) -> None:
+        heard.append(message)
+        # Where the turn does not end the test does, and fails.
+        if len(heard) < MOST_HEARD:
+            publisher.publish(message)
+            publisher.publish(message)
+
+    node.create_subscription(Float64, 'echo', answer_twice, 10)
+    graph.until(publisher.get_subscription_count, 'a listener')
+    publisher.publish(Float64())
+    with Turns() as turns:
+        while len(heard) < 10:
+            executor.spin_until_future_complete(turns.begin(), 0.1)
+    executor.remove_node(node)
+    node.destroy_node()
+    assert len(heard) < MOST_HEARD
 
 
 @pytest.mark.parametrize('content', ['simulator:\n  ros__parameters: [', '\x00', None])
