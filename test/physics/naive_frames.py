@@ -71,8 +71,9 @@ def products_in_time(
 
 
 def of_angles(
-    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+    angles: Array, sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
+    sines[:], cosines[:] = np.sin(angles), np.cos(angles)
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
     h, v = lengths * sines, lengths * cosines

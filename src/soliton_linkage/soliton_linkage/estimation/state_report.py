@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soliton_linkage.estimation.loops import state_loops
-from soliton_linkage.estimation.loops.frame_loops import Flags, sines_of
+from soliton_linkage.estimation.loops.frame_loops import Flags, FrameSines
 from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
@@ -125,12 +125,11 @@ class FrameState:
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
-        with np.errstate(invalid='ignore'):
-            self.sines = sines_of(self.angles)
+        self.sines = FrameSines(self.angles, *np.empty((2, chain.number_of_rotors)))
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
         self.twists, self.upright = state_loops.of_angles(
-            *self.sines[1:], chain.spring_parameters, chain.periodic, self.springs
+            *self.sines, chain.spring_parameters, chain.periodic, self.springs
         )
         if not math.isfinite(self.twists):
             chain.check_angles(self.angles)

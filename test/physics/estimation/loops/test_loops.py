@@ -150,7 +150,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
     for periodic in (False, True):
         chain = Chain(number_of_rotors=ROTORS, periodic=periodic)
         angles = np.nan_to_num(angles_of(random))
-        sines, cosines = np.sin(angles), np.cos(angles)
+        sides = np.empty((2, ROTORS))
         springs = chain.number_of_springs
         rows, half = np.array(chain.springs(angles)), random.random(springs)
         seen = half * flags(random, 0.8, springs)
@@ -158,7 +158,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         ends = np.array([-math.inf, 20.3, 31.8, math.inf])
         ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
-            ('of_angles', (sines, cosines, chain.spring_parameters, periodic, empty)),
+            ('of_angles', (angles, *sides, chain.spring_parameters, periodic, empty)),
             *[
                 ('elastic', (rows, half, seen, half, periodic, 0.01, walls, reach))
                 for walls in (ends, ends[[0, 3]], ring)
@@ -342,8 +342,8 @@ def test_springs_are_those_of_the_chain(periodic: bool) -> None:
     chain = Chain(number_of_rotors=12, periodic=periodic, deviations=deviations)
     angles = np.random.default_rng(2).uniform(-4, 4, 12)
     rows = np.empty((3, chain.number_of_springs))
-    sines, cosines = np.sin(angles), np.cos(angles)
-    state_loops.of_angles(sines, cosines, chain.spring_parameters, periodic, rows)
+    sides = np.empty((2, len(angles)))
+    state_loops.of_angles(angles, *sides, chain.spring_parameters, periodic, rows)
     assert rows == pytest.approx(np.array(chain.springs(angles)), rel=1e-12, abs=1e-15)
 
 

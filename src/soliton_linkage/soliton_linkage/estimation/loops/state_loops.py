@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, YES, compiled
+from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABLE, YES, compiled
 from soliton_linkage.linkage.chain import Array
 
 Energy = tuple[float, float, float]
@@ -40,18 +40,20 @@ def _spring(
     rows[2, n] = (v_next * across - h_next * up) / divisor
 
 
-@compiled(READ, READ, READ_TABLE, YES, TABLE)
+@compiled(READ, ROW, ROW, READ_TABLE, YES, TABLE)
 def of_angles(
-    sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+    angles: Array, sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set the rows of springs by sines and cosines of angles, shape (N,).
+    """Set sines and cosines of angles [rad], shape (N,), and the rows of springs.
 
     Parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`, shape (4, N), of which
     those of springs count as far as there are springs. Returns how the rotors twist and stand,
     the sums of sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge
     rotors, of cos(theta_n).
     """
-    rotors = sines.size
+    rotors = angles.size
+    for n in range(rotors):
+        sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
     for n in range(rotors - 1):
         _spring(sines, cosines, parameters, n, n + 1, rows)
     if periodic:
