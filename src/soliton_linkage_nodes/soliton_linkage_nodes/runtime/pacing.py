@@ -7,7 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from soliton_linkage_nodes.runtime.scheduling import go_first
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -22,8 +22,7 @@ _HOPELESSLY_LATE = 10**7
 """Lateness from which on the loop leaves the processor to others [ns]: ten periods of 1000 Hz."""
 
 
-@dataclass(frozen=True)
-class Punctuality:
+class Punctuality(NamedTuple):
     """How a paced loop has kept its deadlines since it began."""
 
     ticks: int
