@@ -53,19 +53,11 @@ def median_change(first: Array, second: Array, third: Array) -> float:
 
 
 def products_in_time(
-    oldest: Array,
-    older: Array,
-    left: Array,
-    tangent: Array,
-    in_oldest: int,
-    in_older: int,
-    begin: int,
-    count: int,
+    oldest: Array, older: Array, left: Array, tangent: Array, first: int
 ) -> tuple[float, float, float, float]:
-    end = begin + count
-    earlier = oldest[in_oldest : in_oldest + count], older[in_older : in_older + count]
-    products = left[begin:end] * (earlier[1] * (4 / 3) - earlier[0] / 3)
-    share = tangent[begin:end] ** 2
+    about = slice(first, first + len(tangent))
+    products = left[about] * (older[about] * (4 / 3) - oldest[about] / 3)
+    share = tangent**2
     free = share - share**2
     return float(products.sum()), float(share @ products), float(free.sum()), float(free @ free)
 

@@ -127,7 +127,6 @@ class ContractionMean:
     def _begin_anew(self) -> None:
         self._passages: deque[tuple[float, float]] = deque(maxlen=self._settings.passages)
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        self._mean = UNTOLD
 
     def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
         """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
@@ -149,8 +148,7 @@ class ContractionMean:
         value, before, noise = self._passage
         noise += (weight * found.deviation) ** 2
         self._passage = value + weight * found.logarithm, before + weight, noise
-        self._mean = self._reckoned()
-        return self._mean
+        return self._reckoned()
 
     def _sums(self) -> tuple[float, float, float, float]:
         """Weighted values, weights, variances by noise and squares of weights of all passages."""

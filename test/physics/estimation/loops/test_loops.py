@@ -140,8 +140,7 @@ def of_angles(random: np.random.Generator) -> list[Case]:
         ('all_within', (angles, math.inf)),
         *[('median_change', (angles[:n], whole[:n], others[:n])) for n in (ROTORS, 17, 16, 0)],
         ('compare', (angles, 0.1 * whole, True, whole, tangent, -whole, 20, np.zeros(ROTORS))),
-        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 0, 1, 8)),
-        ('products_in_time', (tangent, tangent**2, tangent - 1, tangent / 4, 3, 20, 9, 0)),
+        ('products_in_time', (whole, whole**2, whole - 1, tangent / 4, 30)),
     ]
 
 

@@ -109,27 +109,20 @@ def median_change(first: Array, second: Array, third: Array) -> float:
     return float(np.median(changes[:known])) if known else math.nan
 
 
-@compiled(READ, READ, READ, READ, COUNT, COUNT, COUNT, COUNT)
+@compiled(READ, READ, READ, READ, COUNT)
 def products_in_time(
-    oldest: Array,
-    older: Array,
-    left: Array,
-    tangent: Array,
-    in_oldest: int,
-    in_older: int,
-    begin: int,
-    count: int,
+    oldest: Array, older: Array, left: Array, tangent: Array, first: int
 ) -> tuple[float, float, float, float]:
-    """Sums of p = x (4 x' - x'') / 3 of what three frames running left of some rotors [rad].
+    """Sums of p = x (4 x' - x'') / 3 of what three frames running left of rotors [rad], (N,).
 
-    They begin at their index in each of the frames. They are sum p, sum t^2 p, sum f and sum
+    They are over those about the wall, from a first one on: sum p, sum t^2 p, sum f and sum
     f^2 with f = t^2 - t^4.
     """
     whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
-    for n in range(count):
-        before = older[in_older + n] * (4 / 3) - oldest[in_oldest + n] / 3
-        product = left[begin + n] * before
-        share = tangent[begin + n] * tangent[begin + n]
+    for n in range(tangent.size):
+        before = older[first + n] * (4 / 3) - oldest[first + n] / 3
+        product = left[first + n] * before
+        share = tangent[n] * tangent[n]
         alone = share - share * share
         whole += product
         wall += share * product

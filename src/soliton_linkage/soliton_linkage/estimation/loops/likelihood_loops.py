@@ -126,12 +126,13 @@ def view(
 
     Arguments are those of `_weigh`; all that is known counts where rotors that are not doubtful
     have less than the least share of sum t^2. What remains of the rotors about the wall is left,
-    0 of those with less than half a weight [rad], shape (n,). Returns information, step ahead
-    and information of all as `_weigh` does; how many of the rotors about the wall remain, how
-    many rotors are known at all, how many are off, with less than half a weight and a gross
-    difference [rad] or more, how many of these are side by side at most, and how many have less
-    than half a weight at all; the sum of squares of left [rad^2], the logarithm of the likelihood
-    of the whole frame [1], and the largest difference [rad], infinite where one is not known.
+    0 of all others and of those with less than half a weight [rad], shape (N,). Returns
+    information, step ahead and information of all as `_weigh` does; how many of the rotors about
+    the wall remain, how many are known at all, how many are off, with less than half a weight and
+    a gross difference [rad] or more, how many of these are side by side at most, and how many have
+    less than half a weight at all; the sum of squares of left [rad^2], the logarithm of the
+    likelihood of the whole frame [1], and the largest difference [rad], infinite where one is not
+    known.
     """
     information, ahead, whole, everything = _weigh(
         differences, first, tangent, variance, spread, bound, floor, doubtful, weights
@@ -145,9 +146,9 @@ def view(
     squares, likelihood, largest = 0.0, 0.0, 0.0
     for n in range(differences.size):
         inside = first <= n < end
+        left[n] = 0.0
         if inside:
             differences[n] -= ahead * tangent[n - first]
-            left[n - first] = 0.0
         apart = differences[n]
         if not math.isfinite(apart):
             largest = math.inf
@@ -165,7 +166,7 @@ def view(
             run = max(run, running)
         if inside and believed:
             used += 1
-            left[n - first] = apart
+            left[n] = apart
             squares += apart * apart
     counts = used, known, off, run, unbelieved
     return (information, ahead, whole), counts, (squares, likelihood, largest)

@@ -62,8 +62,8 @@ def estimate(noise: Records, settings: Records, given: float) -> Estimate:
 
 
 @compiled(
-    *(_SUMS, _NUMBERS, NUMBER, NUMBER, YES, READ, COUNT, COUNT, READ, COUNT, COUNT),
-    *(READ, COUNT, COUNT, READ, NUMBER),
+    *(_SUMS, _NUMBERS, NUMBER, NUMBER, YES, READ, COUNT, READ, COUNT),
+    *(READ, COUNT, READ, COUNT, NUMBER),
 )
 def learn(
     noise: Records,
@@ -72,21 +72,19 @@ def learn(
     given: float,
     third: bool,
     oldest: Array,
-    oldest_first: int,
     oldest_freedoms: int,
     older: Array,
-    older_first: int,
     older_freedoms: int,
     left: Array,
-    first: int,
     freedoms: int,
     tangent: Array,
+    first: int,
     squares: float,
 ) -> Estimate:
     """Take in what is left of a frame, a time [s] after the last; returns the `estimate`.
 
-    What is left [rad] of rotors from a first one on has so many degrees of freedom, in this frame
-    and in the two before, which count where it is the third.
+    What is left of rotors [rad], (N,), has so many degrees of freedom, in this frame and in the two
+    before, which count where it is the third; the tangent begins at a first rotor.
     """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
@@ -96,16 +94,10 @@ def learn(
     sums['recent_squares'] = recent * sums['recent_squares'] + squares
     sums['recent_freedoms'] = recent * sums['recent_freedoms'] + freedoms
     if third:
-        low = max(oldest_first, older_first, first)
-        high = min(oldest_first + oldest.size, older_first + older.size, first + left.size)
-        count = max(high - low, 0)
-        in_oldest, in_older, begin = low - oldest_first, low - older_first, low - first
-        whole, wall, free, chance = products_in_time(
-            oldest, older, left, tangent, in_oldest, in_older, begin, count
-        )
-        pairs = min(count - 1, oldest_freedoms, older_freedoms, freedoms)
+        whole, wall, free, chance = products_in_time(oldest, older, left, tangent, first)
+        pairs = min(oldest_freedoms, older_freedoms, freedoms)
         sums['products'] = fade * sums['products'] + whole
-        sums['pairs'] = fade * sums['pairs'] + max(pairs, 0)
+        sums['pairs'] = fade * sums['pairs'] + pairs
         sums['wall'] = fade * sums['wall'] + wall
         sums['wall_share'] = fade * sums['wall_share'] + free
         sums['wall_chance'] = fade**2 * sums['wall_chance'] + chance

@@ -85,7 +85,9 @@ class FrameComparison:
             return view
         field = variance - self.noise
         shift = self._unseen.shift(arc, rate, view.residuals, field, self.noise)
-        return view._replace(arc=view.arc + shift.arc, untold=shift.left)
+        if not shift:
+            return view
+        return view._replace(arc=view.arc + shift, untold=self._unseen.left)
 
     def recognised(
         self,

@@ -57,15 +57,13 @@ class FrameNoise:
                 self._given,
                 third,
                 oldest.left,
-                oldest.first,
                 oldest.degrees_of_freedom,
                 older.left,
-                older.first,
                 older.degrees_of_freedom,
                 view.left,
-                view.first,
                 view.degrees_of_freedom,
                 view.tangent,
+                view.first,
                 view.squares,
             )
         )

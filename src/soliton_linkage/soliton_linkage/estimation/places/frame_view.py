@@ -41,7 +41,7 @@ class FrameView(NamedTuple):
     weights: Array
     """How much each rotor is believed, 0 to 1, shape (N,)."""
     left: Array
-    """Residuals of rotors about the wall that are believed, over scales, else 0 [rad], (n,)."""
+    """Residuals of rotors about the wall that are believed, over scales, else 0 [rad], (N,)."""
     information: float
     """Information on the arc in units of that of a noise of 1 rad [1]."""
     information_of_all: float
@@ -66,11 +66,6 @@ class FrameView(NamedTuple):
     """Largest residual of all rotors [rad], infinite where one is not known."""
     untold: float = 1.0
     """Share of the variance by rotors that are not known that springs leave [1]."""
-
-    @property
-    def end(self) -> int:
-        """Number of the first rotor beyond those about the wall."""
-        return self.first + len(self.tangent)
 
     @property
     def mean_square(self) -> float:
@@ -122,7 +117,7 @@ class FrameLikelihood:
         The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
         """
         bound, floor = self._settings.bound, self.floor(variance)
-        weights, left = np.empty(len(differences)), np.empty(len(tangent))
+        weights, left = np.empty(len(differences)), np.empty(len(differences))
         if self.scales is not None:
             tangent = tangent / self.scales[first : first + len(tangent)]
             differences /= self.scales

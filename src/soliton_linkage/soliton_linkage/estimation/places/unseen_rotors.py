@@ -10,13 +10,11 @@ Springs have rotors go round the orbit at a rate w, and slow waves leave them in
 K_uu xi_u = -K_us xi_s - I w^2 Phi''_u of K = R^T k R. With V = K_uu^-1 t_u the sum above is
 D = -V . (K_us xi_s + I w^2 Phi''_u), which the frame shows. What waves of a frequency omega have
 beside that is omega^2 I / K of xi, where most have that of the gap. Noise sigma of the rotors that
-are seen makes D unsure by |q| sigma, and without it waves f are so by f |t_u|: it counts by
-f^2 |t_u|^2 over the sum of both squares.
+are seen makes D unsure by |q| sigma, and without it waves f are so by f |t_u|: D is taken where
+that is more.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,15 +31,6 @@ _UNTOLD = 1e-6
 """Share of the arc that the others have, below which they tell nothing of it [1]."""
 
 
-class UnseenShift(NamedTuple):
-    """What springs tell of the rotors that a frame does not show."""
-
-    arc: float
-    """To be added to the arc that is nearest to those that it shows [rad]."""
-    left: float
-    """Share of the variance by unseen rotors that is left [1]."""
-
-
 class UnseenRotors:
     """Tells what unseen rotors do to the nearest point of an orbit."""
 
@@ -49,29 +38,29 @@ class UnseenRotors:
         """Work out how well slow waves leave springs in balance."""
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
-        self._off_balance = (2 * lower / (lower + upper)) ** 2
+        self.left = (2 * lower / (lower + upper)) ** 2
+        """Share of the variance by unseen rotors that springs leave [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
-    ) -> UnseenShift:
+    ) -> float:
         """Shift of the nearest point to residuals from it [rad], shape (N,), NaN of unseen rotors.
 
-        The rate is that of the arc [rad/s], the variances are those of a rotor by what is beside
-        the orbit and by noise [rad^2].
+        It is 0 where noise hides it. The rate is that of the arc [rad/s], the variances are those
+        of a rotor by what is beside the orbit and by noise [rad^2].
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
         untold = float(tangent[unseen] @ tangent[unseen])
         told = 1 - untold
         if untold * field <= _NEGLIGIBLE * noise or told <= _UNTOLD:
-            return UnseenShift(0.0, 1.0)
+            return 0.0
         held, pull = self._balanced(arc, unseen, tangent)
         shown = told * pull[~unseen] + untold * tangent[~unseen]
-        waves = untold * field * told**2
-        counts = waves / (waves + float(shown @ shown) * noise)
+        if untold * field * told**2 < float(shown @ shown) * noise:
+            return 0.0
         turning = self._orbit.chain.moments_of_inertia * bend_of(self._orbit, arc) * rate**2
-        shift = -float(held @ turning + pull[~unseen] @ residuals[~unseen])
-        return UnseenShift(counts * shift, 1 - counts + counts**2 * self._off_balance)
+        return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
         """V, which is 0 of seen rotors, and K V, which is t of unseen ones, shape (N,) each."""
