@@ -156,19 +156,9 @@ class WallTracker:
         self._look_at_encounters(time, frame)
         self._let_go(time, frame, needed)
         for track in self._waits.too_long(time):
-            edge, charges, energies = (
-                self._line.edge_of(track.rotor),
-                (track.charge, 0),
-                (track.energy, 0.0),
-            )
-            self._tell(
-                EventKind.DEATH_AT_EDGE,
-                track.last_seen,
-                edge,
-                ((track.id,), ()),
-                charges,
-                energies,
-            )
+            edge, ids = self._line.edge_of(track.rotor), ((track.id,), ())
+            charges, energies = (track.charge, 0), (track.energy, 0.0)
+            self._tell(EventKind.DEATH_AT_EDGE, track.last_seen, edge, ids, charges, energies)
         shown = sorted(
             (each for each in self._tracks if each.id and each.is_seen),
             key=lambda each: each.rotor,
@@ -233,17 +223,9 @@ class WallTracker:
             ids = (self._name(track),)
             event = SolitonEvent(EventKind.BIRTH_AT_EDGE, time, edge, (), ids, 0, charge)
         else:
-            track.id, middle = before.id, (before.last_seen + time) / 2
-            event = SolitonEvent(
-                EventKind.REFLECTION,
-                middle,
-                edge,
-                ids_before=(track.id,),
-                ids_after=(track.id,),
-                charge_before=charge,
-                charge_after=charge,
-                energy_before=before.energy,
-            )
+            track.id, ids = before.id, (before.id,)
+            kind, middle = EventKind.REFLECTION, (before.last_seen + time) / 2
+            event = SolitonEvent(kind, middle, edge, ids, ids, charge, charge, before.energy)
         self._untold.append((event, track))
 
     def _came_inside(
@@ -322,16 +304,11 @@ class WallTracker:
         if kind is EventKind.BREATHER_FORMED:
             self._tell_breather(met, frame)
         elif kind is not None:
-            parted = met.both_seen
-            places = [met.left.rotor, met.right.rotor]
-            self._tell(
-                kind,
-                time if met.breather else met.when,
-                met.place,
-                (met.ids_before, (met.left.id, met.right.id) if parted else ()),
-                energies=(met.energy, frame.energy(places) if parted else 0.0),
-                collisions=met.collisions,
-            )
+            parted = [met.left, met.right] if met.both_seen else []
+            ids = met.ids_before, tuple(each.id for each in parted)
+            after = frame.energy([each.rotor for each in parted]) if parted else 0.0
+            when, energies = time if met.breather else met.when, (met.energy, after)
+            self._tell(kind, when, met.place, ids, (0, 0), energies, met.collisions)
         if met.is_over():
             self._encounters.remove(met)
         elif kind in (EventKind.ANNIHILATION, EventKind.BREATHER_DECAYED):
@@ -339,18 +316,11 @@ class WallTracker:
             self._tracks = [each for each in self._tracks if each not in (met.left, met.right)]
 
     def _tell_breather(self, met: Encounter, frame: WallFrame) -> None:
-        ids, met.breather = (met.ids_before, (self._next,)), self._next
-        self._next += 1
-        before, met.energy = met.energy, frame.energy([met.place])
-        energies = before, met.energy
-        self._tell(
-            EventKind.BREATHER_FORMED,
-            met.when,
-            met.place,
-            ids,
-            energies=energies,
-            collisions=met.collisions,
-        )
+        kind, ids = EventKind.BREATHER_FORMED, (met.ids_before, (self._next,))
+        met.breather, self._next = self._next, self._next + 1
+        energies = met.energy, frame.energy([met.place])
+        met.energy = energies[1]
+        self._tell(kind, met.when, met.place, ids, (0, 0), energies, met.collisions)
 
     def _let_go(self, time: float, frame: WallFrame, needed: int) -> None:
         """Find out where walls are that were not seen for long enough."""
