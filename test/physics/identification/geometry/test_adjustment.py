@@ -11,12 +11,14 @@ from passages import FLIPPER, SPINNER, WOBBLER, passage, read, unequal
 
 from soliton_linkage.identification.geometry.adjustment import adjusted, bound
 from soliton_linkage.identification.geometry.bundle import Bundle, misclosures
-from soliton_linkage.identification.geometry.lengths import lengths_of, split
+from soliton_linkage.identification.geometry.lengths import Lengths, lengths_of, split
 from soliton_linkage.identification.geometry.start import equal_rotors
 from soliton_linkage.identification.geometry.tolerances import Tolerances, unknowns_of
 from soliton_linkage.linkage.chain import Chain
 
 DRAWS = 3
+NEARLY_STOPPING = 6041
+"""Seed of a chain whose first two bonds nearly stop walls."""
 
 
 def test_slopes_of_misclosures_are_their_changes() -> None:
@@ -89,3 +91,20 @@ def test_lengths_are_as_near_as_the_bound_allows_and_deviations_true(chain: Chai
     assert np.sqrt(np.mean(np.square(over_bound))) == pytest.approx(1, abs=0.3)
     assert np.sqrt(np.mean(np.square(over_stated))) == pytest.approx(1, abs=0.3)
     assert np.mean(noises) == pytest.approx(0.01, rel=0.02)
+
+
+@pytest.mark.parametrize('seed', [0, 2])
+def test_lengths_of_bonds_that_nearly_stop_walls_are_found(seed: int) -> None:
+    """Frames in which a bond is in line with a rotor close on either side of that."""
+    many = lengths_of(unequal(replace(FLIPPER, number_of_rotors=40), NEARLY_STOPPING))
+    few = many.rotor_lengths[:6], many.spacings[:5], many.rest_lengths[:5]
+    made = Lengths(*few, np.zeros(6)).chain(FLIPPER)
+    room = made.rest_lengths - made.spacings - np.abs(np.diff(made.rotor_lengths))
+    assert (np.sort(room / made.spacings)[:2] < 0.005).all()
+    readings, offsets = read(passage(made, 250), seed)
+    found = adjusted(readings, equal_rotors(readings))
+    errors = unknowns_of(found.lengths.scaled(1.0))
+    errors -= unknowns_of(replace(lengths_of(made).scaled(1.0), offsets=offsets))
+    assert found.settled
+    assert found.noise == pytest.approx(0.01, rel=0.05)
+    assert np.abs(errors / found.deviations).max() < 4
