@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from filmed_chains import CAMERA, PERIOD, renderer
@@ -10,6 +12,7 @@ from filmed_chains import CAMERA, PERIOD, renderer
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.films.footage import Shot, read_film, write_film
 from soliton_linkage.vision.films.renderer import FilmSettings, Hand
 
 pytest.importorskip('cv2', reason='cameras need OpenCV')
@@ -46,6 +49,24 @@ def test_jpeg_costs_a_little_which_is_said() -> None:
     stated = np.array([frame.deviations for frame in seen])
     own = errors[8:] - errors[8:].mean(axis=0)
     assert 0.8 < np.sqrt(np.mean((own / stated[8:]) ** 2)) < 1.2
+
+
+def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Path) -> None:
+    """By how much, and how long, docs/camera.md tells of longer films."""
+    layout, film, motion = renderer(CHAIN, amplitude=0.02, rate=3.0)
+    times = PERIOD * np.arange(FRAMES)
+    shots = (Shot(time, film.picture(time)) for time in times.tolist())
+    write_film(tmp_path / 'clip.mp4', shots, 18)
+    camera = AngleCamera(layout, CAMERA)
+    pictures = read_film(tmp_path / 'clip.mp4').pictures
+    seen = [camera.look(time, picture) for time, picture in pictures]
+    truth = motion(times + np.array([frame.delay for frame in seen]))[0]
+    errors = np.array([frame.angles for frame in seen]) - truth
+    assert np.abs(errors).max() < 0.01
+    own = errors[3:] - errors[3:].mean(axis=0)
+    assert np.sqrt(np.mean(own**2)) < 2.5e-3
+    assert 0.5 < np.mean(own[1:] * own[:-1]) / np.mean(own**2) < 0.95
+    assert np.sqrt(np.mean((own / [frame.deviations for frame in seen[3:]]) ** 2)) < 3.5
 
 
 def test_what_a_hand_hides_is_nan_and_comes_back_with_its_turns() -> None:
