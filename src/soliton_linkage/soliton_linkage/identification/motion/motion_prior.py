@@ -8,7 +8,7 @@ normal about a mean. How wide these normal distributions are, the frames show to
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ _DECAY = 1.0
 _STOPPING = 10.0
 """Standard deviation of what dry friction slows a rotor down by [rad/s^2]: rotors of a wall stop
 in a second."""
+_TOLD = 1e-12
+"""Information on a change of the unknowns over the largest [1], below which it is rounding."""
 _FALLING = 1.0
 """The same of the logarithm of gravity [1], whose unit is the mean spacing."""
 
@@ -49,6 +51,8 @@ class MotionPrior:
     tolerances: Tolerances
     of_masses: float = MASSES_BEGIN
     """Standard deviation by which masses and stiffnesses differ from each other [1]."""
+    shift: Array | float = 0.0
+    """Of its mean, in the order of the unknowns, (Q - 2 N,)."""
 
     def about(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Information on a chain, (Q - 2 N, Q - 2 N), and its unknowns, from the mean on."""
@@ -66,7 +70,14 @@ class MotionPrior:
         values[at.masses] = np.log(motion.masses)
         fallen = math.log(motion.gravity / self.gravity) if self.gravity else 0.0
         values[at.forces] = motion.damping, motion.friction, fallen
-        return information, values
+        return information, values - self.shift
+
+    def drawn(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
+        """The same about a mean that is drawn from it; what it does not tell keeps still."""
+        values, vectors = np.linalg.eigh(self.about(motion)[0])
+        told = values > _TOLD * values[-1]
+        steps = random.standard_normal(int(told.sum())) / np.sqrt(values[told])
+        return replace(self, shift=np.asarray(vectors[:, told] @ steps))
 
     def relearnt(
         self, motion: FreeMotion, covariance: Array, tolerance: float | None
