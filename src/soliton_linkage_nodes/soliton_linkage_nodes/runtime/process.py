@@ -200,15 +200,14 @@ def _spin(
     for _, node in nodes:
         executor.add_node(node)
     place = FirstAsLongAsIdle(any(getattr(node, 'real_time', False) for _, node in nodes))
-    ends = [(each.finished, node) for each, node in nodes if each.finished is not None]
     with Turns() as turns:
         while not stopping.is_set():
-            if any(finished(node) for finished, node in ends):
+            if any(
+                component.finished is not None and component.finished(node)
+                for component, node in nodes
+            ):
                 break
-            if ends:
-                executor.spin_once(timeout_sec=_LONGEST_WAIT)
-            else:
-                executor.spin_until_future_complete(turns.begin(), _LONGEST_WAIT)
+            executor.spin_until_future_complete(turns.begin(), _LONGEST_WAIT)
             memory.check()
             place.look()
 
