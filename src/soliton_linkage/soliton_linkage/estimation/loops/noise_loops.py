@@ -83,8 +83,8 @@ def learn(
 ) -> Estimate:
     """Take in what is left of a frame, a time [s] after the last; returns the `estimate`.
 
-    What is left of rotors [rad], (N,), has so many degrees of freedom, in this frame and in the two
-    before, which count where it is the third; the tangent begins at a first rotor.
+    What is left of rotors [rad], (N,), has so many degrees of freedom, in this frame and in the
+    two before, which count where it is the third; the tangent begins at a first rotor.
     """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
