@@ -20,11 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.estimation.loops import wall_loops
-from soliton_linkage.estimation.loops.wall_loops import WallTable
 from soliton_linkage.estimation.settings import DEFAULTS, WidthSettings
 from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 
@@ -45,9 +44,6 @@ class Contraction(NamedTuple):
         return math.exp(self.logarithm)
 
 
-_Seen = tuple[Array, int, WallTable]
-"""Staggered angles about a wall, the first of their rotors, and the table of its shape."""
-
 UNTOLD = Contraction(math.nan, math.inf)
 
 
@@ -60,6 +56,7 @@ class WallFamily:
         self._shapes, chain = shapes, shapes.chain
         depth = penetration_depth(chain) / chain.spacing
         self._scale = max(depth, 1.0)
+        self._span = settings.span * self._scale + 2
         self._last = chain.number_of_rotors - 1
         self._clear = settings.clear * max(depth, chain.wall_width / chain.spacing)
 
@@ -73,14 +70,18 @@ class WallFamily:
         Nothing is told of a wall that is nearer to an edge than two of its widths or decay
         lengths, nor where the standard deviation would be more than a factor of 1.5.
         """
-        seen, settings = self._seen(angles, place, leg), self.settings
-        if seen is None:
+        settings = self.settings
+        if not self._clear <= place <= self._last - self._clear:
             return UNTOLD
-        start = place, math.exp(-logarithm)
-        centre, stretch, *_ = wall_loops.fit(*seen, *start, 1.0, math.inf, True)
-        places, stretches, both, ahead, wider = wall_loops.sums_of_fit(
-            *seen, centre, stretch, 1.0, math.inf, True
+        centre, stretch, sums = wall_loops.fit_about(
+            angles,
+            self._span,
+            self._last,
+            self._shapes.of_leg(leg).table,
+            place,
+            math.exp(-logarithm),
         )
+        places, stretches, both, ahead, wider = sums
         determinant = places * stretches - both * both
         if not determinant > settings.degenerate * places * stretches:
             return UNTOLD
@@ -91,15 +92,6 @@ class WallFamily:
         if near and ends and deviation < settings.coarsest:
             return Contraction(left - math.log(stretch), deviation)
         return UNTOLD
-
-    def _seen(self, angles: Array, place: float, leg: int) -> _Seen | None:
-        """What there is to fit; None of a wall that is at an edge, or nowhere."""
-        if not self._clear <= place <= self._last - self._clear:
-            return None
-        span, table = self.settings.span * self._scale + 2, self._shapes.of_leg(leg).table
-        first = max(math.ceil(place - span), 1)
-        theta = staggered(angles)[first : min(math.floor(place + span) + 1, self._last)]
-        return theta, first, table
 
 
 class ContractionMean:

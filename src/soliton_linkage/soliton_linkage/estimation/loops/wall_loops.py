@@ -205,6 +205,25 @@ def fit(
     return place, stretch, of_place, of_stretch
 
 
+@compiled(READ, NUMBER, COUNT, _TABLE, NUMBER, NUMBER)
+def fit_about(
+    angles: Array, span: float, last: int, table: WallTable, place: float, stretch: float
+) -> tuple[float, float, tuple[float, float, float, float, float]]:
+    """Place and stretch of a wall by `fit`, and `sums_of_fit` there, each rotor in full.
+
+    Of actual angles [rad], shape (N,), within a span of a place [rotor spacings]; the first rotor
+    and the last count for nothing.
+    """
+    first, end = max(math.ceil(place - span), 1), min(math.floor(place + span) + 1, last)
+    theta = np.empty(max(end - first, 0))
+    for k in range(theta.size):
+        angle = angles[first + k]
+        theta[k] = math.pi - angle if (first + k) % 2 else angle
+    place, stretch, _, _ = fit(theta, first, table, place, stretch, 1.0, math.inf, True)
+    sums = sums_of_fit(theta, first, table, place, stretch, 1.0, math.inf, True)
+    return place, stretch, sums
+
+
 @compiled(READ, READ, COUNT, _TABLE, NUMBER, NUMBER)
 def lasting(
     left: Array, before: Array, first: int, table: WallTable, place: float, stretch: float
