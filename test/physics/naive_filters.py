@@ -248,18 +248,6 @@ def find_stuck(
     stuck[:] = same
 
 
-def lasting_residuals(encoders: Records, means: Array, chances: Array) -> int:
-    weights, sums = (
-        np.concatenate([encoders[f'{name}_before'], encoders[f'{name}_beyond']])
-        for name in ('weight', 'sum')
-    )
-    seen = weights > 0
-    known = int(np.count_nonzero(seen))
-    means[:known] = np.abs(sums[seen] / weights[seen])
-    chances[:known] = 1 / np.sqrt(weights[seen])
-    return known
-
-
 def together(shares: Array, likelihoods: Array) -> float:
     """Logarithm of the mean of likelihoods [logarithm] by their shares."""
     counting, weighed = shares[shares > 0], likelihoods[shares > 0]

@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from soliton_linkage.linear.bands import tail_ratio
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
@@ -16,7 +18,7 @@ from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
-ROTORS, SMALL = 13, 1e-5
+ROTORS, SMALL = 9, 1e-4
 FLIPPER, WOBBLER, SPINNER = (0.9, 0.7), (0.8, 1.6), (1.1, 3.4)
 """Rest angles [rad] and lean ratios d."""
 
@@ -26,33 +28,56 @@ def chain_of(rest_angle: float, lean_ratio: float) -> Chain:
     return Chain(ROTORS, rotor_length=length, rest_angle=rest_angle)
 
 
+def deviating(chain: Chain) -> list[Chain]:
+    """Chains of which one spacing, one rotor's length or its mass is larger by a small share."""
+    single = SMALL * np.eye(3 * ROTORS - 1)
+    parts = (np.split(row, [ROTORS - 1, 2 * ROTORS - 1]) for row in single)
+    return [
+        replace(chain, deviations=Deviations(*(tuple(part.tolist()) for part in each)))
+        for each in parts
+    ]
+
+
 def left_share(chain: Chain, near: Array, bond: int) -> float:
     """Share of |t|^2 on the left of a bond, where all bars fit next to given angles."""
     return float(np.sum(zero_mode(chain, unstretched(chain, near))[: bond + 1] ** 2))
 
 
-def deviating(chain: Chain) -> list[Chain]:
-    """Chains of which one spacing or one rotor is longer by a small share each."""
-    single = SMALL * np.eye(2 * ROTORS - 1)
-    return [
-        replace(chain, deviations=Deviations(tuple(row[: ROTORS - 1]), tuple(row[ROTORS - 1 :])))
-        for row in single.tolist()
-    ]
+def arc_at(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
+    """Arc of an orbit whose nearest chain has as much of its mode on the left of a bond."""
+    arc = orbit.arc_at(bond + 0.5, leg)
+    share = float(np.sum(orbit.tangent(arc)[: bond + 1] ** 2))
+
+    def beyond(at: float) -> float:
+        return left_share(chain, orbit.configuration(at), bond) - share
+
+    return float(brentq(beyond, arc - 0.01, arc + 0.01, xtol=1e-9))
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-@pytest.mark.parametrize(('bond', 'leg'), [(5, 0), (6, 1), (1, 1)])
-def test_a_wall_is_shifted_by_what_moves_half_of_its_mode(
+def passage(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
+    """Time from one bond to the next in free motion, in units of its own."""
+    ends = [arc_at(chain, orbit, each, leg) for each in (bond, bond + 1)]
+    way = [unstretched(chain, orbit.configuration(arc)) for arc in np.linspace(*ends, 20)]
+    steps = np.diff(np.unwrap(way, axis=0), axis=0)
+    return float(np.sqrt(steps**2 @ chain.moments_of_inertia).sum())
+
+
+@pytest.mark.parametrize(
+    ('example', 'bond', 'leg'), [(FLIPPER, 1, 3), (WOBBLER, 4, 1), (SPINNER, 3, 0)]
+)
+def test_walls_are_shifted_and_slowed_as_chains_with_single_deviations_tell(
     example: tuple[float, float], bond: int, leg: int
 ) -> None:
     chain = chain_of(*example)
     orbit = UniformOrbit(chain)
-    arc = orbit.arc_at(bond + 0.5, leg)
-    here, far = orbit.configuration(arc), orbit.configuration(orbit.arc_at(orbit.middle, 0))
-    ahead, behind = (orbit.configuration(arc + step) for step in (SMALL, -SMALL))
-    slope = (left_share(chain, ahead, bond) - left_share(chain, behind, bond)) / (2 * SMALL)
-    even = left_share(chain, here, bond)
-    shifts = [(left_share(each, here, bond) - even) / slope for each in deviating(chain)]
-    turns = [unstretched(each, far)[1] - far[1] for each in deviating(chain)]
-    expected = np.linalg.norm(shifts) / np.linalg.norm(turns)
-    assert WallShifts(orbit).ratio(bond + 0.5, leg) == pytest.approx(expected, rel=1e-4)
+    far = orbit.configuration(orbit.arc_at(orbit.middle, 0))
+    others = deviating(chain)
+    turns = np.array([unstretched(each, far) - far for each in others])
+    added = turns[:, 1] - tail_ratio(chain) * turns[:, 2]
+    arcs = [arc_at(each, orbit, bond, leg) - orbit.arc_at(bond + 0.5, leg) for each in others]
+    even = passage(chain, orbit, bond, leg)
+    times = [passage(each, orbit, bond, leg) / even - 1 for each in others]
+    shifts = WallShifts(orbit).at(bond + 0.5, leg)
+    scale = np.linalg.norm(added)
+    assert shifts.arc == pytest.approx(np.linalg.norm(arcs) / scale, rel=1e-3)
+    assert shifts.rate == pytest.approx(np.linalg.norm(times) / scale, rel=0.02)

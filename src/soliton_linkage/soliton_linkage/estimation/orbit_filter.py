@@ -352,9 +352,11 @@ class OrbitFilter:
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
         # than the chain is that of the orbit: what rotors are off by, the arc is too.
         leg = orbit.leg(arc)
-        beside = self._tracking.beside_share**2 * noise.excess
-        beside += self._beside.shift(orbit.place(arc), leg) ** 2
-        of_rate = beside * (rate / (self._tracking.way_beside * orbit.site_arc)) ** 2
+        of_arc, of_rates = self._beside.shifts(orbit.place(arc), leg)
+        off = self._tracking.beside_share**2 * noise.excess
+        beside = off + of_arc**2
+        changed = of_rates**2 + off / (self._tracking.way_beside * orbit.site_arc) ** 2
+        of_rate = changed * rate**2
         wall = self._places.wall(beside, of_rate)
         seen = self._seen_as if status is not TrackingStatus.COASTING else None
         self._estimate = OrbitEstimate(

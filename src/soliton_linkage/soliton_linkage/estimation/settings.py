@@ -87,7 +87,6 @@ class OffsetSettings(_Part):
     beyond_chance: float = quantity(5.0, 'standard deviations beyond which a mean is strange')
     block: int = quantity(16, 'frames whose residuals are averaged')
     depths_beside: float = quantity(3.0, 'distance of far rotors from the wall, ell / a')
-    chance_ratio: float = quantity(3.0, 'chance medians that the median residual must exceed')
     wave_time: float = quantity(10.0, 'time for which waves are alike, in units of the chain')
     wave_share: float = quantity(0.05, 'share of waves that is the same in all frames')
     strong_waves: float = quantity(4.0, 'mean square above that of springs, over that of noise')
@@ -103,7 +102,7 @@ class OffsetSettings(_Part):
         3.0, 'degrees of freedom at least of the deviation of a chain that is not even'
     )
     evenness: float = quantity(
-        4e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
+        1e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
     )
 
 

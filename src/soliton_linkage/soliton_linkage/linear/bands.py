@@ -138,6 +138,15 @@ def penetration_depth(chain: Chain) -> float:
     return chain.spacing / (2 * math.atanh(smaller)) if smaller < 1 else 0.0
 
 
+def tail_ratio(chain: Chain) -> float:
+    """What the tail of a wall turns a rotor by, over the next one towards the wall [1].
+
+    q- / q+ = (d - 1) / (d + 1), in actual angles, of small turns of relaxed bars.
+    """
+    plus, minus = couplings(chain)
+    return minus / plus
+
+
 def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
     """Complex wave number k [rad/m] of the zero mode, e^(i k a) = -q+ / q-.
 

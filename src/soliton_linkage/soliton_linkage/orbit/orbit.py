@@ -12,6 +12,9 @@ import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
 
+_STEP = 1e-3
+"""Arc over which the tangent is differentiated [rad]: an error of 1e-6."""
+
 
 class Stretch(NamedTuple):
     """Rotors first ... first + n - 1 of a configuration, and how they move along the orbit.
@@ -108,6 +111,11 @@ class Orbit(ABC):
         about = self.stretch(arc)
         tangent[about.first : about.first + len(about.tangent)] = about.tangent
         return tangent
+
+    def bend(self, arc: float) -> Array:
+        """Change of the tangent with the arc [1/rad], d2Phi/ds2, shape (N,)."""
+        ahead, behind = self.tangent(arc + _STEP), self.tangent(arc - _STEP)
+        return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
         """Rate of the arc in free motion, over that of a chain of equal rotors [1].

@@ -104,8 +104,6 @@ def of_offsets(random: np.random.Generator) -> list[Case]:
     encoders['means'] = random.integers(0, 9, ROTORS)
     for name in ('weight_before', 'weight_beyond'):
         encoders[name][random.random(ROTORS) < 0.3] = 0.0
-    unseen = encoders.copy()
-    unseen['weight_before'] = unseen['weight_beyond'] = 0.0
     sides, row = random.integers(-1, 2, ROTORS).astype(float), np.zeros(ROTORS)
     angles, times = angles_of(random), random.integers(0, 9, ROTORS).astype(float)
     again = np.where(flags(random, 0.15), angles, 0.1)
@@ -124,8 +122,6 @@ def of_offsets(random: np.random.Generator) -> list[Case]:
             ('find_stuck', (angles, again, flags(random, 0.5), stuck, few, 0.05))
             for few in (0.01, 0.9)
         ],
-        ('lasting_residuals', (encoders, *np.zeros((2, 2 * ROTORS)))),
-        ('lasting_residuals', (unseen, *np.zeros((2, 2 * ROTORS)))),
     ]
 
 

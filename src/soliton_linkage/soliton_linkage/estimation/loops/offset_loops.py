@@ -169,22 +169,3 @@ def find_stuck(
         trusted = same > few * known and not (outlying[n] or stuck[n])
         stuck[n] = read[n] == earlier[n] and not trusted
         earlier[n] = read[n]
-
-
-@compiled(_READ_ENCODERS, ROW, ROW)
-def lasting_residuals(encoders: Records, means: Array, chances: Array) -> int:
-    """Sizes of mean residuals, and what chance makes of them [rad], one after the other.
-
-    Of rotors on the sides on which they were seen, shape (2 N,) at most; returns how many.
-    """
-    known = 0
-    for side in range(2):
-        for n in range(encoders.size):
-            each = encoders[n]
-            weight = each['weight_before'] if side == 0 else each['weight_beyond']
-            if weight > 0:
-                whole = each['sum_before'] if side == 0 else each['sum_beyond']
-                means[known] = abs(whole / weight)
-                chances[known] = 1 / math.sqrt(weight)
-                known += 1
-    return known

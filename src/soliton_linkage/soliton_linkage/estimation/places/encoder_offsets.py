@@ -22,7 +22,8 @@ from soliton_linkage.estimation.robust import (
     robust_deviation,
 )
 from soliton_linkage.estimation.settings import DEFAULTS, OffsetSettings
-from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linear.bands import penetration_depth, tail_ratio
+from soliton_linkage.linkage.chain import Array, Chain
 
 
 class EncoderOffsets:
@@ -85,17 +86,13 @@ class FarRotors:
     encoder is stuck, or another wall is there.
     """
 
-    def __init__(
-        self, offsets: EncoderOffsets, depth: float, time_unit: float, strong: float
-    ) -> None:
-        """Learn these offsets, with the penetration depth [rotor spacings], the time unit [s].
-
-        Waves of a strong mean square [rad^2] tell nothing of encoders.
-        """
+    def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
+        """Learn these offsets of a chain, of which strong waves [rad^2] tell nothing."""
         self._offsets = offsets
+        depth = penetration_depth(chain) / chain.spacing
         self._margin = 1 + offsets.settings.depths_beside * depth
-        self._independent = math.tanh(1 / depth) if depth else 1.0
-        self._time_unit = time_unit
+        self._tail = tail_ratio(chain)
+        self._time_unit = chain.time_unit
         self._strong = strong
         self._settings = offsets.settings
         rotors = len(offsets.encoders)
@@ -107,10 +104,10 @@ class FarRotors:
         self._uneven = False
         self._first = True
         self.unevenness = 0.0
-        """Typical deviation of far rotors from the orbit that nobody told [rad].
+        """Standard deviation of what deviations that nobody told add to far rotors [rad].
 
-        Until the first block tells, or where that is strong the next, it is all that is not
-        known to be noise.
+        It is that beside the tail of what they have nearer to the wall. Until the first block
+        tells, or where that is strong the next, it is all that is not known to be noise.
         """
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
@@ -225,28 +222,36 @@ class FarRotors:
 
     def _beyond_noise(self, variance: float) -> float:
         """Deviation of mean residuals in the block so far that no noise has made [rad]."""
-        rotors = np.arange(len(self._sums))
-        far = (rotors < self._lowest - self._margin) | (rotors > self._highest + self._margin)
-        means = np.abs(self._sums[far & np.isfinite(self._sums)]) / self._frames
-        return self._stated(means, math.sqrt(variance / self._frames))
+        rotors, means = np.arange(len(self._sums)), self._sums / self._frames
+        before = np.where(rotors < self._lowest - self._margin, means, np.nan)
+        beyond = np.where(rotors > self._highest + self._margin, means, np.nan)
+        return self._stated(before, beyond, math.sqrt(variance / self._frames))
 
     def _lasting(self) -> float:
         """The same of residuals that last, of rotors on the sides on which they were seen."""
-        means, chances = np.empty((2, 2 * len(self._sums)))
-        known = offset_loops.lasting_residuals(self._offsets.encoders, means, chances)
-        return self._stated(means[:known], median(chances[:known]) if known else 0.0)
+        known = self._offsets.encoders
+        weights = np.concatenate([known['weight_before'], known['weight_beyond']])
+        chances = 1 / np.sqrt(weights[weights > 0])
+        with np.errstate(invalid='ignore'):
+            before = known['sum_before'] / known['weight_before']
+            beyond = known['sum_beyond'] / known['weight_beyond']
+        return self._stated(before, beyond, median(chances) if len(chances) else 0.0)
 
-    def _stated(self, sizes: Array, chance: float) -> float:
-        """Deviation of residuals beyond those of an even chain [rad], by Student's distribution.
+    def _stated(self, before: Array, beyond: Array, chance: float) -> float:
+        """Deviation of what residuals have beside tails [rad], by Student's distribution.
 
-        Rotors nearer than the penetration depth are alike, so that few of them tell little; 0
-        where chance [rad] may have made so much.
+        They are before the wall and beyond it, shape (N,) each, NaN where unknown. It is 0 where
+        chance, so much in a residual [rad], may have made it, or what moves in an even chain.
         """
-        given, typical = self._settings, clipped_deviation(sizes)
-        if typical <= max(given.chance_ratio * chance, given.evenness):
+        given, tail = self._settings, self._tail
+        added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
+        sizes = np.abs(added[np.isfinite(added)])
+        freedoms = max(len(sizes), given.fewest_freedoms)
+        by_chance = (1 + tail**2) * chance**2
+        excess = clipped_deviation(sizes) ** 2 - by_chance
+        if excess <= given.beyond_chance * math.sqrt(2 / freedoms) * by_chance + given.evenness**2:
             return 0.0
-        freedoms = max(self._independent * len(sizes), given.fewest_freedoms)
-        return math.sqrt((typical**2 - given.evenness**2) * freedoms / (freedoms - 2))
+        return math.sqrt(excess * freedoms / (freedoms - 2))
 
     def _most(self, squares: Array) -> float:
         """Mean of all squares but the few largest, which may be of offsets [rad^2]."""

@@ -14,7 +14,6 @@ from soliton_linkage.estimation.places.frame_noise import FrameNoise
 from soliton_linkage.estimation.places.frame_view import NO_FLAGS, FrameLikelihood, FrameView
 from soliton_linkage.estimation.places.unseen_rotors import UnseenRotors
 from soliton_linkage.estimation.settings import EstimationSettings
-from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
@@ -39,8 +38,7 @@ class FrameComparison:
             for leg in range(orbit.number_of_legs)
         ]
         self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
-        depth = penetration_depth(chain) / chain.spacing
-        self.far = FarRotors(self.offsets, depth, chain.time_unit, elastic)
+        self.far = FarRotors(self.offsets, chain, elastic)
         self._largest_scale = settings.offsets.largest_scale
         self._shifts = WallShifts(orbit)
         self._unseen = UnseenRotors(orbit)
@@ -116,10 +114,13 @@ class FrameComparison:
             arc += min(max(step, -tracking.longest_step), tracking.longest_step)
         return view
 
-    def shift(self, place: float, leg: int) -> float:
-        """Deviation of the arc [rad] by rotors that are not those of the orbit, at a place."""
+    def shifts(self, place: float, leg: int) -> tuple[float, float]:
+        """Deviations of the arc [rad] and of its rate, relative, by rotors that nobody told."""
         uneven = self.far.unevenness
-        return uneven * self._shifts.ratio(place, leg) if uneven else 0.0
+        if not uneven:
+            return 0.0, 0.0
+        shifts = self._shifts.at(place, leg)
+        return uneven * shifts.arc, uneven * shifts.rate
 
     def learn(
         self, seen: Array, view: FrameView, elapsed: float, noise: FrameNoise, upside_down: bool

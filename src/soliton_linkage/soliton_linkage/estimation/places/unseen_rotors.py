@@ -19,7 +19,6 @@ from __future__ import annotations
 import numpy as np
 
 from soliton_linkage.estimation.loops.frame_loops import Flags
-from soliton_linkage.estimation.places.yielding import bend_of
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array
@@ -59,7 +58,7 @@ class UnseenRotors:
         shown = told * pull[~unseen] + untold * tangent[~unseen]
         if untold * field * told**2 < float(shown @ shown) * noise:
             return 0.0
-        turning = self._orbit.chain.moments_of_inertia * bend_of(self._orbit, arc) * rate**2
+        turning = self._orbit.chain.moments_of_inertia * self._orbit.bend(arc) * rate**2
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:

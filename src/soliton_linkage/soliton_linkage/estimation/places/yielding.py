@@ -38,8 +38,6 @@ _LOWEST_ORDER = 0.2
 """Share 3 mu w^2 of the energy that springs may take for the lowest order to hold [1]."""
 _ALIKE = 2
 """Rotor spacings after which the chain about a wall is the same [1], as rotors stagger."""
-_STEP = 1e-3
-"""Arc over which the tangent is differentiated [rad]: an error of 1e-6."""
 _SLOW = 0.25
 """Rotors that a slow wall passes in a period of the slowest phonon, at most [1]: the third of its
 harmonics is below it."""
@@ -85,16 +83,11 @@ class Yielding:
 def _mu(orbit: Orbit, arc: float) -> float:
     """Mu at an arc of the orbit of a chain without deviations [s^2]."""
     chain = orbit.chain
-    bend = bend_of(orbit, arc)
+    bend = orbit.bend(arc)
     first, second = rigidity_bands(chain, orbit.configuration(arc))
     pulled = first * bend[:-1] + second * bend[1:]
     tensions: Array = solveh_banded(banded_products(first, second), pulled)
     return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
-
-
-def bend_of(orbit: Orbit, arc: float) -> Array:
-    """Change of the tangent with the arc [1/rad], d2Phi/ds2, shape (N,)."""
-    return np.asarray((orbit.tangent(arc + _STEP) - orbit.tangent(arc - _STEP)) / (2 * _STEP))
 
 
 def pushed_rate(rate: float, momentum: float, mu: float) -> float:
