@@ -102,7 +102,7 @@ class OffsetSettings(_Part):
         3.0, 'degrees of freedom at least of the deviation of a chain that is not even'
     )
     evenness: float = quantity(
-        1e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
+        4e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
     )
 
 

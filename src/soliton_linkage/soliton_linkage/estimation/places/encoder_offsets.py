@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from soliton_linkage.estimation.loops import offset_loops
 from soliton_linkage.estimation.robust import (
     DEVIATION_PER_MEDIAN,
-    clipped_deviation,
+    FREEDOMS_OF_MEDIAN,
     median,
     robust_deviation,
 )
@@ -246,10 +246,10 @@ class FarRotors:
         given, tail = self._settings, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])
-        freedoms = max(len(sizes), given.fewest_freedoms)
+        freedoms = max(FREEDOMS_OF_MEDIAN * len(sizes), given.fewest_freedoms)
         by_chance = (1 + tail**2) * chance**2
-        excess = clipped_deviation(sizes) ** 2 - by_chance
-        if excess <= given.beyond_chance * math.sqrt(2 / freedoms) * by_chance + given.evenness**2:
+        excess = robust_deviation(sizes) ** 2 - by_chance - given.evenness**2
+        if excess <= given.beyond_chance * math.sqrt(2 / freedoms) * by_chance:
             return 0.0
         return math.sqrt(excess * freedoms / (freedoms - 2))
 
