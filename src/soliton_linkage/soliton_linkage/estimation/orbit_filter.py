@@ -229,7 +229,7 @@ class OrbitFilter:
             return
         self._seen_as = view
         largest = variance + self._variance.largest_field
-        explained = self._likelihood.explains(view, largest)
+        explained = self._trust.is_explained(view, largest, self._beside.far.doubtful)
         if not explained and self._doubted(time, seen):
             return
         self._unexplained_since = math.nan if explained else self._unexplained_since

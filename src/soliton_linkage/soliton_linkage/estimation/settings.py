@@ -62,6 +62,7 @@ class LikelihoodSettings(_Part):
     most_wrong: float = quantity(0.1, 'share of them that is taken for no other motion')
     false_alarms: float = quantity(1e-3, 'share of frames with as many that is refused')
     gross_share: float = quantity(0.3, 'difference that no springs make, in swings of a rotor')
+    most_staying: int = quantity(1, 'rotors that may be as far off in two frames running')
     longest_run: int = quantity(2, 'rotors side by side that may be wrong in one frame')
     elastic_share: float = quantity(
         0.03, 'what springs may do to a wall before it is known, in swings of a rotor'
