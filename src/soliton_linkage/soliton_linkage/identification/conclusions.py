@@ -123,8 +123,9 @@ def of_bonds(
         }
     warnings = list(_obstacles(chain))
     if not rigid:
+        more = found.noise / max(reading_noise, LEAST_NOISE)
         warnings.append(
-            f'bonds leave {found.noise / reading_noise:.2g} times the noise of the readings: '
+            f'bonds leave {more:.2g} times the noise of the readings: '
             'springs give way about a fast soliton, or pivots have play, and standard deviations '
             'are too small; record a slower soliton, with its kick before the first frame'
         )
@@ -155,10 +156,11 @@ def of_bonds(
 
 
 def _unexplained(noise: float, reading_noise: float) -> tuple[str, ...]:
-    if noise <= STRAINED * max(reading_noise, LEAST_NOISE):
+    least = max(reading_noise, LEAST_NOISE)
+    if noise <= STRAINED * least:
         return ()
     return (
-        f'the motion of springs leaves {noise / reading_noise:.2g} times the noise of the '
+        f'the motion of springs leaves {noise / least:.2g} times the noise of the '
         'readings, and standard deviations are too small; record with a slower soliton, or less '
         'of it by --begin and --end',
     )

@@ -14,6 +14,8 @@ from soliton_linkage.linkage.chain import Array
 
 LEAST_NOISE = 1e-4
 """Noise with which a motion is fitted at least [rad]: better encoders are rounded."""
+_LEAST_STEP = 1e-9
+"""Of readings that are rounded [rad]: less is that of numbers."""
 _SLIPPING = 3.0
 """Largest range of a sum of so many independent numbers, over the root of their number [1], that
 chance makes of 40 rotors once in a million recordings."""
@@ -34,13 +36,19 @@ def noise_of(readings: Array, spreads: Array) -> float:
 
     It is that of a reading whose spread is 1, which are of shape (T, N) too.
 
-    Most rotors are at rest most of the time, and the median does not see the others. NaN where
-    there are not three.
+    Most rotors are at rest most of the time, and the median does not see the others. It is no less
+    than that of rounding to the least step by which readings change, and NaN where there are not
+    three.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     bends /= np.sqrt(spreads[2:] ** 2 + 4 * spreads[1:-1] ** 2 + spreads[:-2] ** 2)
     sizes = np.abs(bends[np.isfinite(bends)])
-    return robust_deviation(sizes) if len(sizes) else math.nan
+    if not len(sizes):
+        return math.nan
+    steps = np.abs(np.diff(readings, axis=0))
+    rounded = steps[steps > _LEAST_STEP].min(initial=np.inf) / math.sqrt(12)
+    of_rounding = rounded / float(np.nanmedian(spreads)) if np.isfinite(rounded) else 0.0
+    return max(robust_deviation(sizes), of_rounding)
 
 
 def check_jumps(recording: Readings, noise: float) -> None:
