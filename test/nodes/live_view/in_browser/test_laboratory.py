@@ -89,7 +89,7 @@ def test_the_pictures_of_the_camera_are_shown_while_its_panel_is(
     visit.says('camera-figure', 'the picture cannot be read')
     camera.data = picture()
     visit.wait('!live.camera.complaint && live.camera.count > 1')
-    assert 'stopped' not in visit.page.locator('#live-camera-figure').get_attribute('class')
+    visit.wait('!document.getElementById("live-camera-figure").classList.contains("stopped")')
 
 
 class Identifier:
