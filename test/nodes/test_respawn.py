@@ -41,7 +41,7 @@ def test_an_analyser_has_the_soliton_again_within_two_passages_of_a_rotor(graph:
 def test_a_simulator_that_comes_back_is_followed_and_driven(graph: Graph) -> None:
     heard = graph.hear(interfaces.SOLITON_STATE)
     graph.start(SolitonAnalyser)
-    actuator = graph.start(EdgeActuator)
+    actuator = graph.start(EdgeActuator, {'state_timeout': 60.0})
     for _ in range(2):
         simulator = graph.start(Simulator, {'chain.number_of_rotors': 8})
         nudge = graph.speak(interfaces.NUDGE)

@@ -9,9 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linkage.chain import Array, Chain, staggered
+from soliton_linkage.solitons.anti_kink import anti_kink_path
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 NOISE = 0.01
@@ -24,14 +26,18 @@ CHAINS = {
 }
 
 
-def kink_and_image(chain: Chain, place: float) -> Array:
-    """A kink as it hangs, an anti-kink, its image in the middle of the chain twice as long.
+def kink_and_anti_kink(chain: Chain, place: float) -> Array:
+    """A kink at a place and an anti-kink as far from the other end, in staggered angles.
 
-    The image n -> 2 N - 2 - n in staggered angles leaves the parity of rotors as it is.
+    In a chain twice as long, with domains of inner rotors. For d above 1 the anti-kink is the
+    image of the kink, n -> 2 N - 2 - n.
     """
-    theta = staggered(static_wall(chain, place))
-    inner = theta[1:-1]
-    return np.concatenate([inner, inner[-1:], inner[::-1]])
+    inner = staggered(static_wall(chain, place))[1:-1]
+    other = inner[::-1]
+    if chain.lean_ratio < 1:
+        far = chain.number_of_rotors - 1 - place
+        other = staggered(CubicSpline(*anti_kink_path(chain, math.floor(far)))(far))[1:-1]
+    return np.concatenate([inner, inner[-1:], other])
 
 
 @pytest.mark.parametrize('name', CHAINS)
@@ -41,7 +47,7 @@ def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
     rotors = 2 * (chain.number_of_rotors - 2) + 1
     fresh = Analyser(replace(chain, number_of_rotors=rotors), NOISE)
     for place in chain.number_of_rotors // 2 + np.array([-3.0, -2.7, -2.45, -1.8]):
-        theta = kink_and_image(chain, float(place))
+        theta = kink_and_anti_kink(chain, float(place))
         analyser = deepcopy(fresh)
         angles = staggered(theta)
         for frame in range(FRAMES):

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from soliton_linkage.estimation.loops import wall_loops
-from soliton_linkage.estimation.walls.wall_shapes import WallShapes
-from soliton_linkage.linkage.chain import Chain, Motion, staggered, wrapped
+from soliton_linkage.estimation.walls.wall_shapes import WallShape, WallShapes
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.solitons.anti_kink import anti_kink_path
 from soliton_linkage.solitons.static_wall import static_wall
 
 CHAINS = {
@@ -19,27 +21,33 @@ CHAINS = {
 EDGE = 5
 
 
+def leaves_nothing(shape: WallShape, theta: Array, place: float) -> bool:
+    """Whether a shape leaves nothing of the staggered angles of a wall, and finds its place."""
+    inner = theta[EDGE:-EDGE]
+    left = np.empty_like(inner)
+    wall_loops.leave(inner, EDGE, shape.table, place, 1.0, left)
+    found, *_ = wall_loops.fit(inner, EDGE, shape.table, place + 0.2, 1.0, 1e-2, 2.5, False)
+    return bool(np.abs(left).max() < 1e-4) and abs(found - place) < 1e-4
+
+
 @pytest.mark.parametrize('name', CHAINS)
-def test_a_kink_leaves_nothing_of_a_static_wall_and_its_image_nothing_of_an_image(
-    name: str,
-) -> None:
+def test_a_kink_leaves_nothing_of_a_static_wall(name: str) -> None:
     chain, shapes = CHAINS[name], WallShapes(CHAINS[name])
-    legs = (0, 1) if chain.motion is Motion.SPINNER else (0,)
-    for leg in legs:
+    spinner = chain.motion is Motion.SPINNER
+    for leg in (0, 1) if spinner else (0,):
         for place in (40.0, 40.33, 41.07, 40.5):
             angles = static_wall(chain, place, leg)
             steps = wrapped(np.diff(angles - chain.uniform_state(1)))[EDGE:-EDGE]
-            turn = int(np.sign(steps.sum())) if len(legs) > 1 else 0
+            turn = int(np.sign(steps.sum())) if spinner else 0
             theta, last = staggered(angles), chain.number_of_rotors - 1
-            for charge, seen, centre in (
-                (1, theta, place),
-                (-1, np.ascontiguousarray(theta[::-1]), last - place),
-            ):
-                table = shapes(charge, turn * charge).table
-                inner = seen[EDGE:-EDGE]
-                left = np.empty_like(inner)
-                wall_loops.leave(inner, EDGE, table, centre, 1.0, left)
-                assert np.abs(left).max() < 1e-4
-                start = centre + 0.2
-                found, *_ = wall_loops.fit(inner, EDGE, table, start, 1.0, 1e-2, 2.5, False)
-                assert found == pytest.approx(centre, abs=1e-4)
+            assert leaves_nothing(shapes.kinks[turn], theta, place)
+            if chain.lean_ratio > 1:
+                image = np.ascontiguousarray(theta[::-1])
+                assert leaves_nothing(shapes.anti_kinks[-turn], image, last - place)
+
+
+def test_an_anti_kink_of_flippers_leaves_nothing_of_a_state_of_least_energy() -> None:
+    chain, shapes = CHAINS['flipper'], WallShapes(CHAINS['flipper'])
+    states = CubicSpline(*anti_kink_path(chain, 40.0))
+    for place in (40.0, 40.33, 41.07, 41.5):
+        assert leaves_nothing(shapes.anti_kinks[0], staggered(states(place)), place)

@@ -45,6 +45,7 @@ class WallPlacer:
     def __init__(self, shapes: WallShapes, line: WallLine, settings: EstimationSettings) -> None:
         """Begin with the shapes that walls of a chain have."""
         self._shapes, self._line, self._settings = shapes, line, settings.walls
+        self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._chain = chain = shapes.chain
         likelihood, swing = settings.likelihood, swing_of(chain)
         self._bound, self._coarse = likelihood.bound, (settings.walls.scan_share * swing) ** 2
@@ -104,12 +105,12 @@ class WallPlacer:
     def _shape(self, angles: Array, place: float, charge: int) -> WallShape:
         """Shape of a wall, of spinners by the sense in which its rotors turn."""
         if self._chain.motion is not Motion.SPINNER:
-            return self._shapes(charge, 0)
+            return self._of_charge[charge][0]
         reach = min(self._shapes.reach, self._line.near)
         rotors = self._line.numbers(place - reach, place + reach, self._edge)
         turned = (angles - self._uniform)[rotors % len(angles)]
         steps = wrapped(np.diff(turned[np.isfinite(turned)]))
-        return self._shapes(charge, 1 if float(steps.sum()) > 0 else -1)
+        return self._of_charge[charge][1 if float(steps.sum()) > 0 else -1]
 
     def _alone(self, theta: Array, walls: Sequence[_Fitted], wall: _Fitted) -> tuple[int, Array]:
         """Rotors about a wall that are nearer to it than to others: the first of them, and angles.

@@ -1,22 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of single walls at rest, as tables of staggered angles by the distance from the centre.
 
-That of a kink is the chain's own. An anti-kink has nearly the same, seen in a
-mirror: exactly so in the continuum, and with the same centre, as flippers' walls are odd.
+Those of a kink, and of an anti-kink for d below 1, are the chain's own. Beyond, where anti-kinks
+are pinned or swing as they move, theirs is that of a kink seen in a mirror: exactly so in the
+continuum, and with the same centre.
 """
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from soliton_linkage.estimation.loops.wall_loops import WallTable
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.solitons.anti_kink import anti_kink_path
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
@@ -55,15 +59,17 @@ class WallShapes:
         )
         self.chain = chain
         self.reach = float(beside)
-        self._shapes: dict[tuple[int, int], WallShape] = {}
+        self.kinks: dict[int, WallShape] = {}
+        """By the sense in which rotors turn, forwards (+1) or backwards, 0 for flippers."""
         self._turns: list[int] = []
+        self._window = window
+        self._places = even + 4 + np.arange(2 * _POINTS) / _POINTS
         for leg in range(2 if chain.motion is Motion.SPINNER else 1):
-            kink, turn = self._sampled(window, even + 4, leg)
+            walls = np.array([static_wall(window, float(place), leg) for place in self._places])
+            turned = wrapped(np.diff(walls[0] - window.uniform_state(1)))
+            turn = int(np.sign(turned[1:-1].sum())) if chain.motion is Motion.SPINNER else 0
             self._turns.append(turn)
-            mirrored = kink[:, ::-1] * np.array([[1.0], [1.0], [-1.0], [-1.0]])
-            for charge, angles in ((1, kink), (-1, np.ascontiguousarray(mirrored))):
-                table = WallTable(angles, float(_POINTS), self.reach)
-                self._shapes[charge, turn * charge] = WallShape(table, angles[:2, [0, -1]])
+            self.kinks[turn] = self._shape(self._sampled(walls))
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Of a wall at rest [m], NaN where it has no such profile."""
@@ -71,23 +77,33 @@ class WallShapes:
         self.stretches = math.isfinite(self.width) and (spinner or chain.lean_ratio < 1)
         """Whether walls that move have the same shape, but narrower."""
 
-    def __call__(self, charge: int, turn: int) -> WallShape:
-        """The wall of a charge whose rotors turn forwards (+1) or backwards, 0 for flippers."""
-        return self._shapes[charge, turn]
+    @cached_property
+    def anti_kinks(self) -> dict[int, WallShape]:
+        """As kinks are; worked out where they are first asked for, which takes longer."""
+        if self.chain.lean_ratio < 1:
+            with suppress(ArithmeticError):
+                path = anti_kink_path(self._window, float(self._places[0]))
+                return {0: self._shape(self._sampled(CubicSpline(*path)(self._places)))}
+        mirrored = np.array([[1.0], [1.0], [-1.0], [-1.0]])
+        return {
+            -turn: self._shape(np.ascontiguousarray(kink.table.angles[:, ::-1] * mirrored))
+            for turn, kink in self.kinks.items()
+        }
 
     def of_leg(self, leg: int) -> WallShape:
         """The kink of a leg of the orbit."""
-        return self._shapes[1, self._turns[leg % len(self._turns)]]
+        return self.kinks[self._turns[leg % len(self._turns)]]
 
-    def _sampled(self, window: Chain, centre: int, leg: int) -> tuple[Array, int]:
-        """Table of the kink of a leg, and the sense in which its rotors turn.
+    def _shape(self, angles: Array) -> WallShape:
+        return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
+
+    def _sampled(self, walls: Array) -> Array:
+        """Angles of a table, of the states of a wall [rad] at the places of the window.
 
         A rotor shows the wall at steps of its place what rotors of its parity do two apart.
         """
-        places = centre + np.arange(2 * _POINTS) / _POINTS
-        walls = np.array([static_wall(window, float(place), leg) for place in places])
-        rotors = np.arange(1, window.number_of_rotors - 1)
-        steps = np.rint((rotors - places[:, None]) * _POINTS).astype(np.int64)
+        rotors = np.arange(1, walls.shape[1] - 1)
+        steps = np.rint((rotors - self._places[:, None]) * _POINTS).astype(np.int64)
         theta = staggered(walls)[:, 1:-1]
         most = round(self.reach) * _POINTS
         grid = np.arange(-most, most + 1)
@@ -99,6 +115,4 @@ class WallShapes:
             curve = make_interp_spline(at, np.unwrap(theta[:, mine].ravel()[order]), k=_DEGREE)
             angles.append(curve(grid / _POINTS))
             slopes.append(curve(grid / _POINTS, nu=1))
-        turned = wrapped(np.diff(walls[0] - window.uniform_state(1)))
-        turn = int(np.sign(turned[1:-1].sum())) if window.motion is Motion.SPINNER else 0
-        return np.array([*angles, *slopes]), turn
+        return np.array([*angles, *slopes])

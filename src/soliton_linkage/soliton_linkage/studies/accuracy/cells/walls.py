@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where walls truly are in noiseless frames: the nearest point of their static path.
 
-A kink costs nothing anywhere: its path is that of static walls, hung bar by bar. An anti-kink
-costs energy; its path are the states of least energy with a given sum of the order field, from a
-site to the next but one, and its place counts the arc along it, as that of kinks does. Where no
-such path is found, the anti-kink is pinned: it rests in balance, and its place is that of the sum.
+A kink costs nothing anywhere: its path is that of static walls, hung bar by bar. That of an
+anti-kink are states of least energy, `anti_kink_path`. Where it is pinned instead, it rests in
+balance, and its place is that of the sum of the order field.
 """
 
 from __future__ import annotations
@@ -15,25 +14,19 @@ from functools import cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.linkage.chain import Array, Chain, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_kink, order_field
 from soliton_linkage.solitons.static_wall import static_wall
 
 _SAMPLES = 65
 """Of a path, over the two spacings after which it repeats: splines of them are good to 1e-6."""
-_NEWTON_STEPS = 30
-"""At most, to a state of least energy; some five do [1]."""
-_CONVERGED = 1e-7
-"""Step of Newton's that is the last [rad]."""
-_BUCKLING = 1e-6
-"""Least curvature across a path, over the largest [1]: below it is rounding."""
 _LONGEST = 0.3
-"""Step of Newton's, and of the way to the nearest point [rad]."""
+"""Step of the way to the nearest point [rad]."""
 _GAUSS_STEPS = 6
 """At most, to the nearest point; from frame to frame two do [1]."""
 _CLOSE = 1e-6
@@ -165,88 +158,16 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
         left = walls[0, 2:4] - wrapped(walls[0, 2:4] - chain.uniform_state(1)[:2])
         spline = CubicSpline(places, walls)
         return WallPath(1, beside, spline, walls[0], float(places[0]), left)
-    found = _costly(window, places)
-    if found is None:
-        rest = _balanced(window, _tanh(window, beside + 0.5))
-        home = (len(rest) - 1 - float(_field(window, rest)[0].sum())) / 2
-        return WallPath(-1, beside, None, rest, home, _tanh(window, beside)[:2])
-    arcs = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(found, axis=0), axis=1))])
-    counted = beside + 2 * arcs / arcs[-1]
-    left = _tanh(window, beside)[:2]
+    left = continuum_anti_kink(window, beside)[:2]
+    try:
+        counted, found = anti_kink_path(window, beside)
+    except ArithmeticError:
+        rest = _balanced(window, continuum_anti_kink(window, beside + 0.5))
+        home = (len(rest) - 1 - float(order_field(window, rest)[0].sum())) / 2
+        return WallPath(-1, beside, None, rest, home, left)
     least = int(np.argmin(window.elastic_energy(found)))
     spline = CubicSpline(counted, found)
     return WallPath(-1, beside, spline, found[least], float(counted[least]), left)
-
-
-def _tanh(chain: Chain, place: float) -> Array:
-    """An anti-kink as the continuum has it, its ends at rest, shape (N,) [rad]."""
-    rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
-    field = np.tanh((rotors - place) * chain.spacing / chain.wall_width)
-    field[0], field[-1] = -1.0, 1.0
-    if chain.motion is Motion.SPINNER:
-        turning = np.where(rotors % 2, -1.0, 1.0)
-        return staggered(rest + turning * np.arccos(field))
-    return staggered(np.arcsin(math.sin(rest) * field))
-
-
-def _field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Order field of each rotor [1] and its first and second derivative by its angle.
-
-    Of flippers it is (3 m - m^3) / 2 with m = u / ub, which like that of spinners does not change
-    at rest: what holds the sum of the field does not pull at the domains.
-    """
-    theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
-    if chain.motion is Motion.SPINNER:
-        beyond = theta - chain.rest_angle
-        return np.cos(beyond), -np.sin(beyond) * sense, -np.cos(beyond)
-    scale = 1 / math.sin(chain.rest_angle)
-    lean, slope = scale * np.sin(theta), scale * np.cos(theta) * sense
-    rise = 1.5 * (1 - lean**2)
-    field = 1.5 * lean - 0.5 * lean**3
-    return field, rise * slope, -rise * lean - 3 * lean * slope**2
-
-
-def _costly(chain: Chain, places: Array) -> Array | None:
-    """States of least energy with anti-kinks at places by the sum, (K, N), None where none are."""
-    angles, pull = _tanh(chain, float(places[0])), 0.0
-    found = []
-    for place in places:
-        wanted = len(angles) - 1 - 2 * place
-        for _ in range(_NEWTON_STEPS):
-            field, first, second = _field(chain, angles)
-            curvature = _stiffness(chain, angles) - pull * np.diag(second)
-            border = np.concatenate([first[1:-1], [0.0]])
-            matrix = np.empty((len(angles) - 1, len(angles) - 1))
-            matrix[:-1, :-1] = curvature[1:-1, 1:-1]
-            matrix[-1], matrix[:, -1] = border, -border
-            slope = -chain.spring_torques(angles) - pull * first
-            given = np.concatenate([-slope[1:-1], [wanted - field.sum()]])
-            step = np.linalg.lstsq(matrix, given, rcond=None)[0]
-            step *= min(1.0, _LONGEST / float(np.abs(step[:-1]).max()))
-            angles[1:-1] += step[:-1]
-            pull += step[-1]
-            if np.abs(step[:-1]).max() < _CONVERGED:
-                break
-        else:
-            return None
-        if not _holds(curvature, first):
-            return None
-        found.append(angles.copy())
-    return np.array(found)
-
-
-def _holds(curvature: Array, along: Array) -> bool:
-    """Whether the energy is least across a direction, or the wall would buckle."""
-    across = null_space(along[None, 1:-1])
-    values = np.linalg.eigvalsh(across.T @ curvature[1:-1, 1:-1] @ across)
-    return bool(values[0] > -_BUCKLING * values[-1])
-
-
-def _stiffness(chain: Chain, angles: Array) -> Array:
-    """Second derivatives of the energy, by differences [N m/rad], shape (N, N)."""
-    nudges = 1e-6 * np.eye(len(angles))
-    torques = chain.spring_torques(np.concatenate([angles + nudges, angles - nudges]))
-    return np.asarray((torques[len(angles) :] - torques[: len(angles)]) / 2e-6)
 
 
 def _balanced(chain: Chain, angles: Array) -> Array:

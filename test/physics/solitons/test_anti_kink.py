@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Anti-kinks are states of least energy, alike at every site, or pinned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, chain_of
+from scipy.optimize import minimize
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_kink, order_field
+
+ROTORS, BEGIN = 41, 20.0
+
+
+def test_derivatives_of_the_order_field_are_those_of_differences() -> None:
+    for example in (FLIPPER, SPINNER):
+        chain, step = chain_of(example, ROTORS), 1e-5
+        angles = continuum_anti_kink(chain, 20.3)
+        field, first, second = order_field(chain, angles)
+        above, below = (order_field(chain, angles + h)[0] for h in (step, -step))
+        assert first == pytest.approx((above - below) / (2 * step), abs=1e-8)
+        assert second == pytest.approx((above - 2 * field + below) / step**2, abs=1e-4)
+
+
+def test_no_other_state_with_the_same_order_field_costs_less() -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    scale = chain.stiffness * chain.spacing**2
+    _, states = anti_kink_path(chain, BEGIN)
+
+    def cost(inner: Array, whole: Array) -> tuple[float, Array]:
+        angles = np.concatenate([whole[:1], inner, whole[-1:]])
+        torques = -chain.spring_torques(angles)[1:-1]
+        return float(chain.elastic_energy(angles)) / scale, torques / scale
+
+    def beside(inner: Array, whole: Array) -> float:
+        angles = np.concatenate([whole[:1], inner, whole[-1:]])
+        return float((order_field(chain, angles)[0] - order_field(chain, whole)[0]).sum())
+
+    for state in states[::20]:
+        start = state[1:-1] + 0.01 * np.random.default_rng(1).standard_normal(ROTORS - 2)
+        held = {'type': 'eq', 'fun': beside, 'args': (state,)}
+        found = minimize(cost, start, (state,), jac=True, constraints=held, tol=1e-12)
+        assert found.success
+        assert found.x == pytest.approx(state[1:-1], abs=1e-4)
+        assert found.fun == pytest.approx(float(chain.elastic_energy(state)) / scale, rel=1e-6)
+
+
+def test_an_anti_kink_is_the_same_two_rotors_further_and_its_arc_grows_evenly() -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    places, states = anti_kink_path(chain, BEGIN)
+    assert (places[0], places[-1]) == (BEGIN, BEGIN + 2)
+    assert states[-1][4:] == pytest.approx(states[0][2:-2], abs=1e-6)
+    arcs = np.linalg.norm(np.diff(states, axis=0), axis=1)
+    assert arcs / np.diff(places) == pytest.approx(arcs.sum() / 2)
+
+
+def test_an_anti_kink_that_cannot_be_led_from_site_to_site_is_told() -> None:
+    with pytest.raises(ArithmeticError, match='is pinned: it cannot be led'):
+        anti_kink_path(chain_of(SPINNER, ROTORS), BEGIN)
