@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.angle_frame import AngleFrame, check_picture, no_rotors
 from soliton_linkage.vision.dots import Dots, Picture, find_dots
+from soliton_linkage.vision.errors.repeats import Repeats
+from soliton_linkage.vision.errors.scatter import Scatter, Sightings
 from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.identities import NOBODY, identified
 from soliton_linkage.vision.layout import DOT_SHARE, MarkerLayout
@@ -27,9 +29,7 @@ from soliton_linkage.vision.lens.camera import Camera
 from soliton_linkage.vision.lens.plane import ChainPlane
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.pivots import Pivots
-from soliton_linkage.vision.repeats import Repeats
 from soliton_linkage.vision.rotor_tracks import RotorTracks
-from soliton_linkage.vision.scatter import Scatter
 
 _SLACK = 0.7
 """By which distances of dots in pictures are uncertain when they are identified [pixels]."""
@@ -45,8 +45,8 @@ class AngleCamera:
         self.frame_markers = FrameMarkers(layout, camera)
         self.pivots = Pivots(layout)
         self.tracks = RotorTracks(layout)
-        self.scatter = Scatter()
-        self.repeats = Repeats(layout.chain.number_of_rotors)
+        self.scatter = Scatter(layout.chain.number_of_rotors)
+        self.repeats = Repeats()
         self._before = 0.0
         self._layout, self._camera = layout, camera
         self._rotors = layout.chain.number_of_rotors
@@ -103,20 +103,19 @@ class AngleCamera:
         angles = self.tracks.unwrapped(times, np.arctan2(arms[:, 0], arms[:, 1]))
         self.tracks.take(times, angles)
         repeated = self.repeats.look(grey, pixels, self._radius / DOT_SHARE)
-        jumps, runs = self.repeats.jumps(angles, repeated)
         radial, turning = np.full((2, self._rotors), np.nan)
         radial[seen], turning[seen] = self._pixel_errors(
             plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
         )
-        deviations = self._deviations(time, arms, radial, turning, repeated)
-        jumped = np.isfinite(jumps)
-        self.scatter.take_jumps((jumps / turning)[jumped], runs[jumped])
+        at_stamp = self._at(time + self._delay, times, angles)
+        factors = self.scatter.look(
+            self._sightings(time, at_stamp, arms, radial, turning, repeated)
+        )
         self.tracks.measure(self.pivots.places, np.where(repeated[:, None], np.nan, masses))
         _, _, unsure = self.tracks.motion()
-        deviations = np.hypot(deviations, unsure * (time + self._delay - times))
+        deviations = np.hypot(factors * turning, unsure * (time + self._delay - times))
         hidden = int(self._rotors - seen.sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
-        at_stamp = self._at(time + self._delay, times, angles)
         known = np.where(self.pivots.known[:, None], self._pivot_pixels, np.nan)
         of_frame = self.frame_markers.places
         return AngleFrame(self._delay, at_stamp, deviations, pixels, known, of_frame, status)
@@ -148,23 +147,23 @@ class AngleCamera:
         )
         return radial, turning / lengths
 
-    def _deviations(
+    def _sightings(
         self,
         time: float,
+        angles: Array,
         arms: Array,
         radial: Array,
         turning: Array,
         repeated: NDArray[np.bool_],
-    ) -> Array:
-        """Standard deviation of the angles [rad] by pixels and by how dots scatter, shape (N,)."""
+    ) -> Sightings:
+        """What is shown at the time of a picture [s] of arms [m], (N, 2)."""
         lengths = np.hypot(arms[:, 0], arms[:, 1])
         errors = self.tracks.length_errors(lengths) / radial
         rates, _, _ = self.tracks.motion()
-        ways = np.abs(rates) * (time - self._before) * lengths / self._metres
+        pixels = lengths / self._metres
+        ways = np.abs(rates) * (time - self._before) * pixels
         self._before = time
-        told = np.isfinite(errors) & ~repeated
-        self.scatter.take(errors[told], ways[told])
-        return np.asarray(self.scatter.factors(ways, repeated) * turning)
+        return Sightings(time + self._delay, angles, turning, errors, pixels, ways, repeated)
 
     def _dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
         """Dots of the picture, each with the way that the nearest expected one has gone."""
