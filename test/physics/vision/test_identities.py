@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
@@ -49,6 +50,25 @@ def test_a_rotor_without_a_dot_has_none_and_takes_that_of_nobody_else() -> None:
     kept = [0, 1, 3, 4]
     chosen = identified(np.stack([masses[kept]] * 2), np.full(4, 1e-3), costs[kept], expected)
     assert list(chosen) == [0, 1, NOBODY, 2, 3]
+
+
+def test_a_pivot_is_no_mass_that_is_hidden_nor_hides_one_that_passes_before_it() -> None:
+    """Where films blur colours, a black dot has some of that of its neighbours."""
+    masses, costs, expected = scene()
+    angles = expected.angles.copy()
+    angles[2] = np.pi / 2 - 0.05
+    before = replace(
+        expected,
+        angles=angles,
+        bonds=0 * expected.bonds + 0.2,
+        bond_deviations=0.1 + 0 * expected.bonds,
+    )
+    masses[2] = before.pivots[4]
+    passing = identified(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
+    assert list(passing) == list(range(ROTORS))
+    costs[2] = 9.7
+    hidden = identified(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
+    assert list(hidden) == [0, 1, NOBODY, 3, 4]
 
 
 def test_without_dots_nobody_has_one() -> None:

@@ -3,9 +3,9 @@
 
 A dot is rotor n's the likelier, the nearer it is to n's circle, to where n is expected and to n's
 colour; and two dots are neighbours' the likelier, the nearer their distance is to the length of
-the bond between. That is a hidden Markov model along the chain whose states are the dots that come
-into question, and none; Viterbi's algorithm finds its likeliest sequence. Costs are minus twice a
-log likelihood.
+the bond between; where a pivot is, a dot is rather the pivot's. That is a hidden Markov model
+along the chain whose states are the dots that come into question, and none; Viterbi's algorithm
+finds its likeliest sequence. Costs are minus twice a log likelihood.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ _MOST_UNEXPECTED = 30.0
 _MOST_STRETCHED = 12.0
 """Cost of a bond of an impossible length [1], less than that of a rotor that is hidden: with one
 neighbour wrong a rotor is still right."""
+
+_PIVOTS = 8.0
+"""Cost of a dot where a pivot is [1]: of fifty to be seen there, one is of a mass before it."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,15 @@ def _own_costs(
     )
     costs = misfit**2 + np.minimum((away / angle_deviations) ** 2, _MOST_UNEXPECTED)
     costs += colour_costs[:, expected.colours].T
+    costs += _PIVOTS * _are_at_pivots(places, place_deviations, expected.pivots)
     return np.asarray(np.where(np.abs(misfit) < 4.0, costs, np.inf))
+
+
+def _are_at_pivots(places: Array, place_deviations: Array, pivots: Array) -> NDArray[np.bool_]:
+    """Which dots are where pivots are known to be, shape (K,)."""
+    parity = np.arange(len(pivots)) % 2
+    apart = np.hypot(*(places[parity] - pivots[:, None]).transpose(2, 0, 1))
+    return np.asarray((apart < place_deviations).any(axis=0))
 
 
 def _bond_costs(where: Array, expected: Expectation) -> Array:
