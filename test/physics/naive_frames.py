@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from soliton_linkage.estimation.loops.frame_loops import LARGEST_ANGLE
-from soliton_linkage.estimation.loops.state_loops import Energy
+from soliton_linkage.estimation.loops.state_loops import Energy, Shape, Sides
 from soliton_linkage.linkage.chain import Array, springs_between, wrapped
 
 LEAST_LOGARITHM = -600.0
@@ -63,9 +63,9 @@ def products_in_time(
 
 
 def of_angles(
-    angles: Array, sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+    angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    sines[:], cosines[:] = np.sin(angles), np.cos(angles)
+    sines, cosines = np.sin(angles), np.cos(angles)
     count = rows.shape[1]
     lengths, of_springs = parameters[0], parameters[1:, :count]
     h, v = lengths * sines, lengths * cosines
@@ -108,27 +108,7 @@ def kinetic(
     return float(energies.sum()), wake, noise * math.sqrt(4 * known + 2 * noise**2 * squares)
 
 
-def energies(
-    rows: Array,
-    half: Array,
-    lefts: Array,
-    rights: Array,
-    periodic: bool,
-    noise: float,
-    inertias: Array,
-    noisy: Array,
-    rates: Array,
-    rate_noise: float,
-    walls: Array,
-    reach: float,
-) -> tuple[Energy, Energy]:
-    of_springs = elastic(rows, half, lefts, rights, periodic, noise, walls, reach)
-    return of_springs, kinetic(inertias, noisy, rates, rate_noise, walls, reach)
-
-
-def topology(
-    rows: Array, before: int, beyond: int, domain: float
-) -> tuple[float, float, int, int, float]:
+def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     first, second = rows[1] ** 2, rows[2] ** 2
     strengths = (first - second) / np.maximum(first + second, TINY)
     domains = np.sign(strengths[np.abs(strengths) > domain])
@@ -139,6 +119,34 @@ def topology(
     squares = np.exp(np.maximum(logarithms, LEAST_LOGARITHM))
     centre = float(np.arange(len(squares)) @ squares) / float(squares.sum())
     return float(strengths[:before].sum()), float(strengths[beyond:].sum()), *ends, centre
+
+
+def report(
+    angles: Array,
+    parameters: Array,
+    periodic: bool,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    noise: float,
+    inertias: Array,
+    noisy: Array,
+    rates: Array,
+    rate_noise: float,
+    walls: Array,
+    reach: float,
+    before: int,
+    beyond: int,
+    domain: float,
+) -> tuple[Shape, Sides, Energy, Energy]:
+    rows = np.empty((3, len(half)))
+    stands = of_angles(angles, parameters, periodic, rows)
+    return (
+        (*stands, float(rows[1, 0]), float(rows[2, -1])),
+        topology(rows, before, beyond, domain),
+        elastic(rows, half, lefts, rights, periodic, noise, walls, reach),
+        kinetic(inertias, noisy, rates, rate_noise, walls, reach),
+    )
 
 
 def joint(lefts: Array, rights: Array, periodic: bool) -> float:

@@ -280,14 +280,13 @@ def flipping_of(left: float, right: float, variance: float, strongest: float) ->
 def observe(
     settings: Records,
     angles: Array,
-    sines: Array,
-    cosines: Array,
     noise: float,
     flipping: float,
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
     of_frame = np.zeros((3, 3))
+    sines, cosines = np.sin(angles), np.cos(angles)
     place, more, lean = evidence(settings, angles, sines, cosines, noise, of_frame)
     weights = np.array([tails[0, 0], of_frame[0, 0] + 1e-300])
     known = np.isfinite([rest_angle, lean])

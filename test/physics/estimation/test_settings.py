@@ -25,7 +25,7 @@ from soliton_linkage.estimation.settings import (
     TrackingSettings,
     WobbleSettings,
 )
-from soliton_linkage.estimation.state_report import FrameState, StateReporter
+from soliton_linkage.estimation.state_report import StateReporter
 from soliton_linkage.estimation.wobble import RestingWall, WobbleReporter
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import described_fields
@@ -120,9 +120,8 @@ def test_the_weights_of_a_frame_follow_their_settings() -> None:
 
 def test_the_reach_of_a_wall_and_its_tails_follow_their_settings() -> None:
     angles = noisy_wall()
-    state = FrameState(CHAIN, angles)
     wakes = [
-        StateReporter(CHAIN, settings).energies(state, [19.3]).elastic_wake
+        StateReporter(CHAIN, settings).report(angles, [19.3]).energies.elastic_wake
         for settings in (ReportSettings(), ReportSettings(reach_in_depths=0, reach_beside=0))
     ]
     assert wakes[0] < wakes[1]

@@ -17,7 +17,7 @@ from mpmath import mp, mpf
 from scipy.integrate import quad
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.estimation.state_report import FrameState, StateReporter
+from soliton_linkage.estimation.state_report import StateReporter
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
@@ -382,7 +382,7 @@ def test_a_wall_deviates_from_a_tanh_as_d_cubed(lean_ratio: float, rest_angle: f
 def shown_leg(chain: Chain, angles: Array, place: float, turned: bool) -> int:
     """Leg by the edge rotors that have toggled or the side on which a wall's rotors turn over."""
     if chain.motion is not Motion.SPINNER:
-        toggled = StateReporter(chain).edge_rotors(FrameState(chain, angles)).toggled
+        toggled = StateReporter(chain).report(angles, place).edge_rotors.toggled
         return [(False, False), (False, True), (True, True), (True, False)].index(toggled)
     lean, rotor = -1 if turned else 1, round(place)
     sine = math.sin(float(staggered(angles)[rotor]) - lean * chain.rest_angle)

@@ -21,7 +21,7 @@ from soliton_linkage.estimation.completed_frame import (
 )
 from soliton_linkage.estimation.frame_clock import FrameClock
 from soliton_linkage.estimation.loops.frame_loops import all_within
-from soliton_linkage.estimation.motion_class import MotionClass, MotionObserver
+from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus, lost
 from soliton_linkage.estimation.places.pushes import Push, WaitingPushes
@@ -30,11 +30,10 @@ from soliton_linkage.estimation.rate_noise import RateNoise
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.state_report import (
     ArcRate,
-    Energies,
     FrameErrors,
     FrameState,
+    StateReport,
     StateReporter,
-    Topology,
 )
 from soliton_linkage.estimation.wall_width import TheoryWidth, WidthReporter
 from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
@@ -166,20 +165,22 @@ class Analyser:
         estimate, frame = self._read(angles, rates, deviations, self._pushes.due(stamp))
         errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
-        state = None if unknown else FrameState(self.chain, frame.angles)
+        known = None if unknown else frame.angles
         alone = self._is_alone(estimate, frame)
-        solitons, events, status = self._solitons(frame, state, estimate, alone, errors)
+        solitons, events, status = self._solitons(frame, known, estimate, alone, errors)
+        report = None if unknown else self._report(frame, estimate, solitons, errors)
+        whole = frame.placed or not frame.number_filled
         return Analysis(
             motion=self.chain.motion,
-            measured_motion=self._measured_motion(state, frame, errors.noise),
+            measured_motion=self._observer.observe(frame.seen, errors.noise),
             status=status,
             estimate=estimate,
             cycle=cycle_phase(estimate, self._filter.orbit if self._filter else None),
             solitons=solitons,
             events=events,
-            topology=self._topology(state, solitons),
-            edge_rotors=None if state is None else self._reporter.edge_rotors(state),
-            energies=self._energies(state, frame, estimate, solitons, errors),
+            topology=report.topology if report else None,
+            edge_rotors=report.edge_rotors if report else None,
+            energies=report.energies if report and whole else None,
             wobble=self._wobble(frame, estimate, errors) if alone and solitons else None,
             unseen=frame.number_filled,
         )
@@ -227,13 +228,6 @@ class Analyser:
             unseen=frame.filled if frame.number_filled else None,
         )
 
-    def _measured_motion(
-        self, state: FrameState | None, frame: CompletedFrame, noise: float
-    ) -> MotionClass:
-        if state is not None and not frame.number_filled:
-            return self._observer.observe_sines(state.sines, noise)
-        return self._observer.observe(frame.seen, noise)
-
     def _soliton(self, track: WallTrack, width: tuple[float, float]) -> AnalysedSoliton:
         """A wall that is followed, with its width and the deviation of that [m]."""
         spacing = self.chain.spacing
@@ -269,19 +263,20 @@ class Analyser:
     def _solitons(
         self,
         frame: CompletedFrame,
-        state: FrameState | None,
+        known: Array | None,
         estimate: OrbitEstimate,
         alone: bool,
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...], TrackingStatus]:
         """Walls of a frame, of which one that is alone is placed on the orbit, events, status."""
-        seen = WallFrame(self._reporter, self._walls.line, state, frame.rates, errors)
+        seen = WallFrame(self._reporter, self._walls.line, known, frame.rates, errors)
         if alone:
             tracks, events = self._walls.on_orbit(estimate, seen)
             found = [self._soliton(track, self._width(estimate, frame)) for track in tracks]
             return tuple(found), tuple(events), estimate.status
-        if state is None or frame.number_filled == len(frame.filled):
+        if known is None or frame.number_filled == len(frame.filled):
             return (), (), estimate.status
+        state = FrameState(self.chain, known)
         tracks, events = self._walls.beside_orbit(self._clock.time, state, frame.seen, seen)
         status = tracks[0].status if tracks else estimate.status
         found = [
@@ -289,29 +284,21 @@ class Analyser:
         ]
         return tuple(found), tuple(events), status
 
-    def _topology(
-        self, state: FrameState | None, solitons: tuple[AnalysedSoliton, ...]
-    ) -> Topology | None:
-        if state is None or self.chain.periodic:
-            return None
-        return self._reporter.topology(state, [each.rotor for each in solitons])
-
-    def _energies(
+    def _report(
         self,
-        state: FrameState | None,
         frame: CompletedFrame,
         estimate: OrbitEstimate,
         solitons: tuple[AnalysedSoliton, ...],
         errors: FrameErrors,
-    ) -> Energies | None:
-        if state is None or (frame.number_filled and not frame.placed):
-            return None
+    ) -> StateReport:
+        """What a frame shows of which all angles are known."""
         rates: Array | ArcRate | None = frame.rates
         known = frame.placed and estimate.rate_deviation < abs(estimate.rate)
         if rates is None and known and self._filter is not None:
             free = self._filter.orbit.free_rate(estimate.arc)
             rates = ArcRate(estimate.rate / free, estimate.rate_deviation / free)
-        return self._reporter.energies(state, [each.rotor for each in solitons], rates, errors)
+        places = [each.rotor for each in solitons]
+        return self._reporter.report(frame.angles, places, rates, errors)
 
     def _wobble(
         self, frame: CompletedFrame, estimate: OrbitEstimate, errors: FrameErrors

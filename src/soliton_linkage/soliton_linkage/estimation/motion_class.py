@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.estimation.loops import tail_loops
-from soliton_linkage.estimation.loops.frame_loops import FrameSines, sines_of
 from soliton_linkage.estimation.settings import DEFAULTS, MotionSettings
 from soliton_linkage.linkage.chain import Array, Motion
 
@@ -107,20 +106,15 @@ class MotionObserver:
         what the uniform parts show. Raises ValueError for a noise that is negative or not finite,
         and for angles that are not one row.
         """
-        if np.ndim(angles) != 1:
-            raise ValueError(
-                f'angles of shape {np.shape(angles)} must be one row, an angle a rotor'
-            )
+        angles = np.asarray(angles, dtype=np.float64, order='C')
+        if angles.ndim != 1:
+            raise ValueError(f'angles of shape {angles.shape} must be one row, an angle a rotor')
         if not (math.isfinite(noise) and noise >= 0):
             raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
-        return self.observe_sines(sines_of(np.ascontiguousarray(angles, dtype=np.float64)), noise)
-
-    def observe_sines(self, frame: FrameSines, noise: float) -> MotionClass:
-        """The same of a frame whose sines and cosines are known."""
         before, tails = self.evidence, self.evidence.tails.copy()
         found, ratio = tail_loops.observe(
             self._settings.record,
-            *frame,
+            angles,
             noise,
             before.flipping,
             before.rest_angle,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soliton_linkage.estimation.loops import state_loops
-from soliton_linkage.estimation.loops.frame_loops import Flags, FrameSines
+from soliton_linkage.estimation.loops.frame_loops import Flags
 from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
@@ -82,6 +82,15 @@ class EdgeRotors(NamedTuple):
     turns: tuple[float, float]
 
 
+class StateReport(NamedTuple):
+    """What a state shows."""
+
+    topology: Topology | None
+    """None for periodic ends, which have no two sides."""
+    edge_rotors: EdgeRotors
+    energies: Energies
+
+
 class FrameErrors(NamedTuple):
     """What is known of the errors of a frame.
 
@@ -115,21 +124,22 @@ class ArcRate(NamedTuple):
 
 
 EXACT = FrameErrors()
+_NO_TURNS = (math.nan, math.nan)
+"""Of the edge rotors of flippers."""
 
 
 class FrameState:
-    """A configuration of a chain, with what its quantities have in common computed once."""
+    """A configuration of a chain and its springs, where more is asked of it than a report."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
         """Take the angles [rad], shape (N,); raises ValueError where they do not fit."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
-        self.sines = FrameSines(self.angles, *np.empty((2, chain.number_of_rotors)))
         self.springs: Array = np.empty((3, chain.number_of_springs))
         """Extensions [m] and levers A and B [m/rad] of the springs, shape (3, springs)."""
         self.twists, self.upright = state_loops.of_angles(
-            *self.sines, chain.spring_parameters, chain.periodic, self.springs
+            self.angles, chain.spring_parameters, chain.periodic, self.springs
         )
         if not math.isfinite(self.twists):
             chain.check_angles(self.angles)
@@ -175,84 +185,93 @@ class StateReporter:
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
         self._last_sign = 1 if chain.number_of_rotors % 2 else -1
 
-    def energies(
+    def report(
         self,
-        state: FrameState,
+        angles: ArrayLike,
         places: ArrayLike,
         rates: Array | ArcRate | None = None,
         errors: FrameErrors = EXACT,
-    ) -> Energies:
-        """Energies of a state [J]; spring n, with (k_e / 2) (l_n - lbar)^2, counts at n + 1/2.
+    ) -> StateReport:
+        """What angles [rad], shape (N,), show; raises ValueError where they do not fit.
 
-        Noise adds (k_e / 2) (A_n^2 + B_n^2) sigma^2 to the energy of a spring and (I / 2)
-        sigma_rate^2 to that of a rotor, which are taken off, so that energies near 0 may come
-        out negative. Without walls all is wake. Rates are those of the rotors [rad/s], shape
-        (N,), or that of the arc, which tells the kinetic energy (I / 2) rate^2 but not that of
-        the wake. A rotor that was not seen may hide as much energy as the noise and
-        what the orbit leaves of the others would give it; the deviations count it in full.
+        Energies are in J; spring n, with (k_e / 2) (l_n - lbar)^2, counts at n + 1/2. Noise adds
+        (k_e / 2) (A_n^2 + B_n^2) sigma^2 to the energy of a spring and (I / 2) sigma_rate^2 to
+        that of a rotor, which are taken off, so that energies near 0 may come out negative.
+        Without walls all is wake. Rates are those of the rotors [rad/s], shape (N,), or that of
+        the arc, which tells the kinetic energy (I / 2) rate^2 but not that of the wake. A rotor
+        that was not seen may hide as much energy as the noise and what the orbit leaves of the
+        others would give it; the deviations count it in full.
+
+        A side's winding number is that of the uniform state that leans as it does on the mean of
+        its bonds; a side without bonds counts as the nearest of them.
         """
+        chain, walls = self.chain, _finite(places)
+        state = np.ascontiguousarray(angles, dtype=np.float64)
+        check_shape(state, chain.number_of_rotors)
         half = left = right = self._half_stiffnesses
         noisy, noise = self._half_inertias, errors.known_rate_noise
-        unseen, hidden = _some(errors.unseen), (0.0, 0.0)
+        unseen = _some(errors.unseen)
         if unseen is not None:
-            hidden = self._hidden(state, errors, unseen)
             seen = ~unseen
             left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
             noisy = np.where(unseen, 0.0, noisy)
         of_rotors = self._at_rest
         if not (rates is None or isinstance(rates, ArcRate)):
             of_rotors = np.ascontiguousarray(rates, dtype=np.float64)
-        check_shape(of_rotors, self.chain.number_of_rotors, 'rate')
-        elastic, kinetic = state_loops.energies(
-            state.springs,
+        check_shape(of_rotors, chain.number_of_rotors, 'rate')
+        before, beyond = self._bonds_beside(walls)
+        shape, sides, elastic, kinetic = state_loops.report(
+            state,
+            chain.spring_parameters,
+            chain.periodic,
             half,
             left,
             right,
-            self.chain.periodic,
             errors.noise,
             self._half_inertias,
             noisy,
             of_rotors,
             noise,
-            self._walls(places),
+            self._between(walls),
             self._reach,
+            before,
+            beyond,
+            self._domain * self._uniform,
         )
+        if not math.isfinite(shape[0]):
+            chain.check_angles(state)
         if not math.isfinite(kinetic[0]):
-            self.chain.check_angles(of_rotors, 'rate')
+            chain.check_angles(of_rotors, 'rate')
         if rates is None or isinstance(rates, ArcRate):
             kinetic = self._of_arc(rates)
         elif noise != errors.rate_noise:
             kinetic = *kinetic[:2], math.nan
         if unseen is not None:
+            hidden = self._hidden(FrameState(chain, state), errors, unseen)
             elastic = *elastic[:2], math.hypot(elastic[2], hidden[0])
             kinetic = *kinetic[:2], math.hypot(kinetic[2], hidden[1])
-        return Energies(kinetic[0], elastic[0], kinetic[1], elastic[1], kinetic[2], elastic[2])
-
-    def topology(self, state: FrameState, places: ArrayLike) -> Topology:
-        """Topology of a state.
-
-        A side's winding number is that of the uniform state that leans as it does on the mean of
-        its bonds; a side without bonds counts as the nearest of them. Raises ValueError for
-        periodic ends.
-        """
-        walls = _finite(places)
-        if self.chain.periodic:
-            raise ValueError(
-                'a chain with periodic ends has no topology of two sides; free its ends'
-            )
-        bonds = self.chain.number_of_springs
-        first, last = (min(walls), max(walls)) if walls else (math.inf, -math.inf)
-        before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
-        beyond = math.ceil(max(min(last - 0.5, bonds - 1.0), 0.0))
-        left, right, at_first, at_last, centre = state_loops.topology(
-            state.springs, before, beyond, self._domain * self._uniform
+        return StateReport(
+            None if chain.periodic else self._topology(sides, before, beyond),
+            self._edge_rotors(state, shape),
+            Energies(kinetic[0], elastic[0], kinetic[1], elastic[1], kinetic[2], elastic[2]),
         )
+
+    def _bonds_beside(self, walls: list[float]) -> tuple[int, int]:
+        """Number of bonds before the first wall, and of the first beyond the last."""
+        bonds = self.chain.number_of_springs
+        first, last = (walls[0], walls[-1]) if walls else (math.inf, -math.inf)
+        before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
+        return before, math.ceil(max(min(last - 0.5, bonds - 1.0), 0.0))
+
+    def _topology(self, sides: state_loops.Sides, before: int, beyond: int) -> Topology:
+        left, right, at_first, at_last, centre = sides
+        bonds = self.chain.number_of_springs
         means = left / (before * self._uniform), right / ((bonds - beyond) * self._uniform)
         windings = self._windings[means[0] > 0], self._windings[means[1] > 0]
         charge = int(at_first > 0) - int(at_last > 0)
         return Topology(means, windings, charge, centre)
 
-    def edge_rotors(self, state: FrameState) -> EdgeRotors:
+    def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """States of the edge rotors.
 
         A flipper's edge rotor toggles by passing the line from its pivot to its neighbour's
@@ -261,16 +280,16 @@ class StateReporter:
         in its angle from theta = theta_bar, or from -theta_bar in the family of states that has
         no such state: half a turn in each passage of a wall.
         """
-        chain, angles = self.chain, state.angles
+        chain = self.chain
+        twists, upright, at_first, at_last = shape
         if chain.motion is Motion.SPINNER:
-            rest = math.copysign(chain.rest_angle, state.twists if state.twists else -1.0)
+            rest = math.copysign(chain.rest_angle, twists if twists else -1.0)
             last_rest = rest if chain.number_of_rotors % 2 else math.pi - rest
             turned = float(angles[0]) - rest, float(angles[-1]) - last_rest
             return EdgeRotors(None, (turned[0] / (2 * math.pi), turned[1] / (2 * math.pi)))
-        upright = -1 if state.upright < 0 else 1
-        at_first = float(state.first[0]) * upright * (1 if chain.lean_ratio > 1 else -1)
-        at_last = float(state.second[-1]) * upright * self._last_sign
-        return EdgeRotors((at_first < 0, at_last < 0), (math.nan, math.nan))
+        stands = -1 if upright < 0 else 1
+        at_first *= stands * (1 if chain.lean_ratio > 1 else -1)
+        return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None) -> state_loops.Energy:
         """Kinetic energy of a chain of which no rotor's rate is known [J]."""
@@ -291,9 +310,8 @@ class StateReporter:
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
         return elastic, float(self._half_inertias[unseen].sum()) * errors.known_rate_noise**2
 
-    def _walls(self, places: ArrayLike) -> Array:
-        """Places of walls that grow, and what is next beyond either end of the chain."""
-        walls = sorted(_finite(places))
+    def _between(self, walls: list[float]) -> Array:
+        """Places of walls, which grow, and what is next beyond either end of the chain."""
         before, beyond = -math.inf, math.inf
         if self.chain.periodic and walls:
             rotors = self.chain.number_of_rotors
@@ -302,9 +320,9 @@ class StateReporter:
 
 
 def _finite(places: ArrayLike) -> list[float]:
-    """Places of walls as a list, without those that are not finite."""
+    """Places of walls in their order, without those that are not finite."""
     given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
-    return [place for place in given if math.isfinite(place)]
+    return sorted(place for place in given if math.isfinite(place))
 
 
 def _some(flags: Flags | None) -> Flags | None:

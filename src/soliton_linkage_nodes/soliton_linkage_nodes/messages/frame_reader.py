@@ -67,7 +67,8 @@ class FrameReader:
 
     def _ordered(self, values: Array) -> Array:
         values = values.copy()
-        if not np.abs(values).max(initial=0.0) <= LARGEST_ANGLE:
+        # By the sum of squares none is too large in most frames, at a fifth of the cost.
+        if not values.dot(values) <= LARGEST_ANGLE**2:
             values[~(np.abs(values) <= LARGEST_ANGLE)] = np.nan
         if self._as_they_are:
             return values

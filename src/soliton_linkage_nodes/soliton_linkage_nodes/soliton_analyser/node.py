@@ -175,7 +175,8 @@ class SolitonAnalyser(ManagedNode):
             self.diagnostics.refuse('joint_states', error)
             return
         if analysis is not None:
-            self._publisher.publish(serialized_state(analysis, joints))
+            if self._publisher.get_subscription_count():
+                self._publisher.publish(serialized_state(analysis, joints))
             for event in events_to_msgs(analysis, joints, self._analysis.spacing):
                 self._events.publish(event)
             self._frames += 1

@@ -145,7 +145,6 @@ def of_springs(random: np.random.Generator) -> list[Case]:
     for periodic in (False, True):
         chain = Chain(number_of_rotors=ROTORS, periodic=periodic)
         angles = np.nan_to_num(angles_of(random))
-        sides = np.empty((2, ROTORS))
         springs = chain.number_of_springs
         rows, half = np.array(chain.springs(angles)), random.random(springs)
         seen = half * flags(random, 0.8, springs)
@@ -153,7 +152,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
         ends = np.array([-math.inf, 20.3, 31.8, math.inf])
         ring = np.array([-28.2, 20.3, 31.8, 80.3])
         cases += [
-            ('of_angles', (angles, *sides, chain.spring_parameters, periodic, empty)),
+            ('of_angles', (angles, chain.spring_parameters, periodic, empty)),
             *[
                 ('elastic', (rows, half, seen, half, periodic, 0.01, walls, reach))
                 for walls in (ends, ends[[0, 3]], ring)
@@ -161,6 +160,7 @@ def of_springs(random: np.random.Generator) -> list[Case]:
             ],
         ]
     rates = random.standard_normal(ROTORS)
+    bars = angles, chain.spring_parameters, True
     rows = rows * np.where(np.arange(springs) // 4 == 5, [[1.0], [1e-200], [1e200]], 1.0)
     far = np.exp(np.cumsum(random.standard_normal(2000)))
     long = np.array([far, far, far * np.where(np.arange(2000) % 700 < 350, 8.0, 0.125)])
@@ -170,7 +170,10 @@ def of_springs(random: np.random.Generator) -> list[Case]:
             ('kinetic', (rates**2, np.abs(rates), rates, 0.3, walls, 4.2))
             for walls in (ends, ends[[0, 3]], ring)
         ],
-        ('energies', (rows, half, *(half,) * 2, True, 0.1, *(rates**2,) * 3, 0.2, ring, 4.2)),
+        (
+            'report',
+            (*bars, *(half,) * 3, 0.1, *(rates**2,) * 2, rates, 0.2, ring, 4.2, 20, 33, 0.4),
+        ),
         ('topology', (np.ascontiguousarray(rows[:, :-1]), 20, 33, 0.4)),
         ('topology', (long, 900, 900, 0.4)),
         ('topology', (np.zeros((3, 5)), 2, 3, 0.4)),
@@ -226,8 +229,8 @@ def of_motion(random: np.random.Generator) -> list[Case]:
     one = factors @ factors.T
     return [
         *[
-            ('observe', (settings, each, *sides, 0.01, 29.0, lean, one))
-            for each, sides in ((angles, (sines, cosines)), (spun, (np.sin(spun), np.cos(spun))))
+            ('observe', (settings, each, 0.01, 29.0, lean, one))
+            for each in (angles, spun)
             for lean in (0.9, math.nan)
         ],
         ('bond_of_wall', (sines,)),
@@ -337,8 +340,7 @@ def test_springs_are_those_of_the_chain(periodic: bool) -> None:
     chain = Chain(number_of_rotors=12, periodic=periodic, deviations=deviations)
     angles = np.random.default_rng(2).uniform(-4, 4, 12)
     rows = np.empty((3, chain.number_of_springs))
-    sides = np.empty((2, len(angles)))
-    state_loops.of_angles(angles, *sides, chain.spring_parameters, periodic, rows)
+    state_loops.of_angles(angles, chain.spring_parameters, periodic, rows)
     assert rows == pytest.approx(np.array(chain.springs(angles)), rel=1e-12, abs=1e-15)
 
 

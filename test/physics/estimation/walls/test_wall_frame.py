@@ -19,7 +19,7 @@ SPINNER = Chain(80, rotor_length=0.2, rest_angle=1.18)
 
 def frame_of(chain: Chain, angles: Array, rates: Array | None) -> WallFrame:
     line = WallLine(chain, DEFAULTS.walls, DEFAULTS.report)
-    return WallFrame(StateReporter(chain), line, FrameState(chain, angles), rates, EXACT)
+    return WallFrame(StateReporter(chain), line, angles, rates, EXACT)
 
 
 def near(where: Array, places: list[float], reach: float) -> Array:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +20,6 @@ _WHOLE = 2 * math.pi
 """A turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
 """One radian in turns [1/rad]."""
-
-
-class FrameSines(NamedTuple):
-    """Actual angles of a frame [rad], NaN where unknown, sines and cosines, shape (N,) each."""
-
-    angles: Array
-    sines: Array
-    cosines: Array
-
-
-def sines_of(angles: Array) -> FrameSines:
-    """Sines and cosines of the angles of a frame [rad], contiguous, shape (N,)."""
-    return FrameSines(angles, np.sin(angles), np.cos(angles))
 
 
 def _wrapped(angle: float) -> float:

@@ -10,11 +10,15 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, TABLE, YES, compiled
+from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, YES, compiled
 from soliton_linkage.linkage.chain import Array
 
 Energy = tuple[float, float, float]
 """An energy, its part in the wake, and the deviation of the whole [J]."""
+Shape = tuple[float, float, float, float]
+"""How rotors twist and stand [1], lever A of the first spring and B of the last [m/rad]."""
+Sides = tuple[float, float, int, int, float]
+"""As `topology` returns them."""
 
 _TINY = float(np.finfo(np.float64).tiny)
 """Smallest number that is not subnormal [1], which keeps quotients finite."""
@@ -40,11 +44,11 @@ def _spring(
     rows[2, n] = (v_next * across - h_next * up) / divisor
 
 
-@compiled(READ, ROW, ROW, READ_TABLE, YES, TABLE)
+@compiled(READ, READ_TABLE, YES, TABLE)
 def of_angles(
-    angles: Array, sines: Array, cosines: Array, parameters: Array, periodic: bool, rows: Array
+    angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
-    """Set sines and cosines of angles [rad], shape (N,), and the rows of springs.
+    """Set the rows of springs for angles [rad], shape (N,).
 
     Parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`, shape (4, N), of which
     those of springs count as far as there are springs. Returns how the rotors twist and stand,
@@ -52,6 +56,7 @@ def of_angles(
     rotors, of cos(theta_n).
     """
     rotors = angles.size
+    sines, cosines = np.empty(rotors), np.empty(rotors)
     for n in range(rotors):
         sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
     for n in range(rotors - 1):
@@ -141,33 +146,8 @@ def kinetic(
     return whole, _wake(energies, 0.0, walls, reach), math.sqrt(spread)
 
 
-@compiled(
-    *(READ_TABLE, READ, READ, READ, YES, NUMBER),
-    *(READ, READ, READ, NUMBER, READ, NUMBER),
-)
-def energies(
-    rows: Array,
-    half: Array,
-    lefts: Array,
-    rights: Array,
-    periodic: bool,
-    noise: float,
-    inertias: Array,
-    noisy: Array,
-    rates: Array,
-    rate_noise: float,
-    walls: Array,
-    reach: float,
-) -> tuple[Energy, Energy]:
-    """The `elastic` and the `kinetic` energy of a state in one call."""
-    of_springs = elastic(rows, half, lefts, rights, periodic, noise, walls, reach)
-    return of_springs, kinetic(inertias, noisy, rates, rate_noise, walls, reach)
-
-
 @compiled(READ_TABLE, COUNT, COUNT, NUMBER)
-def topology(
-    rows: Array, before: int, beyond: int, domain: float
-) -> tuple[float, float, int, int, float]:
+def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     """Sums of (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and where the mode sits.
 
     Between the sums and the centre of t_n^2 [rotor spacings] are the signs of the first and the
@@ -196,3 +176,40 @@ def topology(
             squares += share
             moments += (n + 1) * share
     return left, right, first, last, moments / squares
+
+
+@compiled(
+    *(READ, READ_TABLE, YES, READ, READ, READ, NUMBER),
+    *(READ, READ, READ, NUMBER, READ, NUMBER, COUNT, COUNT, NUMBER),
+)
+def report(
+    angles: Array,
+    parameters: Array,
+    periodic: bool,
+    half: Array,
+    lefts: Array,
+    rights: Array,
+    noise: float,
+    inertias: Array,
+    noisy: Array,
+    rates: Array,
+    rate_noise: float,
+    walls: Array,
+    reach: float,
+    before: int,
+    beyond: int,
+    domain: float,
+) -> tuple[Shape, Sides, Energy, Energy]:
+    """All that a state shows in one call, as each costs more to make than to compute.
+
+    Arguments are those of `of_angles`, `elastic`, `kinetic` and `topology`. Returns the shape, and
+    what the others do.
+    """
+    rows = np.empty((3, half.size))
+    twists, upright = of_angles(angles, parameters, periodic, rows)
+    return (
+        (twists, upright, rows[1, 0], rows[2, half.size - 1]),
+        topology(rows, before, beyond, domain),
+        elastic(rows, half, lefts, rights, periodic, noise, walls, reach),
+        kinetic(inertias, noisy, rates, rate_noise, walls, reach),
+    )

@@ -239,12 +239,10 @@ def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[floa
     return ratio, math.sqrt(second / determinant + settings[0]['neglected'] ** 2)
 
 
-@compiled(_NUMBERS, READ, READ, READ, NUMBER, NUMBER, NUMBER, TABLE)
+@compiled(_NUMBERS, READ, NUMBER, NUMBER, NUMBER, TABLE)
 def observe(
     settings: Records,
     angles: Array,
-    sines: Array,
-    cosines: Array,
     noise: float,
     flipping: float,
     rest_angle: float,
@@ -255,6 +253,10 @@ def observe(
     Returns place, flipping and angle at rest, and the `tail_ratio` of all.
     """
     known = tails[0, 0]
+    sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
+    for n in range(angles.size):
+        if math.isfinite(angles[n]):
+            sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
     place, more, lean = evidence(settings, angles, sines, cosines, noise, tails)
     flipping = _limited(flipping + more, settings[0]['strongest'])
     if math.isfinite(lean) and math.isfinite(rest_angle):

@@ -21,31 +21,32 @@ class WallFrame:
         self,
         reporter: StateReporter,
         line: WallLine,
-        state: FrameState | None,
+        angles: Array | None,
         rates: Array | None,
         errors: FrameErrors,
     ) -> None:
-        """Take a state, None where rotors are not known, and its rates [rad/s], shape (N,)."""
+        """Take angles [rad], None where rotors are not known, and rates [rad/s], shape (N,)."""
         self._reporter, self._chain, self._line = reporter, reporter.chain, line
-        self._state, self._rates, self._errors = state, rates, errors
+        self._angles, self._rates, self._errors = angles, rates, errors
 
     def energy(self, places: Sequence[float]) -> float:
         """Energy within reach of walls at places [rotor spacings], less that of the noise [J].
 
         NaN where it cannot be told.
         """
-        if self._state is None or self._rates is None or not np.isfinite(self._rates).all():
+        angles, rates = self._angles, self._rates
+        if angles is None or rates is None or not np.isfinite(rates).all():
             return math.nan
-        return self._reporter.energies(self._state, places, self._rates, self._errors).wall
+        return self._reporter.report(angles, places, rates, self._errors).energies.wall
 
     def swing(self, place: float, lean: int) -> float:
         """Largest swing of a rotor near a place from a uniform state that leans so.
 
         It is over that to the opposite state [1], and 0 where rotors are not known.
         """
-        if self._state is None:
+        if self._angles is None:
             return 0.0
-        field, _ = order_field(self._chain, self._state.angles)
+        field, _ = order_field(self._chain, self._angles)
         near = self._line.numbers(place - self._line.near, place + self._line.near)
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
@@ -55,11 +56,11 @@ class WallFrame:
         Neighbours are less than half a turn apart from how they are in a uniform state. It is 0
         for flippers, and where rotors are not known.
         """
-        chain, line, state = self._chain, self._line, self._state
-        if state is None or chain.motion is not Motion.SPINNER:
+        chain, line, angles = self._chain, self._line, self._angles
+        if angles is None or chain.motion is not Motion.SPINNER:
             return 0
-        family = 1 if state.twists > 0 else -1
+        family = 1 if FrameState(chain, angles).twists > 0 else -1
         middle = left + line.apart(line.between(left, right), left)
         rotors = line.numbers(left - max(line.near, 2.0), middle) % line.rotors
-        steps = np.diff((state.angles - chain.uniform_state(family))[rotors])
+        steps = np.diff((angles - chain.uniform_state(family))[rotors])
         return int(np.sign(np.sum(wrapped(steps))))
