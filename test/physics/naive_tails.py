@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from soliton_linkage.estimation.loops.tail_loops import Records
-from soliton_linkage.estimation.loops.wobble_loops import Overshoot
+from soliton_linkage.estimation.loops.wobble_loops import Lengths, Overshoot
 from soliton_linkage.linkage.chain import Array, staggered, wrapped
 
 LEAST_LEVER = 1e-9
@@ -205,21 +205,22 @@ def half_wavelength(
 
 def wobble(
     settings: Records,
+    bars: Records,
     angles: Array,
     at_rest: Array,
     first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
-    rest_angle: float,
-    length: float,
-    k: float,
-    calm: float,
+    place: float,
     noise: float,
-    error: float,
-) -> tuple[Overshoot, tuple[float, float], tuple[float, float]]:
+    lasting: float,
+) -> tuple[Overshoot, Lengths]:
     given = settings[0]
+    length, spacing, rest_angle, lean_ratio, turns = bars[0]
+    spins = turns > 0
+    k, exact = spacing / length, (1 - lean_ratio) / (1 + lean_ratio)
+    error = math.hypot(noise, lasting)
+    calm = 0.0 if lean_ratio > 1 else max(noise, given['calm'] * rest_angle)
+    low, high = max(first, 1), min(first + len(at_rest), len(angles) - 1)
+    middle = min(max(math.floor(place) + 1, low), high)
     expected, measured = np.empty((2, high - low))
     beside_wall(angles, at_rest, first, low, middle, high, spins, rest_angle, expected, measured)
     overshoots = []
@@ -241,12 +242,17 @@ def wobble(
             weight += 1 / of_half
             distance += half / of_half
     overshoot = max(overshoots, key=lambda each: np.nan_to_num(each[2], nan=-np.inf))
-    tails = zeros = (math.nan, math.nan)
+    tails = decay = zeros = (math.nan, math.nan)
     if square > 0:
-        tails = product / square, error * math.sqrt(max(variance, 0.0)) / square
+        tails = exact + product / square, error * math.sqrt(max(variance, 0.0)) / square
+        certain = abs(exact) > given['certain'] * tails[1] and 0 < abs(tails[0]) < 1
+        coarse = tails[1] > given['coarsest'] * abs(exact) * abs(math.log(abs(exact)))
+        if certain and not coarse:
+            falls = -1 / math.log(abs(tails[0]))
+            decay = spacing * falls, spacing * falls**2 * tails[1] / abs(tails[0])
     if weight > 0:
-        zeros = distance / weight, 1 / math.sqrt(weight)
-    return overshoot, tails, zeros
+        zeros = 2 * spacing * distance / weight, 2 * spacing / math.sqrt(weight)
+    return overshoot, (*tails, *decay, *zeros)
 
 
 def overshoot_of(

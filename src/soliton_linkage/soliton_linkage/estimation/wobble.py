@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from soliton_linkage.estimation.loops import wobble_loops
 from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings
 from soliton_linkage.linkage.chain import Array, Chain, Motion
@@ -65,15 +67,14 @@ class WobbleReporter:
 
     def __init__(self, chain: Chain, settings: WobbleSettings = DEFAULTS.wobble) -> None:
         """Work out what all states have in common."""
-        self.chain = chain
         self._settings = settings
         tail = exact_tail(chain)
-        self._exact_decay_length = tail.decay_length
-        self._exact_wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
-        self._ratio = (1 - chain.lean_ratio) / (1 + chain.lean_ratio)
-        self._spins = chain.motion is Motion.SPINNER
-        self._pitch = chain.spacing / chain.rotor_length
-        self._calm = settings.calm * chain.rest_angle
+        wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
+        self._exact = tail.decay_length, wavelength
+        self._bars = np.zeros(1, wobble_loops.BARS)
+        for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio'):
+            self._bars[name] = getattr(chain, name)
+        self._bars['spins'] = chain.motion is Motion.SPINNER
 
     def wobble(
         self, angles: Array, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
@@ -87,53 +88,14 @@ class WobbleReporter:
         the noise [rad] of the angles, and of what lasts beside it [rad], as the root mean square
         of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
         """
-        chain = self.chain
-        noise = max(noise, self._settings.least_noise)
-        low = max(wall.first, 1)
-        high = min(wall.first + len(wall.angles), chain.number_of_rotors - 1)
-        middle = min(max(math.floor(wall.place) + 1, low), high)
-        overshoot, tails, zeros = wobble_loops.wobble(
+        overshoot, lengths = wobble_loops.wobble(
             self._settings.record,
+            self._bars,
             angles,
             wall.angles,
             wall.first,
-            low,
-            middle,
-            high,
-            self._spins,
-            chain.rest_angle,
-            chain.rotor_length,
-            self._pitch,
-            0.0 if chain.lean_ratio > 1 else max(noise, self._calm),
+            wall.place,
             noise,
-            math.hypot(noise, lasting),
+            lasting,
         )
-        ratio, ratio_deviation = self._ratio + tails[0], tails[1]
-        decay, decay_deviation = self._decay_length(ratio, ratio_deviation)
-        return Wobble(
-            amplitude=overshoot[0],
-            amplitude_deviation=overshoot[1],
-            rest_amplitude=overshoot[2],
-            tail_ratio=ratio,
-            tail_ratio_deviation=ratio_deviation,
-            decay_length=decay,
-            decay_length_deviation=decay_deviation,
-            wavelength=2 * chain.spacing * zeros[0],
-            wavelength_deviation=2 * chain.spacing * zeros[1],
-            exact_decay_length=self._exact_decay_length,
-            exact_wavelength=self._exact_wavelength,
-        )
-
-    def _decay_length(self, ratio: float, deviation: float) -> tuple[float, float]:
-        """Return -a / ln|lambda| and its deviation [m].
-
-        Whether it can be told, to a fifth, is judged by the exact ratio, so that the noise has
-        no part in the choice.
-        """
-        known = abs(self._ratio)
-        if not (known > self._settings.certain * deviation and 0 < abs(ratio) < 1):
-            return math.nan, math.nan
-        if deviation > self._settings.coarsest * known * abs(math.log(known)):
-            return math.nan, math.nan
-        length = -self.chain.spacing / math.log(abs(ratio))
-        return length, length**2 * deviation / (self.chain.spacing * abs(ratio))
+        return Wobble(*overshoot, *lengths, *self._exact)

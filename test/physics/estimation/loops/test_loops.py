@@ -187,7 +187,10 @@ def of_walls(random: np.random.Generator) -> list[Case]:
     wall = 10, 20, WALL + 1, 40
     tail = 0.6 ** np.arange(15) * (-1) ** np.arange(15) + 0.01 * random.standard_normal(15)
     sides = np.zeros(20), np.zeros(20)
-    edge = 0, 1, 1, 9, False, 0.97, 0.05, 2.0, 0.1
+    bars = [
+        np.array([(0.05, 0.1, 0.97, *each)], wobble_loops.BARS)
+        for each in ((1.65, 0.0), (0.8, 0.0), (1.65, 1.0))
+    ]
     beyond = np.arange(ROTORS) - WALL - 0.3
     wave = 0.6 ** np.abs(beyond) * np.cos(math.pi * np.abs(beyond))
     wobbling = staggered(-np.sign(beyond) * (0.97 + wave))
@@ -206,16 +209,16 @@ def of_walls(random: np.random.Generator) -> list[Case]:
         *[
             (
                 'wobble',
-                (settings, seen, at_rest, *wall, spins, 0.97, 0.05, 2.0, calm, *errors),
+                (settings, each, seen, at_rest, 10, WALL + 0.3, *errors),
             )
             for seen, errors in (
                 (whole, (0.03, 0.04)),
                 (wobbling + 0.003 * np.sin(whole), (0.003, 0.04)),
             )
             for at_rest in (whole[10:45] + 0.01, wobbling[10:45], np.repeat(whole[10:45:5], 7))
-            for spins, calm in ((False, 0.0), (False, 0.03), (True, 0.0))
+            for each in bars
         ],
-        ('wobble', (settings, whole, whole[:9] + 0.1, *edge, 0.1, 0.1)),
+        ('wobble', (settings, bars[1], whole, whole[:9] + 0.1, 0, 0.3, 0.1, 0.1)),
     ]
 
 

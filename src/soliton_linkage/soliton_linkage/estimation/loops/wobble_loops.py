@@ -19,9 +19,16 @@ from soliton_linkage.linkage.chain import Array
 
 Records = NDArray[np.void]
 Overshoot = tuple[float, float, float]
+Lengths = tuple[float, float, float, float, float, float]
 
-
-_NUMBERS = records(record_dtype(WobbleSettings))
+BARS = np.dtype(
+    [
+        (name, np.float64)
+        for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
+    ]
+)
+"""What a wobble depends on of a chain: lengths [m], rest angle [rad], d and whether it spins."""
+_NUMBERS, _BARS = records(record_dtype(WobbleSettings)), records(BARS)
 _NOT_TOLD = (math.nan, math.nan, math.nan)
 """The overshoot of a spinner, or of no rotor [m]."""
 
@@ -155,36 +162,51 @@ def _overshoot(
     )
 
 
-@compiled(
-    *(_NUMBERS, READ, READ, COUNT, COUNT, COUNT, COUNT, YES),
-    *(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER),
-)
+@compiled(_NUMBERS, NUMBER, NUMBER, NUMBER, NUMBER)
+def _decay_length(
+    settings: Records, ratio: float, deviation: float, exact: float, spacing: float
+) -> tuple[float, float]:
+    """Decay length -a / ln|lambda| and its deviation [m].
+
+    Whether it can be told, to a fifth, is judged by the exact ratio, so that the noise has no part
+    in the choice.
+    """
+    known = abs(exact)
+    if not (known > settings[0]['certain'] * deviation and 0 < abs(ratio) < 1):
+        return math.nan, math.nan
+    if deviation > settings[0]['coarsest'] * known * abs(math.log(known)):
+        return math.nan, math.nan
+    length = -spacing / math.log(abs(ratio))
+    return length, length * length * deviation / (spacing * abs(ratio))
+
+
+@compiled(_NUMBERS, _BARS, READ, READ, COUNT, NUMBER, NUMBER, NUMBER)
 def wobble(
     settings: Records,
+    bars: Records,
     angles: Array,
     at_rest: Array,
     first: int,
-    low: int,
-    middle: int,
-    high: int,
-    spins: bool,
-    rest_angle: float,
-    length: float,
-    k: float,
-    calm: float,
+    place: float,
     noise: float,
-    error: float,
-) -> tuple[Overshoot, tuple[float, float], tuple[float, float]]:
-    """Overshoot, ratio of the tails and distance of their zeros; see `WobbleReporter.wobble`.
+    lasting: float,
+) -> tuple[Overshoot, Lengths]:
+    """Overshoot, tails and zeros beside a wall at a place; see `WobbleReporter.wobble`.
 
-    The wall is that of `beside_wall`; rotors have a length [m] and the pitch k = a / r. Calm are
-    deviations below that [rad]; errors have that of the noise, and one with what lasts beside it
-    [rad]. The overshoot is, on the side where it is larger at rest, that
-    measured, its deviation, and that at rest [m], NaN of spinners and of no rotor. Of the ratio
-    it is what it differs from the exact one, with its deviation [1]; zeros [rotor spacings] are
-    half a wavelength apart, also with a deviation. NaN where they are not told.
+    The wall at rest has angles of its rotors from the first on [rad]. The overshoot is, on the
+    side where it is larger at rest, that measured, its deviation, and that at rest [m], NaN of
+    spinners and of no rotor. Lengths are the ratio of the tails [1], the decay length [m] and the
+    wavelength [m], each with its deviation; NaN where they are not told.
     """
-    numbers, split, count = settings[0], middle - low, high - low
+    numbers, bar, rotors = settings[0], bars[0], angles.size
+    rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
+    wobbling, spins, k = bar['lean_ratio'] > 1, bar['spins'] > 0, spacing / length
+    noise = max(noise, numbers['least_noise'])
+    error = math.hypot(noise, lasting)
+    calm = 0.0 if wobbling else max(noise, numbers['calm'] * rest_angle)
+    low, high = max(first, 1), min(first + at_rest.size, rotors - 1)
+    middle = min(max(math.floor(place) + 1, low), high)
+    split, count = middle - low, high - low
     expected, measured = np.empty(count), np.empty(count)
     beside_wall(angles, at_rest, first, low, middle, high, spins, rest_angle, expected, measured)
     overshoot = _NOT_TOLD
@@ -206,9 +228,11 @@ def wobble(
         if math.isfinite(half):
             weight += 1 / of_half
             distance += half / of_half
-    tails, zeros = (math.nan, math.nan), (math.nan, math.nan)
+    exact = (1 - bar['lean_ratio']) / (1 + bar['lean_ratio'])
+    ratio, of_ratio, wave, of_wave = math.nan, math.nan, math.nan, math.nan
     if square > 0:
-        tails = product / square, error * math.sqrt(max(variance, 0.0)) / square
+        ratio, of_ratio = exact + product / square, error * math.sqrt(max(variance, 0.0)) / square
     if weight > 0:
-        zeros = distance / weight, 1 / math.sqrt(weight)
-    return overshoot, tails, zeros
+        wave, of_wave = 2 * spacing * distance / weight, 2 * spacing / math.sqrt(weight)
+    decay, of_decay = _decay_length(settings, ratio, of_ratio, exact, spacing)
+    return overshoot, (ratio, of_ratio, decay, of_decay, wave, of_wave)
