@@ -10,6 +10,7 @@ chains is the same in both.
 
 from __future__ import annotations
 
+import argparse
 import math
 from pathlib import Path
 
@@ -76,13 +77,15 @@ def main() -> None:
     """Measure the chains that are asked for."""
     options = parser(__doc__)
     options.add_argument('names', nargs='*', help=f'of {", ".join(CHAINS)} (all)')
-    options.add_argument('--draws', type=int, help=f'chains of each ({DRAWS})')
-    options.add_argument(
-        '--springs', type=int, default=0, metavar='CHAINS', help='of springs, too'
-    )
-    options.add_argument('--use', type=int, default=0, metavar='CHAINS', help='analysed and moved')
+    for name, meaning in (
+        ('--draws', f'of each class, 0 for none ({DRAWS}, {QUICK} of --quick)'),
+        ('--springs', 'of springs, too (0)'),
+        ('--use', 'analysed and moved (0)'),
+    ):
+        options.add_argument(name, type=_count, metavar='CHAINS', help=meaning)
     chosen = options.parse_args()
-    count = chosen.draws or (QUICK if chosen.quick else DRAWS)
+    usual = QUICK if chosen.quick else DRAWS
+    count = usual if chosen.draws is None else chosen.draws
     folder = chosen.output.parent / 'identification_draws'
     figures: list[Figure] = []
     for name in chosen.names or CHAINS:
@@ -90,6 +93,13 @@ def main() -> None:
         figures += figures_of_springs(name, chosen.springs) if chosen.springs else []
         figures += figures_of_use(name, chosen.use) if chosen.use else []
     write(Part('identification', figures=figures), chosen.output)
+
+
+def _count(text: str) -> int:
+    """Read how many chains are asked for."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} must be a whole number of 0 or more')
+    return int(text)
 
 
 def _draws(name: str, count: int, folder: Path) -> list[Draw]:
