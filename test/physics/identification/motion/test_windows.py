@@ -33,3 +33,18 @@ def test_windows_grow_until_pushes_part_them() -> None:
         windows = list(longer)
     assert [frame for window in windows for frame in range(1000)[window.frames]] == covered
     assert len(windows) == 2
+
+
+def test_windows_are_of_frames_that_follow_each_other_where_rest_was_left_out() -> None:
+    some = np.concatenate([np.arange(0, 40_000, 20), np.arange(40_000, 40_400)])
+    windows = first_windows(some / 250, np.zeros((len(some), 10)), MOTION, [])
+    assert windows[0].frames.start >= 2000
+    assert windows[-1].frames.stop == len(some)
+    assert len(windows) > 10
+    pushed = np.concatenate([some, np.arange(40_400, 40_800)])
+    push = 40_100 / 250
+    parts = first_windows(pushed / 250, np.zeros((len(pushed), 10)), MOTION, [push])
+    assert parts[0].frames.start == 2000
+    lost = np.delete(TIMES, slice(500, 503))
+    windows = first_windows(lost, np.zeros((len(lost), 10)), MOTION, [])
+    assert sum(window.frames.stop - window.frames.start for window in windows) == len(lost)

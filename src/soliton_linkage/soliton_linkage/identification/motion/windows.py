@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,11 @@ _ARRIVAL = 0.05
 """Time in which a push arrives [s]: commands act when they come, whatever their stamps say."""
 _JOINED = 4
 """Windows that are made one [1]: 2 take more rounds, 8 may lose a wall."""
+
+
+_IN_A_ROW = 0.05
+"""Share of the frames, at least, that follow each other as they were recorded [1], where most are
+left out for being of rotors at rest."""
 
 
 class FreeWindow(NamedTuple):
@@ -54,10 +60,12 @@ def first_windows(
 ) -> list[FreeWindow]:
     """Short windows between pushes [s], which begin as angles [rad], (T, N), of times [s] do.
 
-    The chain has a tilt [rad] at each instant [s].
+    None goes on where frames are left out, for so long that they tell no rates. The chain has a
+    tilt [rad] at each instant [s].
     """
     made = []
-    for span in free_spans(times, pushes):
+    whole = free_spans(times, pushes)
+    for span in (part for each in whole for part in _without_gaps(times, each)):
         tilted = replace(chain, tilt=tilt_at(float(times[span.start])))
         for begin in range(span.start, span.stop - _FIRST + 1, _FIRST):
             stop = begin + _FIRST
@@ -66,6 +74,15 @@ def first_windows(
             slopes = np.polyfit(times[few] - times[begin], angles[few], 1)
             made.append(FreeWindow(own, replace(tilted, angles=slopes[1], rates=slopes[0])))
     return made
+
+
+def _without_gaps(times: Array, span: slice) -> list[slice]:
+    """Parts of a span between which frames are left out, but for those that tell nothing."""
+    between = np.diff(times)
+    long = between > _OF_RATES * np.quantile(between, _IN_A_ROW)
+    inner = 1 + span.start + np.flatnonzero(long[span.start : span.stop - 1])
+    parts = [slice(*each) for each in pairwise([span.start, *inner.tolist(), span.stop])]
+    return [part for part in parts if part.stop - part.start >= _FEWEST]
 
 
 def joined(
