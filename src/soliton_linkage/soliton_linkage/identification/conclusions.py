@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from soliton_linkage.identification.geometry.adjustment import Adjustment, measurable
-from soliton_linkage.identification.geometry.lengths import split_lengths
-from soliton_linkage.identification.geometry.passable import passable
+from soliton_linkage.identification.geometry.lengths import Lengths, split_lengths
+from soliton_linkage.identification.geometry.passable import nearly_stopping, passable
 from soliton_linkage.identification.identification import Identification
 from soliton_linkage.identification.motion.bar_motion import BarMotion
 from soliton_linkage.identification.motion.free_motion import split_chain
@@ -18,7 +18,7 @@ from soliton_linkage.identification.motion.mass_scale import MassScale
 from soliton_linkage.identification.motion.motion_fit import MotionFit
 from soliton_linkage.identification.open_combinations import open_combinations
 from soliton_linkage.identification.residuals import LEAST_NOISE
-from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 STRAINED = 1.1
@@ -85,7 +85,11 @@ def of_springs(
         rigid=False,
         left_out=left_out,
         open_combinations=open_combinations(fitted.information, fitted.basis, split_chain),
-        warnings=(*_unexplained(fitted.noise, reading_noise), *_obstacles(chain)),
+        warnings=(
+            *_unexplained(fitted.noise, reading_noise),
+            *_obstacles(chain),
+            *_near_obstacles(lengths, fitted.covariance[geometry, geometry]),
+        ),
     )
 
 
@@ -121,7 +125,7 @@ def of_bonds(
             'friction_deviation': of_drag * of_friction,
             'spacing_deviation': moved.gravity_deviation or math.nan,
         }
-    warnings = list(_obstacles(chain))
+    warnings = [*_obstacles(chain), *_near_obstacles(found.lengths, found.covariance)]
     if not rigid:
         more = found.noise / max(reading_noise, LEAST_NOISE)
         warnings.append(
@@ -170,4 +174,15 @@ def _obstacles(chain: Chain) -> tuple[str, ...]:
     return tuple(
         f'bond {each.bond} may stop a wall: {each.rest_length:.4g} m {each.reason}'
         for each in find_obstacles(chain)
+    )
+
+
+def _near_obstacles(lengths: Lengths, covariance: Array) -> tuple[str, ...]:
+    near = nearly_stopping(lengths, covariance)
+    if not near:
+        return ()
+    bonds = ', '.join(f'{bond} ({chance:.1%})' for bond, chance in near.items())
+    return (
+        f'bonds that nearly stop walls, and how likely they are to be beyond that limit: {bonds}; '
+        'record more crossings to know their lengths better, or mend them',
     )

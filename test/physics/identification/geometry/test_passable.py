@@ -10,7 +10,7 @@ import pytest
 from passages import FLIPPER, SPINNER, unequal
 
 from soliton_linkage.identification.geometry.lengths import Lengths, lengths_of
-from soliton_linkage.identification.geometry.passable import passable
+from soliton_linkage.identification.geometry.passable import nearly_stopping, passable
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import blocked_bonds
 
@@ -43,3 +43,32 @@ def test_a_bond_that_is_surely_too_short_stays_so() -> None:
     rest[4] = 0.8 * true.spacings[4]
     wrong = replace(true, rest_lengths=rest)
     assert passable(wrong, COVARIANCE) is wrong
+
+
+@pytest.mark.parametrize(
+    ('chain', 'spread'), [(FLIPPER, 0.02), (SPINNER, 0.05)], ids=['flipper', 'spinner']
+)
+def test_bonds_are_as_likely_to_stop_walls_as_lengths_that_are_drawn(
+    chain: Chain, spread: float
+) -> None:
+    lengths = lengths_of(unequal(chain, 2))
+    random = np.random.default_rng(1)
+
+    def drawn(values: Array) -> Array:
+        return values * np.exp(spread * random.standard_normal((20_000, len(values))))
+
+    r, a, rest = map(drawn, (lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths))
+    spins = r[:, :-1] + r[:, 1:] > a + rest
+    stopped = (rest < a + np.abs(np.diff(r))) | (spins != (chain is SPINNER))
+    shares = stopped.mean(axis=0)
+    told = nearly_stopping(lengths, spread**2 * np.eye(len(COVARIANCE)))
+    assert 0 < len(told) < len(shares)
+    for bond, share in enumerate(shares.tolist()):
+        assert told.get(bond, 0.0) == pytest.approx(share, abs=0.02)
+
+
+def test_a_bond_that_surely_stops_walls_is_not_among_those_that_may() -> None:
+    lengths = lengths_of(unequal(FLIPPER, 2))
+    rest = lengths.rest_lengths.copy()
+    rest[4] = 0.8 * lengths.spacings[4]
+    assert 4 not in nearly_stopping(replace(lengths, rest_lengths=rest), COVARIANCE)

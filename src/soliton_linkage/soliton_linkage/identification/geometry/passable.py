@@ -12,12 +12,13 @@ conditions that are short of zero by s, with the slopes G and lengths of the cov
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtr
 
 from soliton_linkage.identification.geometry.lengths import OF_A_ROTOR, Lengths
 from soliton_linkage.linkage.chain import Array
 
 _CHANCE = 3.0
-"""Standard deviations beyond a limit up to which it may be chance [1]: more is told instead."""
+"""Standard deviations from a limit up to which chance may have led across it [1]."""
 _MARGIN = 1e-3
 """Of a bond from its limit, over its spacing [1]: orbits are followed to a hundredth of it."""
 _ROUNDS = 5
@@ -30,7 +31,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
         room, slopes = _room(lengths)
         margins = _MARGIN * np.tile(lengths.spacings, 2)
         short = margins - room
-        deviations = np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes))
+        deviations = _deviations(slopes, covariance)
         mended = (short > 0) & (-room < _CHANCE * deviations + margins)
         if not mended.any():
             break
@@ -38,6 +39,23 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
         change = known @ np.linalg.lstsq(slopes[mended] @ known, short[mended], rcond=None)[0]
         lengths = lengths.changed(change)
     return lengths
+
+
+def nearly_stopping(lengths: Lengths, covariance: Array) -> dict[int, float]:
+    """Bonds that are within both limits, but by no more than chance, and how likely they are not.
+
+    The probability [1] that a bond whose lengths are normal about these, with the covariance
+    (P, P), to first order, is beyond the limit that it is nearer to, by its number.
+    """
+    room, slopes = _room(lengths)
+    over = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
+    near = np.flatnonzero((over > 0) & (over < _CHANCE))
+    return dict(zip(near.tolist(), ndtr(-over[near]).tolist(), strict=True))
+
+
+def _deviations(slopes: Array, covariance: Array) -> Array:
+    """Standard deviations of what has slopes with the unknowns, shape (.,)."""
+    return np.asarray(np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes)))
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
