@@ -243,7 +243,7 @@ class StateReporter:
         if not math.isfinite(kinetic[0]):
             chain.check_angles(of_rotors, 'rate')
         if rates is None or isinstance(rates, ArcRate):
-            kinetic = self._of_arc(rates)
+            kinetic = self._of_arc(rates, elastic)
         elif noise != errors.rate_noise:
             kinetic = *kinetic[:2], math.nan
         if unseen is not None:
@@ -291,15 +291,22 @@ class StateReporter:
         at_first *= stands * (1 if chain.lean_ratio > 1 else -1)
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
-    def _of_arc(self, rate: ArcRate | None) -> state_loops.Energy:
-        """Kinetic energy of a chain of which no rotor's rate is known [J]."""
+    def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
+        """Kinetic energy of a chain of which no rotor's rate is known [J].
+
+        What moves beside the orbit has as much as the springs hold, give or take as much again:
+        phonons have the same in both on the mean, and the contraction of a wall adds
+        (gamma - 1) M_eff v^2 / 2, twice what it strains, to the energy of the orbit. Counted is
+        what noise has surely not made.
+        """
         if rate is None:
             return math.nan, math.nan, math.nan
         half = 0.5 * self.chain.moment_of_inertia
         variance = rate.deviation**2
         moving = rate.rate**2 - variance
         spread = 4 * variance * (max(moving, 0.0) + variance / 2)
-        return half * moving, math.nan, half * math.sqrt(spread)
+        held = max(elastic[0] - elastic[2], 0.0)
+        return half * moving + held, math.nan, math.hypot(half * math.sqrt(spread), held)
 
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
