@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures that are missing in a film, and films that are none."""
+"""Pictures that are missing in a film, and films that are none or damaged."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from soliton_linkage.vision.films.footage import GapWatch, read_film
+from soliton_linkage.vision.films.footage import GapWatch, Shot, read_film, write_film
 
 
 def test_pictures_that_did_not_come_are_counted() -> None:
@@ -27,3 +28,15 @@ def test_a_rate_that_varies_is_no_gap() -> None:
 def test_a_film_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='is not there'):
         read_film(tmp_path / 'none.mp4')
+
+
+def test_a_film_that_is_damaged_says_where(tmp_path: Path) -> None:
+    pytest.importorskip('av', reason='films are written with PyAV')
+    path, random = tmp_path / 'film.mp4', np.random.default_rng(1)
+    pictures = random.integers(0, 256, (60, 48, 64, 3), dtype=np.uint8)
+    write_film(path, (Shot(n / 60, picture) for n, picture in enumerate(pictures)), alone=True)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 30_000] = bytes(30_000)
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"film\.mp4' is damaged after 0\.\d\d s"):
+        list(read_film(path).pictures)

@@ -131,17 +131,26 @@ def _read_by_av(av: Any, path: Path) -> Footage:
         container = av.open(str(path))
         stream = container.streams.video[0]
     except (av.error.FFmpegError, IndexError) as error:
-        raise ValueError(f'film {str(path)!r} cannot be read: {error}') from error
+        reason = getattr(error, 'strerror', None) or 'there are no pictures in it'
+        raise ValueError(
+            f'film {str(path)!r} cannot be read ({reason}); give one such as an MP4 or a MOV'
+        ) from error
 
     def pictures() -> Iterator[Shot]:
+        first, taken = None, 0.0
         with container:
-            first = None
-            for frame in container.decode(stream):
-                if frame.pts is None:
-                    continue
-                taken = float(frame.pts * frame.time_base)
-                first = taken if first is None else first
-                yield Shot(taken - first, frame.to_ndarray(format='bgr24'))
+            try:
+                for frame in container.decode(stream):
+                    if frame.pts is None:
+                        continue
+                    taken = float(frame.pts * frame.time_base)
+                    first = taken if first is None else first
+                    yield Shot(taken - first, frame.to_ndarray(format='bgr24'))
+            except av.error.FFmpegError as error:
+                raise ValueError(
+                    f'film {str(path)!r} is damaged after {taken - (first or 0.0):.2f} s '
+                    f'({error.strerror}); cut it there, or copy it anew'
+                ) from error
 
     told = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
