@@ -30,6 +30,7 @@ from soliton_linkage.compiling import (
     TABLE,
     YES,
     arrays_do_not_overlap,
+    compile_loop,
     compiled,
 )
 from soliton_linkage.linkage.chain import Array
@@ -83,6 +84,58 @@ def begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array
     state[4], state[5] = start[0], start[1]
 
 
+def _share_of_dot(
+    x: float, y: float, places: int, way: Array, shape: Array, radius: float, blur: float
+) -> tuple[float, float, float, float, float]:
+    """Share T of a dot in a pixel at x, y of it, and slopes of T by its p, R and b."""
+    sxx, sxy, syx, syy = shape
+    cover = by_x = by_y = by_radius = by_blur = 0.0
+    for k in range(places):
+        share = (k - (places - 1) / 2) / places
+        right_of, below = x - share * way[0], y - share * way[1]
+        across = sxx * right_of + sxy * below
+        up = syx * right_of + syy * below
+        distance = max(math.sqrt(across * across + up * up), 1e-9)
+        beyond = (distance - radius) / blur
+        if beyond < -_WIDEST:
+            cover += 1.0
+        elif beyond < _WIDEST:
+            step = int((beyond + _WIDEST) * _STEPS)
+            part = (beyond + _WIDEST) * _STEPS - step
+            cover += _COVERS[step] + part * (_COVERS[step + 1] - _COVERS[step])
+            edge = _EDGES[step] + part * (_EDGES[step + 1] - _EDGES[step])
+            edge /= blur * places
+            by_radius += edge
+            by_blur += edge * beyond
+            by_x += edge * (across * sxx + up * syx) / distance
+            by_y += edge * (across * sxy + up * syy) / distance
+    return cover / places, by_x, by_y, by_radius, by_blur
+
+
+def _add_pixel(
+    weight: float,
+    left: float,
+    derivatives: Array,
+    normal: Array,
+    right: Array,
+    squared: Array,
+    last: bool,
+) -> None:
+    """Add what a pixel of a weight leaves to the normal equations."""
+    for i in range(_PARAMETERS):
+        weighted = weight * derivatives[i]
+        right[i] += weighted * left
+        for j in range(_PARAMETERS):
+            normal[i, j] += weighted * derivatives[j]
+        if last:
+            for j in range(_PARAMETERS):
+                squared[i, j] += weight * weighted * derivatives[j]
+
+
+share_of_dot = compile_loop(_share_of_dot, inlined=True)
+add_pixel = compile_loop(_add_pixel, inlined=True)
+
+
 @compiled(READ_PICTURE, ROW, NUMBER, ROW, ROW, TABLE, ROW, TABLE, ROW, YES)
 def normal_loop(
     grey: NDArray[np.uint8],
@@ -120,27 +173,9 @@ def normal_loop(
             weight = min(max(reach - away + 0.5, 0.0), 1.0)
             if weight == 0.0:
                 continue
-            cover = by_x = by_y = by_radius = by_blur = 0.0
-            for k in range(places):
-                share = (k - (places - 1) / 2) / places
-                right_of, below = x - share * way[0], y - share * way[1]
-                across = sxx * right_of + sxy * below
-                up = syx * right_of + syy * below
-                distance = max(math.sqrt(across * across + up * up), 1e-9)
-                beyond = (distance - radius) / blur
-                if beyond < -_WIDEST:
-                    cover += 1.0
-                elif beyond < _WIDEST:
-                    step = int((beyond + _WIDEST) * _STEPS)
-                    part = (beyond + _WIDEST) * _STEPS - step
-                    cover += _COVERS[step] + part * (_COVERS[step + 1] - _COVERS[step])
-                    edge = _EDGES[step] + part * (_EDGES[step + 1] - _EDGES[step])
-                    edge /= blur * places
-                    by_radius += edge
-                    by_blur += edge * beyond
-                    by_x += edge * (across * sxx + up * syx) / distance
-                    by_y += edge * (across * sxy + up * syy) / distance
-            cover /= places
+            cover, by_x, by_y, by_radius, by_blur = share_of_dot(
+                x, y, places, way, shape, radius, blur
+            )
             lit = 1.0 + by_column * x + by_row * y
             bare = white - contrast * cover
             derivatives[0], derivatives[1] = lit, -cover * lit
@@ -152,14 +187,7 @@ def normal_loop(
             left = float(grey[row, column]) - bare * lit
             squares += weight * left * left
             count += weight
-            for i in range(_PARAMETERS):
-                weighted = weight * derivatives[i]
-                right[i] += weighted * left
-                for j in range(_PARAMETERS):
-                    normal[i, j] += weighted * derivatives[j]
-                if last:
-                    for j in range(_PARAMETERS):
-                        squared[i, j] += weight * weighted * derivatives[j]
+            add_pixel(weight, left, derivatives, normal, right, squared, last)
     for i in range(_PARAMETERS):
         normal[i, i] *= 1.0 + 1e-9
     return squares, count

@@ -66,6 +66,34 @@ covered = compile_loop(_covered, inlined=True)
 from_arm = compile_loop(_from_arm, inlined=True)
 
 
+def _shares_of_rotor(
+    x: float,
+    z: float,
+    across: Array,
+    up: Array,
+    label: float,
+    dot: float,
+    arm: float,
+    spread: float,
+) -> tuple[float, float, float, float]:
+    """Of arm, label, dot and the rest in a pixel at x, z of a pivot, sums over the samples."""
+    of_arm = of_label = of_dot = of_rest = 0.0
+    for k in range(len(across)):
+        from_mass = math.hypot(x - across[k], z - up[k])
+        is_dot = covered(from_mass - dot, spread)
+        is_label = covered(from_mass - label, spread)
+        is_arm = covered(from_arm(x, z, across[k], up[k]) - arm, spread)
+        of_dot += is_dot
+        of_label += is_label * (1 - is_dot)
+        below = (1 - is_label) * (1 - is_dot)
+        of_arm += is_arm * below
+        of_rest += (1 - is_arm) * below
+    return of_arm, of_label, of_dot, of_rest
+
+
+shares_of_rotor = compile_loop(_shares_of_rotor, inlined=True)
+
+
 @compiled(
     *(PAINTED, _PIXELS, COUNT, READ_TABLE, READ, READ),
     *(READ_PLACES, READ_PAINTS, READ, READ, READ),
@@ -111,17 +139,9 @@ def paint_rotors(
                     continue
                 pivot_label = covered(math.hypot(x, z) - label, spread)
                 pivot_dot = covered(math.hypot(x, z) - dot, spread)
-                of_arm = of_label = of_dot = of_rest = 0.0
-                for k in range(samples):
-                    from_mass = math.hypot(x - across[k], z - up[k])
-                    is_dot = covered(from_mass - dot, spread)
-                    is_label = covered(from_mass - label, spread)
-                    is_arm = covered(from_arm(x, z, across[k], up[k]) - arm, spread)
-                    of_dot += is_dot
-                    of_label += is_label * (1 - is_dot)
-                    below = (1 - is_label) * (1 - is_dot)
-                    of_arm += is_arm * below
-                    of_rest += (1 - is_arm) * below
+                of_arm, of_label, of_dot, of_rest = shares_of_rotor(
+                    x, z, across, up, label, dot, arm, spread
+                )
                 under = (1 - pivot_label) / samples
                 white = under * of_label + pivot_label * (1 - pivot_dot)
                 for c in range(3):
