@@ -98,8 +98,9 @@ def view(stage: Stage) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(diagnostics, '_PERIOD', 0.2)
         stage.start(Simulator, SIMULATED)
-        for node in (EdgeActuator, SolitonAnalyser, SolitonSteering):
-            stage.start(node)
+        stage.start(SolitonAnalyser)
+        for node in (EdgeActuator, SolitonSteering):
+            stage.start(node, {'state_timeout': 5.0})
     for topic in (*COMMANDS, interfaces.LAST_KICK):
         stage.listen(topic)
     folders = [str(stage.folder / 'bags'), str(BAGS)]
