@@ -352,7 +352,7 @@ class OrbitFilter:
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
         # than the chain is that of the orbit: what rotors are off by, the arc is too.
         leg = orbit.leg(arc)
-        of_arc, of_rates = self._beside.shifts(orbit.place(arc), leg)
+        of_arc, of_rates = self._beside.shifts(arc)
         off = self._tracking.beside_share**2 * noise.excess
         beside = off + of_arc**2
         changed = of_rates**2 + off / (self._tracking.way_beside * orbit.site_arc) ** 2

@@ -210,7 +210,7 @@ class StateReporter:
         check_shape(state, chain.number_of_rotors)
         half = left = right = self._half_stiffnesses
         noisy, noise = self._half_inertias, errors.known_rate_noise
-        unseen = _some(errors.unseen)
+        unseen = errors.unseen
         if unseen is not None:
             seen = ~unseen
             left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
@@ -330,8 +330,3 @@ def _finite(places: ArrayLike) -> list[float]:
     """Places of walls in their order, without those that are not finite."""
     given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
     return sorted(place for place in given if math.isfinite(place))
-
-
-def _some(flags: Flags | None) -> Flags | None:
-    """Flags, or None where none is set."""
-    return flags if flags is not None and flags.any() else None

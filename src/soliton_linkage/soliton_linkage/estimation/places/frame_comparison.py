@@ -114,12 +114,12 @@ class FrameComparison:
             arc += min(max(step, -tracking.longest_step), tracking.longest_step)
         return view
 
-    def shifts(self, place: float, leg: int) -> tuple[float, float]:
-        """Deviations of the arc [rad] and of its rate, relative, by rotors that nobody told."""
+    def shifts(self, arc: float) -> tuple[float, float]:
+        """Deviations of an arc [rad] and of its rate, relative, by rotors that nobody told."""
         uneven = self.far.unevenness
         if not uneven:
             return 0.0, 0.0
-        shifts = self._shifts.at(place, leg)
+        shifts = self._shifts.at(self._orbit.place(arc), self._orbit.leg(arc))
         return uneven * shifts.arc, uneven * shifts.rate
 
     def learn(
