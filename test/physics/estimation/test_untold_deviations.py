@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +13,17 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
+from soliton_linkage.estimation.settings import DEFAULTS
+from soliton_linkage.estimation.state_report import FrameState
+from soliton_linkage.estimation.walls.wall_line import WallLine
+from soliton_linkage.estimation.walls.wall_placing import WallPlacer
+from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.orbit.wall_shifts import WallShifts
 
 ROTORS, NOISE, BOND = 20, 0.005, 9
 DRAWS, FRAMES = 25, 18
@@ -42,10 +49,10 @@ def test_what_is_stated_of_the_place_is_true_from_the_first_frame_on(
     example: tuple[float, float], share: float
 ) -> None:
     orbit = UniformOrbit(chain_of(example, ROTORS))
-    scores = np.empty((DRAWS, FRAMES))
+    scores, fresh = np.empty((DRAWS, FRAMES)), OrbitFilter(orbit)
     for seed in range(DRAWS):
         random, angles = np.random.default_rng(seed), resting(orbit, seed, share)
-        tracker = OrbitFilter(orbit)
+        tracker = deepcopy(fresh)
         for frame in range(FRAMES):
             noisy = angles + NOISE * random.standard_normal(ROTORS)
             said = tracker.update(0.004 * frame, noisy)
@@ -54,3 +61,33 @@ def test_what_is_stated_of_the_place_is_true_from_the_first_frame_on(
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], DRAWS)
     assert squares.max() < high
     assert low < squares[-1]
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_deviations_are_stated_of_a_wall_that_is_placed_by_its_shape(
+    example: tuple[float, float],
+) -> None:
+    orbit = UniformOrbit(chain_of(example, ROTORS))
+    chain, shapes, shifts = orbit.chain, WallShapes(orbit.chain), WallShifts(orbit)
+    scores = []
+    for seed in range(DRAWS):
+        random, angles = np.random.default_rng(seed), resting(orbit, seed, 0.03)
+        line = WallLine(chain, DEFAULTS.walls, DEFAULTS.report)
+        placer = WallPlacer(shapes, line, DEFAULTS, shifts)
+        for _ in range(FRAMES):
+            seen = angles + NOISE * random.standard_normal(ROTORS)
+            (wall,) = placer.placed(FrameState(chain, seen), seen, [(BOND + 0.5, 1)])
+        scores.append((wall.rotor - BOND - 0.5) / np.sqrt(wall.untold))
+    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.2
+
+
+@pytest.mark.parametrize('share', [0.0, 0.03])
+def test_where_rotors_deviate_one_that_stays_off_is_no_wrong_reading(share: float) -> None:
+    orbit, off = UniformOrbit(chain_of(WOBBLER, ROTORS)), 1.2
+    angles, random = resting(orbit, 0, share), np.random.default_rng(0)
+    angles[BOND + 2] += off
+    tracker = OrbitFilter(orbit)
+    for frame in range(40):
+        said = tracker.update(0.004 * frame, angles + NOISE * random.standard_normal(ROTORS))
+    stated = said.place_deviation * orbit.site_arc
+    assert stated > 0.9 * off if share else stated < 0.1 * off

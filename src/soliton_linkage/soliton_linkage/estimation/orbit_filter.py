@@ -207,6 +207,7 @@ class OrbitFilter:
             self._places.all.append(Hypothesis(motion, place.upside_down, place.view, evidence))
         self._seen_as = best.view
         self._beside.learn(seen, best.view, 0.0, self._variance.noise, best.upside_down)
+        self._beside.look_for_deformation(best.view, best.view)
         self._report(time, TrackingStatus.ACQUIRED)
 
     def _follow(self, time: float, elapsed: float, seen: Array, torques: Array | None) -> None:
@@ -227,6 +228,7 @@ class OrbitFilter:
             self._seen_as = None
             self._report(time, TrackingStatus.COASTING)
             return
+        self._beside.look_for_deformation(view, self._seen_as or view)
         self._seen_as = view
         largest = variance + self._variance.largest_field
         explained = self._trust.is_explained(view, largest, self._beside.far.doubtful)
@@ -353,7 +355,7 @@ class OrbitFilter:
         # than the chain is that of the orbit: what rotors are off by, the arc is too.
         leg = orbit.leg(arc)
         of_arc, of_rates = self._beside.shifts(arc)
-        off = self._tracking.beside_share**2 * noise.excess
+        off = self._tracking.beside_share**2 * noise.excess + self._beside.deformation
         beside = off + of_arc**2
         changed = of_rates**2 + off / (self._tracking.way_beside * orbit.site_arc) ** 2
         of_rate = changed * rate**2

@@ -121,6 +121,10 @@ class FarRotors:
         self._frames, self._time = 0, 0.0
         self._lowest, self._highest = math.inf, -math.inf
 
+    def is_near(self, place: float) -> NDArray[np.bool_]:
+        """Which rotors are not far from a place [rotor spacings], shape (N,)."""
+        return np.asarray(np.abs(np.arange(len(self._sums)) - place) <= self._margin)
+
     def add(
         self,
         residuals: Array,

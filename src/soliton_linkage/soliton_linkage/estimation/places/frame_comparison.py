@@ -45,6 +45,9 @@ class FrameComparison:
         self.noise = 0.0
         """Variance of a reading, of that of a rotor from the orbit [rad^2]."""
         self._doubts = False
+        self._bound, self._elastic = settings.likelihood.bound, elastic
+        self.deformation = 0.0
+        """Variance of the arc by rotors that stay off, in a chain that is not even [rad^2]."""
 
     def view(
         self,
@@ -121,6 +124,20 @@ class FrameComparison:
             return 0.0, 0.0
         shifts = self._shifts.at(self._orbit.place(arc), self._orbit.leg(arc))
         return uneven * shifts.arc, uneven * shifts.rate
+
+    def look_for_deformation(self, view: FrameView, before: FrameView) -> None:
+        """Find rotors about the wall that are far off in a frame and in the one before.
+
+        Where deviations may be, what they and springs do not explain is no wrong reading, but of a
+        wall that is not that of the orbit, and as unsure as these rotors are off.
+        """
+        self.deformation = 0.0
+        if self.far.unevenness:
+            field = (1 + self._tracking.field_ratio) * self.far.unevenness**2 + self._elastic
+            left = np.minimum(np.abs(view.residuals), np.abs(before.residuals))
+            off = self.far.is_near(self._orbit.place(view.arc)) & ~self.far.doubtful
+            off &= left > self._bound * math.sqrt(field)
+            self.deformation = float(left[off] @ left[off])
 
     def learn(
         self, seen: Array, view: FrameView, elapsed: float, noise: FrameNoise, upside_down: bool

@@ -23,6 +23,7 @@ from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_shapes import WallShape, WallShapes
 from soliton_linkage.estimation.walls.wall_track import SeenWall
 from soliton_linkage.linkage.chain import Array, Motion, staggered, wrapped
+from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _TAILS = 1.5
 """Distance in reaches of a table beyond which a wall moves no other [1]: by less than 1e-4 rad."""
@@ -42,10 +43,17 @@ class _Fitted(NamedTuple):
 class WallPlacer:
     """Places walls by their shapes, frame after frame."""
 
-    def __init__(self, shapes: WallShapes, line: WallLine, settings: EstimationSettings) -> None:
-        """Begin with the shapes that walls of a chain have."""
+    def __init__(
+        self,
+        shapes: WallShapes,
+        line: WallLine,
+        settings: EstimationSettings,
+        shifts: WallShifts | None = None,
+    ) -> None:
+        """Begin with the shapes that walls of a chain have, and what deviations do to its wall."""
         self._shapes, self._line, self._settings = shapes, line, settings.walls
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
+        self._shifts, self._evenness = shifts, settings.offsets.evenness
         self._chain = chain = shapes.chain
         likelihood, swing = settings.likelihood, swing_of(chain)
         self._bound, self._coarse = likelihood.bound, (settings.walls.scan_share * swing) ** 2
@@ -53,12 +61,14 @@ class WallPlacer:
         self._uniform = chain.uniform_state(1)
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._before = np.full(line.rotors, math.nan)
+        self._means, self._counts = np.zeros((2, line.rotors))
         self.restart()
 
     def restart(self) -> None:
         """Forget how well shapes fitted."""
         self._variance, self._frames = self._coarse, 0
         self._before[:] = math.nan
+        self._means[:] = self._counts[:] = 0.0
 
     def placed(
         self, state: FrameState, seen: Array, borders: Sequence[tuple[float, int]]
@@ -90,10 +100,13 @@ class WallPlacer:
         before, self._before = self._before, np.full(len(theta), math.nan)
         for first, left in parts:
             self._before[np.arange(first, first + len(left)) % len(theta)] = left
-        return [
+        found = [
             self._seen(wall, first, left, before)
             for wall, (first, left) in zip(walls, parts, strict=True)
         ]
+        if len(found) == 1 and self._shifts is not None:
+            found[0] = found[0]._replace(untold=self._untold(walls[0], *parts[0], self._shifts))
+        return found
 
     def _are_near(self, walls: Sequence[_Fitted]) -> bool:
         """Whether any two are so near that the tails of one move the other."""
@@ -161,6 +174,25 @@ class WallPlacer:
         seen = robust_deviation(left) ** 2 * freedom
         self._variance += share * (seen - self._variance)
         self._variance = max(self._variance, self._settings.least_noise**2)
+
+    def _untold(self, wall: _Fitted, first: int, left: Array, shifts: WallShifts) -> float:
+        """Variance of the place of a wall by deviations that nobody told [rotor spacings^2].
+
+        They have most rotors off by as much as lasts of what the wall leaves of them from a first
+        one on [rad]. Where they have some off by far more, the wall is off from its shape as well.
+        """
+        rotors = np.arange(first, first + len(left))[seen := np.isfinite(left)]
+        self._counts[rotors] += 1
+        shares = 1 / np.minimum(self._counts[rotors], self._settings.scatter_frames)
+        self._means[rotors] += shares * (left[seen] - self._means[rotors])
+        sizes, share = np.abs(self._means[rotors]), float(shares.mean())
+        chance = self._variance * share * (1 - share)
+        uneven = robust_deviation(sizes.copy()) ** 2 - chance - self._evenness**2
+        if uneven <= 0:
+            return 0.0
+        deformed = sizes[sizes > self._bound * math.sqrt(uneven)]
+        of_arc = uneven * shifts.at(wall.place, 0).arc ** 2 + float(deformed @ deformed)
+        return of_arc / max(wall.of_place, 1e-12)
 
     def _seen(self, wall: _Fitted, first: int, left: Array, before: Array) -> SeenWall:
         """A wall as it is told, with what it leaves of the rotors from a first one on [rad].

@@ -21,6 +21,7 @@ from soliton_linkage.estimation.walls.wall_tracker import WallTracker
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.orbit.wall_shifts import WallShifts
 from soliton_linkage.solitons.static_wall import site_arc
 
 Walls = tuple[list[WallTrack], list[SolitonEvent]]
@@ -32,7 +33,7 @@ class WallReporter:
 
     def __init__(self, chain: Chain, orbit: Orbit | None, settings: EstimationSettings) -> None:
         """Begin without walls; the orbit tells how long one takes to turn back at an edge."""
-        self._chain = chain
+        self._chain, self._orbit = chain, orbit
         self._inside = settings.report.inside
         self.line = WallLine(chain, settings.walls, settings.report)
         self._opposite = settings.walls.opposite
@@ -65,7 +66,8 @@ class WallReporter:
         """Made where there are several walls, as it may take a while; None where it cannot be."""
         if self._placer is None and self._has_shapes:
             try:
-                self._placer = WallPlacer(self.shapes, self.line, self._settings)
+                shifts = WallShifts(self._orbit) if self._orbit else None
+                self._placer = WallPlacer(self.shapes, self.line, self._settings, shifts)
             except (ValueError, ArithmeticError):
                 self._has_shapes = False
         return self._placer

@@ -38,6 +38,8 @@ class SeenWall(NamedTuple):
     """Square of what chance makes of it [rotor spacings^4]."""
     unknown: float = 0.0
     """Variance of the centre by what springs may do to a wall [rotor spacings^2]."""
+    untold: float = 0.0
+    """Variance of the centre by deviations that nobody told [rotor spacings^2]."""
 
 
 class WallTrack:
@@ -114,7 +116,7 @@ class WallTrack:
         self.rotor = self._line.on_it(arc / self._arc)
         self.place_rate = rate / self._arc
         # What lasts shifts the wall until it has moved on, however many frames show it.
-        beside = self._seen_to_last(seen)
+        beside = self._seen_to_last(seen) + seen.untold
         of_rate += beside * (rate / _WAY_BESIDE) ** 2
         self.deviation = math.sqrt(of_arc / self._arc**2 + beside)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
