@@ -183,7 +183,7 @@ def _check_order(instants: Array, names: Sequence[str]) -> None:
     late = instants[1:-1] - np.maximum(instants[:-2], instants[2:]) > margin
     if late.any():
         rotor = 1 + int(np.flatnonzero(late)[0])
-        beside = rotor + (1 if instants[rotor + 1] < instants[rotor - 1] else -1)
+        beside = rotor + (1 if instants[rotor + 1] > instants[rotor - 1] else -1)
         first, second = sorted((rotor, beside))
         raise ValueError(
             f'the joints are not in the order of the rotors: the soliton comes to {names[first]} '
