@@ -8,8 +8,14 @@ import pytest
 from chains import FLIPPER, SPINNER, chain_of
 from scipy.optimize import minimize
 
+from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_kink, order_field
+from soliton_linkage.solitons.anti_kink import (
+    anti_kink_path,
+    continuum_anti_kink,
+    order_field,
+    resting_anti_kink,
+)
 
 ROTORS, BEGIN = 41, 20.0
 
@@ -59,3 +65,13 @@ def test_an_anti_kink_is_the_same_two_rotors_further_and_its_arc_grows_evenly() 
 def test_an_anti_kink_that_cannot_be_led_from_site_to_site_is_told() -> None:
     with pytest.raises(ArithmeticError, match='is pinned: it cannot be led'):
         anti_kink_path(chain_of(SPINNER, ROTORS), BEGIN)
+
+
+def test_an_anti_kink_of_spinners_rests_where_nothing_pulls_and_no_motion_is_free() -> None:
+    chain = chain_of(SPINNER, ROTORS)
+    scale = chain.stiffness * chain.spacing**2
+    place, angles = resting_anti_kink(chain, BEGIN + 0.5)
+    assert BEGIN < place < BEGIN + 1
+    assert np.abs(chain.spring_torques(angles)[1:-1]).max() < 1e-6 * scale
+    inner = stiffness_matrix(chain, angles).toarray()[1:-1, 1:-1]
+    assert np.linalg.eigvalsh(inner)[0] > 0

@@ -17,6 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal, solve_banded
+from scipy.optimize import minimize
 from scipy.sparse import block_array, coo_array, diags_array
 from scipy.sparse.linalg import splu
 
@@ -53,6 +54,27 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     places = begin + 2 * arcs / arcs[-1]
     places.flags.writeable = states.flags.writeable = False
     return places, states
+
+
+@lru_cache(maxsize=8)
+def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
+    """Place of an anti-kink in balance [rotor spacings], near another, and its angles [rad], (N,).
+
+    The place is that of the sum of the order field; the ends of the chain are fixed.
+    """
+    start = continuum_anti_kink(chain, near)
+    scale = chain.stiffness * chain.spacing**2
+
+    def cost(inner: Array) -> tuple[float, Array]:
+        whole = np.concatenate([start[:1], inner, start[-1:]])
+        torques = chain.spring_torques(whole)[1:-1]
+        return float(chain.elastic_energy(whole)) / scale, -torques / scale
+
+    options = {'maxiter': 5000, 'ftol': 1e-15, 'gtol': 1e-10}
+    found = minimize(cost, start[1:-1], jac=True, method='L-BFGS-B', options=options)
+    angles = np.concatenate([start[:1], found.x, start[-1:]])
+    angles.flags.writeable = False
+    return (len(angles) - 1 - float(order_field(chain, angles)[0].sum())) / 2, angles
 
 
 def continuum_anti_kink(chain: Chain, place: float) -> Array:

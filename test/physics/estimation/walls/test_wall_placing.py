@@ -12,8 +12,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.linkage.chain import Array, Chain, staggered
-from soliton_linkage.solitons.anti_kink import anti_kink_path
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 NOISE = 0.01
@@ -26,18 +26,22 @@ CHAINS = {
 }
 
 
-def kink_and_anti_kink(chain: Chain, place: float) -> Array:
-    """A kink at a place and an anti-kink as far from the other end, in staggered angles.
+def kink_and_anti_kink(chain: Chain, place: float) -> tuple[Array, tuple[float, float]]:
+    """A kink at a place and an anti-kink, in staggered angles of a chain twice as long, and where.
 
-    In a chain twice as long, with domains of inner rotors. For d above 1 the anti-kink is the
-    image of the kink, n -> 2 N - 2 - n.
+    The anti-kink is as far from its end, that of spinners where it rests. That of wobbling
+    flippers is the image of the kink, n -> 2 N - 2 - n.
     """
     inner = staggered(static_wall(chain, place))[1:-1]
-    other = inner[::-1]
-    if chain.lean_ratio < 1:
-        far = chain.number_of_rotors - 1 - place
+    far = chain.number_of_rotors - 1 - place
+    if chain.motion is Motion.SPINNER:
+        far, state = resting_anti_kink(chain, 2 * (far // 2) + 0.5)
+        other = staggered(state)[1:-1]
+    elif chain.lean_ratio < 1:
         other = staggered(CubicSpline(*anti_kink_path(chain, math.floor(far)))(far))[1:-1]
-    return np.concatenate([inner, inner[-1:], other])
+    else:
+        other = inner[::-1]
+    return np.concatenate([inner, inner[-1:], other]), (place - 1, len(inner) + far)
 
 
 @pytest.mark.parametrize('name', CHAINS)
@@ -47,7 +51,7 @@ def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
     rotors = 2 * (chain.number_of_rotors - 2) + 1
     fresh = Analyser(replace(chain, number_of_rotors=rotors), NOISE)
     for place in chain.number_of_rotors // 2 + np.array([-3.0, -2.7, -2.45, -1.8]):
-        theta = kink_and_anti_kink(chain, float(place))
+        theta, true = kink_and_anti_kink(chain, float(place))
         analyser = deepcopy(fresh)
         angles = staggered(theta)
         for frame in range(FRAMES):
@@ -58,7 +62,6 @@ def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
         assert [each.charge for each in walls] == [1, -1]
         assert found.topology is not None
         assert found.topology.charge == 0
-        true = (place - 1, len(theta) - 1 - (place - 1))
         errors += [
             (w.rotor - x) * chain.spacing / w.position_deviation
             for w, x in zip(walls, true, strict=True)

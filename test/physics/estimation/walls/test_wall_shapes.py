@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from soliton_linkage.estimation.loops import wall_loops
 from soliton_linkage.estimation.walls.wall_shapes import WallShape, WallShapes
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
-from soliton_linkage.solitons.anti_kink import anti_kink_path
+from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import static_wall
 
 CHAINS = {
@@ -41,9 +41,9 @@ def test_a_kink_leaves_nothing_of_a_static_wall(name: str) -> None:
             turn = int(np.sign(steps.sum())) if spinner else 0
             theta, last = staggered(angles), chain.number_of_rotors - 1
             assert leaves_nothing(shapes.kinks[turn], theta, place)
-            if chain.lean_ratio > 1:
+            if name == 'wobbler':
                 image = np.ascontiguousarray(theta[::-1])
-                assert leaves_nothing(shapes.anti_kinks[-turn], image, last - place)
+                assert leaves_nothing(shapes.anti_kinks[turn], image, last - place)
 
 
 def test_an_anti_kink_of_flippers_leaves_nothing_of_a_state_of_least_energy() -> None:
@@ -51,3 +51,12 @@ def test_an_anti_kink_of_flippers_leaves_nothing_of_a_state_of_least_energy() ->
     states = CubicSpline(*anti_kink_path(chain, 40.0))
     for place in (40.0, 40.33, 41.07, 41.5):
         assert leaves_nothing(shapes.anti_kinks[0], staggered(states(place)), place)
+
+
+def test_an_anti_kink_of_spinners_leaves_nothing_where_it_rests_and_its_image_a_rotor_on() -> None:
+    chain, shapes = CHAINS['spinner'], WallShapes(CHAINS['spinner'])
+    place, angles = resting_anti_kink(chain, 40.5)
+    theta = staggered(angles)
+    turn = int(np.sign(wrapped(np.diff(angles - chain.uniform_state(1)))[EDGE:-EDGE].sum()))
+    assert leaves_nothing(shapes.anti_kinks[turn], theta, place)
+    assert leaves_nothing(shapes.anti_kinks[-turn], np.roll(theta, 1), place + 1)

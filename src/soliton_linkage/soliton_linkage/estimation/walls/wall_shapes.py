@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of single walls at rest, as tables of staggered angles by the distance from the centre.
 
-Those of a kink, and of an anti-kink for d below 1, are the chain's own. Beyond, where anti-kinks
-are pinned or swing as they move, theirs is that of a kink seen in a mirror: exactly so in the
-continuum, and with the same centre.
+Those of a kink, and of an anti-kink for d below 1, are the chain's own. Anti-kinks of spinners are
+pinned, and have the shape in which they rest. Those of wobbling flippers, which swing as they
+move, have that of a kink seen in a mirror: exactly so in the continuum, and with the same centre.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 
 from soliton_linkage.estimation.loops.wall_loops import WallTable
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.solitons.anti_kink import anti_kink_path
+from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
@@ -66,8 +66,7 @@ class WallShapes:
         self._places = even + 4 + np.arange(2 * _POINTS) / _POINTS
         for leg in range(2 if chain.motion is Motion.SPINNER else 1):
             walls = np.array([static_wall(window, float(place), leg) for place in self._places])
-            turned = wrapped(np.diff(walls[0] - window.uniform_state(1)))
-            turn = int(np.sign(turned[1:-1].sum())) if chain.motion is Motion.SPINNER else 0
+            turn = _turn(window, walls[0]) if chain.motion is Motion.SPINNER else 0
             self._turns.append(turn)
             self.kinks[turn] = self._shape(self._sampled(walls))
         found = find_solitons(window, static_wall(window, even + 4.5))
@@ -84,6 +83,8 @@ class WallShapes:
             with suppress(ArithmeticError):
                 path = anti_kink_path(self._window, float(self._places[0]))
                 return {0: self._shape(self._sampled(CubicSpline(*path)(self._places)))}
+        if self.chain.motion is Motion.SPINNER:
+            return self._pinned()
         mirrored = np.array([[1.0], [1.0], [-1.0], [-1.0]])
         return {
             -turn: self._shape(np.ascontiguousarray(kink.table.angles[:, ::-1] * mirrored))
@@ -93,6 +94,28 @@ class WallShapes:
     def of_leg(self, leg: int) -> WallShape:
         """The kink of a leg of the orbit."""
         return self.kinks[self._turns[leg % len(self._turns)]]
+
+    def _pinned(self) -> dict[int, WallShape]:
+        """Anti-kinks of spinners, exact where they rest; those that turn back rest a rotor on.
+
+        Those of one sense rest beyond every other rotor; beyond the rotors between they cost far
+        more.
+        """
+        window = self._window
+        place, angles = resting_anti_kink(window, float(self._places[0]) + 0.5)
+        rotors, theta, turn = np.arange(len(angles)), staggered(angles), _turn(window, angles)
+        most = round(self.reach)
+        grid = np.linspace(-most, most, 2 * most * _POINTS + 1)
+        rows = []
+        for parity in (0, 1):
+            mine = rotors[rotors % 2 == parity]
+            curve = PchipInterpolator(mine - place, np.unwrap(theta[mine]))
+            rows.append((curve(grid), curve(grid, 1)))
+        (even, odd), (of_even, of_odd) = zip(*rows, strict=True)
+        return {
+            turn: self._shape(np.array([even, odd, of_even, of_odd])),
+            -turn: self._shape(np.array([odd, even, of_odd, of_even])),
+        }
 
     def _shape(self, angles: Array) -> WallShape:
         return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
@@ -116,3 +139,9 @@ class WallShapes:
             angles.append(curve(grid / _POINTS))
             slopes.append(curve(grid / _POINTS, nu=1))
         return np.array([*angles, *slopes])
+
+
+def _turn(chain: Chain, angles: Array) -> int:
+    """Sense in which the rotors of a wall turn, from the first to the last."""
+    turned = wrapped(np.diff(angles - chain.uniform_state(1)))
+    return int(np.sign(turned[1:-1].sum()))

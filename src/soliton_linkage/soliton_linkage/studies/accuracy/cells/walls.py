@@ -14,13 +14,16 @@ from functools import cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize
 
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
-from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_kink, order_field
+from soliton_linkage.solitons.anti_kink import (
+    anti_kink_path,
+    continuum_anti_kink,
+    resting_anti_kink,
+)
 from soliton_linkage.solitons.static_wall import static_wall
 
 _SAMPLES = 65
@@ -162,25 +165,8 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
     try:
         counted, found = anti_kink_path(window, beside)
     except ArithmeticError:
-        rest = _balanced(window, continuum_anti_kink(window, beside + 0.5))
-        home = (len(rest) - 1 - float(order_field(window, rest)[0].sum())) / 2
+        home, rest = resting_anti_kink(window, beside + 0.5)
         return WallPath(-1, beside, None, rest, home, left)
     least = int(np.argmin(window.elastic_energy(found)))
     spline = CubicSpline(counted, found)
     return WallPath(-1, beside, spline, found[least], float(counted[least]), left)
-
-
-def _balanced(chain: Chain, angles: Array) -> Array:
-    """Angles of least energy near given ones, the ends fixed, shape (N,) [rad]."""
-    scale = chain.stiffness * chain.spacing**2
-
-    def cost(inner: Array) -> tuple[float, Array]:
-        whole = np.concatenate([angles[:1], inner, angles[-1:]])
-        return (
-            float(chain.elastic_energy(whole)) / scale,
-            -chain.spring_torques(whole)[1:-1] / scale,
-        )
-
-    options = {'maxiter': 5000, 'ftol': 1e-15, 'gtol': 1e-10}
-    found = minimize(cost, angles[1:-1], jac=True, method='L-BFGS-B', options=options)
-    return np.concatenate([angles[:1], found.x, angles[-1:]])
