@@ -12,8 +12,8 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.anti_kink import (
     anti_kink_path,
+    constraint_field,
     continuum_anti_kink,
-    order_field,
     resting_anti_kink,
 )
 
@@ -24,8 +24,8 @@ def test_derivatives_of_the_order_field_are_those_of_differences() -> None:
     for example in (FLIPPER, SPINNER):
         chain, step = chain_of(example, ROTORS), 1e-5
         angles = continuum_anti_kink(chain, 20.3)
-        field, first, second = order_field(chain, angles)
-        above, below = (order_field(chain, angles + h)[0] for h in (step, -step))
+        field, first, second = constraint_field(chain, angles)
+        above, below = (constraint_field(chain, angles + h)[0] for h in (step, -step))
         assert first == pytest.approx((above - below) / (2 * step), abs=1e-8)
         assert second == pytest.approx((above - 2 * field + below) / step**2, abs=1e-4)
 
@@ -42,7 +42,9 @@ def test_no_other_state_with_the_same_order_field_costs_less() -> None:
 
     def beside(inner: Array, whole: Array) -> float:
         angles = np.concatenate([whole[:1], inner, whole[-1:]])
-        return float((order_field(chain, angles)[0] - order_field(chain, whole)[0]).sum())
+        return float(
+            (constraint_field(chain, angles)[0] - constraint_field(chain, whole)[0]).sum()
+        )
 
     for state in states[::20]:
         start = state[1:-1] + 0.01 * np.random.default_rng(1).standard_normal(ROTORS - 2)

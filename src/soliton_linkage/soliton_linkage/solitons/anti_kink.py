@@ -2,7 +2,7 @@
 """Anti-kinks at rest, which cost energy: the springs are least stretched for where they are.
 
 The place of a kink is free; that of an anti-kink is held by a constraint. Its path are the states
-of least energy with a given sum of the order field F over the rotors,
+of least energy with a given sum of a field F over the rotors, `constraint_field`,
 
     grad V(phi) = p grad F(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
@@ -60,7 +60,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Place of an anti-kink in balance [rotor spacings], near another, and its angles [rad], (N,).
 
-    The place is that of the sum of the order field; the ends of the chain are fixed.
+    The place is that of the sum of the field; the ends of the chain are fixed.
     """
     start = continuum_anti_kink(chain, near)
     scale = chain.stiffness * chain.spacing**2
@@ -74,7 +74,7 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     found = minimize(cost, start[1:-1], jac=True, method='L-BFGS-B', options=options)
     angles = np.concatenate([start[:1], found.x, start[-1:]])
     angles.flags.writeable = False
-    return (len(angles) - 1 - float(order_field(chain, angles)[0].sum())) / 2, angles
+    return (len(angles) - 1 - float(constraint_field(chain, angles)[0].sum())) / 2, angles
 
 
 def continuum_anti_kink(chain: Chain, place: float) -> Array:
@@ -88,11 +88,12 @@ def continuum_anti_kink(chain: Chain, place: float) -> Array:
     return staggered(np.arcsin(math.sin(rest) * field))
 
 
-def order_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Order field F of each rotor [1] and its first and second derivative by its angle, (N,).
+def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
+    """Field F of each rotor [1] and its first and second derivative by its angle, (N,).
 
-    Of flippers it is (3 m - m^3) / 2 with m = u / ub, which like that of spinners does not change
-    at rest: what holds the sum of the field does not pull at the domains.
+    Of flippers it is (3 m - m^3) / 2 with the order field m = u / ub of `tanh_fit.order_field`:
+    like that of spinners it does not change at rest, so that what holds its sum does not pull at
+    the domains.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -106,10 +107,10 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
 
 
 def _least(chain: Chain, angles: Array, pull: float, wanted: float) -> tuple[Array, float]:
-    """State of least energy with a sum of the order field, and its pull, from one close by."""
+    """State of least energy with a sum of the field, and its pull, from one close by."""
     angles = angles.copy()
     for _ in range(_NEWTON_STEPS):
-        field, first, second = order_field(chain, angles)
+        field, first, second = constraint_field(chain, angles)
         curvature = stiffness_matrix(chain, angles) - diags_array(pull * second)
         border = coo_array(first[1:-1, None])
         bordered = block_array([[curvature[1:-1, 1:-1], -border], [border.T, None]], format='csc')

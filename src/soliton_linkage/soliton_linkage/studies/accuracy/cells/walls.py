@@ -3,7 +3,7 @@
 
 A kink costs nothing anywhere: its path is that of static walls, hung bar by bar. That of an
 anti-kink are states of least energy, `anti_kink_path`. Where it is pinned instead, it rests in
-balance, and its place is that of the sum of the order field.
+balance, and its place is that of the sum of the field, `resting_anti_kink`.
 """
 
 from __future__ import annotations
