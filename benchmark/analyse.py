@@ -5,8 +5,8 @@ Both take the bytes of joint states, in which a wall goes through the middle of 
 with velocities and 0.01 rad of noise, and publish a SolitonState for each. In rounds, each in
 turn takes the same frames in one process; what was published is counted, and its places are
 compared with the truth. Then the analyser, a process of its own as in use, is sent frames at
-1000 Hz: how many it analyses, and the share of a core that it needs. Last come rings with several
-walls.
+1000 Hz: how many it analyses, and the share of a core that it needs. Last comes what the frames of
+records cost that are easy and hard to analyse.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import rclpy
-from analyse_walls import COUNTS, figures_of_walls, times_of_walls
+from analyse_costs import figures_of, records, times_of
 from comparison import Comparison, Figure, Part, parser, write
 from processes import node_command, own_domain, processor_time, running
 from rclpy.node import Node
@@ -176,21 +176,22 @@ def main() -> None:
         runs = {rotors: compared(node, rotors, arguments) for rotors in arguments.rotors}
         used = in_use(node, arguments.seconds)
         node.destroy_node()
-    walls = {count: times_of_walls(count, arguments.frames) for count in COUNTS}
-    write(part(runs, used, walls), arguments.output)
+    chosen = records(arguments.rotors, arguments.frames)
+    costs = {record.name: times_of(record) for record in chosen}
+    write(part(runs, used, costs), arguments.output)
 
 
 def parse_arguments() -> argparse.Namespace:
     made = parser(__doc__)
     made.add_argument('--rotors', type=int, nargs='+', help='lengths of the chains')
     made.add_argument('--seconds', type=float, help='of frames that the node is sent')
-    made.add_argument('--frames', type=int, help='of rings with several walls')
+    made.add_argument('--frames', type=int, help='of each record, easy or hard')
     arguments = made.parse_args()
     arguments.rounds = arguments.rounds or (2 if arguments.quick else 7)
     arguments.rotors = arguments.rotors or (
         [20, 100] if arguments.quick else [20, 100, 1000, 10000]
     )
-    arguments.frames = arguments.frames or (200 if arguments.quick else 3000)
+    arguments.frames = arguments.frames or (20 if arguments.quick else 3000)
     arguments.seconds = arguments.seconds or (1.0 if arguments.quick else 10.0)
     return arguments
 
@@ -281,9 +282,9 @@ def send(
 
 
 def part(
-    runs: dict[int, dict[str, list[Run]]], used: dict[str, float], walls: dict[int, list[float]]
+    runs: dict[int, dict[str, list[Run]]], used: dict[str, float], times: dict[str, list[float]]
 ) -> Part:
-    """Frames a second, processor time and errors of the place; the node in use; several walls."""
+    """Frames a second, processor time and errors of the place; the node in use; each record."""
     comparisons = []
     for rotors, sides in runs.items():
         rates = {name: [r.frames / r.wall for r in side] for name, side in sides.items()}
@@ -300,12 +301,12 @@ def part(
     figures = [
         Figure(f'frames {work} that the node analyses', '%', [share], '100 %'),
         Figure(f'its share of a core, {work}', '', [used['cpu'] / used['seconds']], '0.5'),
-        *figures_of_walls(walls),
+        *(figure for name, seen in times.items() for figure in figures_of(name, seen)),
     ]
     kept = {
         rotors: {n: list(map(asdict, side)) for n, side in s.items()} for rotors, s in runs.items()
     }
-    return Part('analyse', comparisons, figures, {'runs': kept, 'in_use': used})
+    return Part('analyse', comparisons, figures, {'runs': kept, 'in_use': used, 'times': times})
 
 
 if __name__ == '__main__':

@@ -51,11 +51,24 @@ def test_both_find_the_wall_and_ours_no_worse_than_its_noise(found: dict[str, An
 
 def test_the_node_is_sent_every_frame_and_its_share_is_of_the_time(found: dict[str, Any]) -> None:
     used = found['details']['in_use']
-    analysed, share, *walls = found['figures']
-    assert len(walls) == 6
+    analysed, share = found['figures'][:2]
     assert used['sent'] == 1000
     assert 0 < used['analysed'] <= used['sent']
     assert analysed['values'] == [100 * used['analysed'] / used['sent']]
     assert share['values'] == [used['cpu'] / used['seconds']]
     assert used['cpu'] > 0
     assert used['seconds'] > 0.99 * (used['sent'] - 1) / 1000
+
+
+def test_each_record_has_its_median_and_its_slowest_frames(found: dict[str, Any]) -> None:
+    times = found['details']['times']
+    assert len(times) == 8
+    figures = iter(found['figures'][2:])
+    for name, seen in times.items():
+        assert len(seen) == 20
+        median_of, nearly_all, largest = (next(figures) for _ in range(3))
+        assert median_of['what'].startswith(f'{name}: ')
+        assert median_of['values'] == [median(seen)]
+        assert largest['values'] == [max(seen)]
+        assert median(seen) <= nearly_all['values'][0] <= max(seen)
+    assert next(figures, None) is None

@@ -17,6 +17,7 @@ import pytest
 from soliton_linkage.estimation.loops import (
     filter_loops,
     frame_loops,
+    likelihood_loops,
     offset_loops,
     state_loops,
     tail_loops,
@@ -321,6 +322,19 @@ def test_nothing_is_compiled_in_a_frame() -> None:
     frozen = np.ones(4)
     frozen.flags.writeable = False
     assert frame_loops.all_within(frozen, 1.0)
+
+
+def test_a_scan_finds_the_likelihood_of_each_sample() -> None:
+    random, variance, bound, floor = np.random.default_rng(5), 0.04, 2.5, -4.0
+    angles, walls = angles_of(random), angles_of(random)
+    apart = np.remainder(angles - walls + math.pi, 2 * math.pi) - math.pi
+    expected = likelihood_loops.frame_likelihood(apart, variance, bound, floor)
+    table = np.empty(2 + math.ceil(math.pi / math.sqrt(variance) * 32))
+    likelihood_loops.tabulate(variance, bound, floor, table)
+    found, first = np.empty(1), np.zeros(1, dtype=np.int64)
+    sums, begins = np.zeros((1, ROTORS + 1)), np.array([0, ROTORS])
+    likelihood_loops.scan(angles, sums, sums, first, first, begins, walls, table, found)
+    assert found[0] == pytest.approx(expected, abs=ROTORS / (8 * 32**2))
 
 
 def test_a_filter_without_a_share_may_be_the_likeliest_by_any_amount() -> None:

@@ -77,6 +77,14 @@ def test_a_long_orbit_is_scanned_where_its_uniform_parts_let_it(
         assert math.remainder(one.arc - other.arc, orbit.length) == pytest.approx(0, abs=1e-4)
 
 
+def test_rotors_far_from_a_wall_do_not_make_it_less_sure() -> None:
+    orbit, random = UniformOrbit(chain_of(FLIPPER, 10_000)), np.random.default_rng(4)
+    frame = orbit.configuration(orbit.arc_at(2500.0, 0)) + 0.01 * random.standard_normal(10_000)
+    found = search_of(orbit).find(frame, 0.0)
+    assert found.told > 0.999
+    assert orbit.place(found.places[0].arc) == pytest.approx(2500, abs=0.05)
+
+
 def test_a_budget_is_of_scans_in_a_second_of_stamps() -> None:
     budget = ScanBudget(ScanSettings(rate=10.0, burst=3.0))
     spent = [budget.spend(0.002 * frame) for frame in range(1000)]

@@ -188,6 +188,24 @@ def sum_likelihoods(
             sums[row, n + 1] = sums[row, n] + gained
 
 
+@compiled(NUMBER, NUMBER, NUMBER, ROW)
+def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
+    """Set the logarithms of the likelihoods of even differences from 0 to pi, both ends."""
+    for n in range(table.size):
+        apart = math.pi * n / (table.size - 1)
+        table[n] = _of_rotor(apart, variance, bound, floor)
+
+
+@compiled(NUMBER, READ)
+def _looked_up(apart: float, table: Array) -> float:
+    """Logarithm of the likelihood of a difference from -pi to pi [rad], 0 where not known."""
+    if not math.isfinite(apart):
+        return 0.0
+    at = abs(apart) * ((table.size - 1) / math.pi)
+    low = min(int(at), table.size - 2)
+    return float(table[low] + (at - low) * (table[low + 1] - table[low]))
+
+
 @compiled(
     READ,
     READ_TABLE,
@@ -196,9 +214,7 @@ def sum_likelihoods(
     READ_COUNTS,
     READ_COUNTS,
     READ,
-    NUMBER,
-    NUMBER,
-    NUMBER,
+    READ,
     ROW,
 )
 def scan(
@@ -209,16 +225,15 @@ def scan(
     firsts: Counts,
     begins: Counts,
     walls: Array,
-    variance: float,
-    bound: float,
-    floor: float,
+    table: Array,
     likelihoods: Array,
 ) -> None:
     """Set the logarithm of the likelihood of a frame at samples of the orbit, shape (S,).
 
     Before and beyond are running sums by the backgrounds of each leg, shape (legs, N + 1). Each
     sample is of a leg and has rotors about its wall, from a first one on, whose angles [rad] are
-    those of the walls from its begin to that of the next, of which there is one more.
+    those of the walls from its begin to that of the next, of which there is one more. The table
+    is of `tabulate`.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = legs[sample], firsts[sample], begins[sample]
@@ -227,7 +242,7 @@ def scan(
         whole = before[leg, first] + beyond[leg, angles.size] - beyond[leg, end]
         for n in range(count):
             apart = wrapped(angles[first + n] - walls[begin + n])
-            whole += _of_rotor(apart, variance, bound, floor)
+            whole += _looked_up(apart, table)
         likelihoods[sample] = whole
 
 

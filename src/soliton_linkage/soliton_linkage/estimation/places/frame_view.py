@@ -102,6 +102,10 @@ class FrameLikelihood:
         """
         return self._floor + 0.5 * math.log(variance)
 
+    def nothing(self, known: int, variance: float) -> float:
+        """Logarithm of the likelihood of so many angles at random, as floors are [1]."""
+        return known * (self.floor(variance) - self._log_wrong)
+
     def view(
         self,
         arc: float,
@@ -137,7 +141,7 @@ class FrameLikelihood:
         )
         used, known, off, run, unbelieved = counts
         squares, likelihood, largest = sums
-        nothing = known * (floor - self._log_wrong)
+        nothing = self.nothing(known, variance)
         if self.scales is not None:
             differences *= self.scales
             largest = float(np.abs(differences).max()) if math.isfinite(largest) else largest
@@ -179,7 +183,7 @@ class FrameLikelihood:
         if view.run > self._settings.longest_run:
             return False
         if view.likelihood < view.nothing:
-            nothing = view.known * (self.floor(largest) - self._log_wrong)
+            nothing = self.nothing(view.known, largest)
             nothing += self._log_scales(view.residuals)
             if self.of_residuals(view, largest) < nothing:
                 return False

@@ -103,6 +103,7 @@ class PlaceSearch:
         states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
         self._before = np.ascontiguousarray([left for left, _ in states])
         self._beyond = np.ascontiguousarray([right for _, right in states])
+        self._corrections = np.zeros(chain.number_of_rotors)
         swing = swing_of(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
         self._elastic = (likelihood.elastic_share * swing) ** 2
@@ -137,10 +138,11 @@ class PlaceSearch:
                 for index in np.flatnonzero(tops).tolist()
             ]
         peaks.sort(reverse=True)
-        within = peaks[0][0] - self._settings.margin if peaks else 0.0
-        likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
-        if not likely or not np.isfinite(angles).any():
+        known = int(np.count_nonzero(np.isfinite(angles)))
+        if not known or not peaks or peaks[0][0] < self._likelihood.nothing(known, wide):
             return Competition([], math.inf)
+        within = peaks[0][0] - self._settings.margin
+        likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
         variance = self._variance(images[likely[0][2]], likely[0][1], wide, noise)
         places: list[Place] = []
         for _, arc, turned in likely:
@@ -187,7 +189,7 @@ class PlaceSearch:
         differences = np.empty_like(image)
         frame_loops.compare(
             image,
-            np.zeros_like(image),
+            self._corrections,
             False,
             self._before[leg],
             about.angles,
@@ -205,10 +207,10 @@ class PlaceSearch:
         variance: float,
     ) -> float:
         """Logarithm of the integral of the likelihood over the arcs that are near no place."""
-        seen_with = variance + (self._step / 4) ** 2
+        between = (self._step / 4) ** 2
         terms = []
         for turned, samples in scans:
-            found = self._scanned(images[turned], samples, seen_with)
+            found = self._scanned(images[turned], samples, variance, between)
             for place in places:
                 if place.upside_down == turned:
                     apart = np.abs(samples.places - self._orbit.place(place.arc))
@@ -220,10 +222,19 @@ class PlaceSearch:
             return -math.inf
         return top + math.log(float(np.exp(joined - top).sum()) * self._step)
 
-    def _scanned(self, image: Array, samples: OrbitSamples, variance: float) -> Array:
-        """Logarithm of the likelihood at samples, shape (S,)."""
-        bound, floor = self._given.bound, self._likelihood.floor(variance)
+    def _scanned(
+        self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
+    ) -> Array:
+        """Logarithm of the likelihood at samples, shape (S,).
+
+        Rotors about the wall may be off by a variance [rad^2] more, as between two samples.
+        """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
+        variance += between
+        step = math.sqrt(variance) / self._settings.steps_of_table
+        table = np.empty(2 + math.ceil(math.pi / step))
+        floor = self._likelihood.floor(variance)
+        likelihood_loops.tabulate(variance, self._given.bound, floor, table)
         likelihood_loops.scan(
             image,
             sums[0],
@@ -232,9 +243,7 @@ class PlaceSearch:
             samples.firsts,
             samples.begins,
             samples.walls,
-            variance,
-            bound,
-            floor,
+            table,
             found,
         )
         return found
