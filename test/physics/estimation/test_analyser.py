@@ -357,14 +357,25 @@ def test_a_place_is_true_though_no_edge_rotor_is_seen(name: str) -> None:
         assert abs(off) < SURE * one.estimate.place_deviation + 1e-9
 
 
-def test_frames_that_are_no_wall_are_told_and_searched_on_a_budget() -> None:
-    chain, generator = CHAINS['flipper'], np.random.default_rng(3)
-    analyser = Analyser(chain)
-    for number, stamp in enumerate(stamps(300)):
-        found = analyser.analyse(stamp, generator.uniform(-math.pi, math.pi, 16))
+@pytest.mark.parametrize(
+    ('name', 'degrees'),
+    [('flipper', False), ('wobbler', False), ('spinner', False), ('spinner', True)],
+)
+def test_frames_that_are_no_wall_are_told_and_searched_on_a_budget(
+    name: str, degrees: bool
+) -> None:
+    chain, generator = CHAINS[name], np.random.default_rng(3)
+    analyser, stated = Analyser(chain), 0
+    for number, stamp in enumerate(stamps(100)):
+        anything = generator.uniform(-math.pi, math.pi, chain.number_of_rotors)
+        angles = np.degrees(noisy(name)[number]) if degrees else anything
+        found = analyser.analyse(stamp, angles)
         assert found is not None
         assert found.estimate.status is TrackingStatus.LOST, number
+        assert found.solitons or found.status is TrackingStatus.LOST
+        stated += len(found.solitons)
     assert analyser.starts == 0
+    assert stated <= 1
 
 
 @pytest.mark.parametrize('name', CHAINS)

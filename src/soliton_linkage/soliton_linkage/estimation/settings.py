@@ -287,6 +287,9 @@ class WallSettings(_Part):
     scan_beside: float = quantity(1.5, 'way beside a border that is scanned', 'rotor spacings')
     scatter_frames: float = quantity(20, 'frames over which what shapes leave is averaged')
     least_noise: float = quantity(1e-5, 'least deviation of a rotor', 'rad')
+    core: float = quantity(
+        2.5, 'distance from a wall of the rotors that it has to explain', 'rotor spacings'
+    )
     confirmed: float = quantity(3, 'frames running that make sure of a wall, or that it is gone')
     gate: float = quantity(4.0, 'deviations from where it is expected at which a wall is another')
     gate_widths: float = quantity(0.5, 'the same in widths, where it is expected too surely')

@@ -166,12 +166,16 @@ class FrameLikelihood:
             largest,
         )
 
-    def of_residuals(self, view: FrameView, variance: float) -> float:
-        """Logarithm of the likelihood of a view with another variance of a rotor [rad^2]."""
-        residuals = view.residuals if self.scales is None else view.residuals / self.scales
-        return likelihood_loops.frame_likelihood(
+    def over_nothing(self, residuals: Array, variance: float) -> float:
+        """Logarithm of the likelihood of residuals [rad], shape (n,), over that of any angles.
+
+        With a variance of a rotor [rad^2]; NaN tells nothing. Of angles at random it is above x
+        with a probability of no more than exp(-x) (Markov's inequality).
+        """
+        likelihood = likelihood_loops.frame_likelihood(
             residuals, variance, self._settings.bound, self.floor(variance)
         )
+        return likelihood - self.nothing(np.count_nonzero(np.isfinite(residuals)), variance)
 
     def explains(self, view: FrameView, largest: float) -> bool:
         """Whether what it does not believe of a frame may be readings that are wrong.
@@ -183,9 +187,8 @@ class FrameLikelihood:
         if view.run > self._settings.longest_run:
             return False
         if view.likelihood < view.nothing:
-            nothing = self.nothing(view.known, largest)
-            nothing += self._log_scales(view.residuals)
-            if self.of_residuals(view, largest) < nothing:
+            residuals = view.residuals if self.scales is None else view.residuals / self.scales
+            if self.over_nothing(residuals, largest) < self._log_scales(view.residuals):
                 return False
         if view.off <= 1:
             return True

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.estimation.loops import wall_loops
-from soliton_linkage.estimation.places.frame_view import swing_of
+from soliton_linkage.estimation.places.frame_view import FrameLikelihood, swing_of
 from soliton_linkage.estimation.robust import robust_deviation
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.state_report import FrameState
@@ -56,6 +56,9 @@ class WallPlacer:
         self._shifts, self._evenness = shifts, settings.offsets.evenness
         self._chain = chain = shapes.chain
         likelihood, swing = settings.likelihood, swing_of(chain)
+        self._likelihood = FrameLikelihood(swing, likelihood)
+        self._evidence = -math.log(likelihood.false_alarms)
+        self._largest = (likelihood.field_share * swing) ** 2 + likelihood.largest_noise**2
         self._bound, self._coarse = likelihood.bound, (settings.walls.scan_share * swing) ** 2
         self._elastic = (likelihood.elastic_share * swing) ** 2
         self._uniform = chain.uniform_state(1)
@@ -95,18 +98,32 @@ class WallPlacer:
         parts = []
         for wall in walls:
             first, own = self._alone(theta, walls, wall)
-            parts.append((first, self._left(own, first, wall, wall.place)))
-        self._learn(np.concatenate([left for _, left in parts]), len(walls))
+            left = self._left(own, first, wall, wall.place)
+            if self._explains(wall, first, left):
+                parts.append((wall, first, left))
         before, self._before = self._before, np.full(len(theta), math.nan)
-        for first, left in parts:
+        if not parts:
+            return []
+        self._learn(np.concatenate([left for *_, left in parts]), len(parts))
+        for _, first, left in parts:
             self._before[np.arange(first, first + len(left)) % len(theta)] = left
-        found = [
-            self._seen(wall, first, left, before)
-            for wall, (first, left) in zip(walls, parts, strict=True)
-        ]
-        if len(found) == 1 and self._shifts is not None:
-            found[0] = found[0]._replace(untold=self._untold(walls[0], *parts[0], self._shifts))
+        found = [self._seen(*part, before) for part in parts]
+        if len(walls) == 1 and self._shifts is not None:
+            found[0] = found[0]._replace(untold=self._untold(*parts[0], self._shifts))
         return found
+
+    def _explains(self, wall: _Fitted, first: int, left: Array) -> bool:
+        """Whether rotors from a first one on are likelier with a wall than if each were anything.
+
+        It leaves so much of them [rad]. All together they are so beyond chance, and those of its
+        core are so however large noise and field may be.
+        """
+        variance = min(self._variance, self._largest)
+        if self._likelihood.over_nothing(left, variance) < self._evidence:
+            return False
+        beside = np.abs(np.arange(first, first + len(left)) - wall.place)
+        core = left[beside < self._settings.core]
+        return self._likelihood.over_nothing(core, self._largest) >= 0
 
     def _are_near(self, walls: Sequence[_Fitted]) -> bool:
         """Whether any two are so near that the tails of one move the other."""
