@@ -60,19 +60,12 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Place of an anti-kink in balance [rotor spacings], near another, and its angles [rad], (N,).
 
-    The place is that of the sum of the field; the ends of the chain are fixed.
+    The place is that of the sum of the field; the ends of the chain are fixed. Of those that
+    flippers have on a rotor and between two it is the one that costs less.
     """
-    start = continuum_anti_kink(chain, near)
-    scale = chain.stiffness * chain.spacing**2
-
-    def cost(inner: Array) -> tuple[float, Array]:
-        whole = np.concatenate([start[:1], inner, start[-1:]])
-        torques = chain.spring_torques(whole)[1:-1]
-        return float(chain.elastic_energy(whole)) / scale, -torques / scale
-
-    options = {'maxiter': 5000, 'ftol': 1e-15, 'gtol': 1e-10}
-    found = minimize(cost, start[1:-1], jac=True, method='L-BFGS-B', options=options)
-    angles = np.concatenate([start[:1], found.x, start[-1:]])
+    starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
+    found = [_balanced(chain, continuum_anti_kink(chain, start)) for start in starts]
+    angles = min(found, key=lambda each: float(chain.elastic_energy(each)))
     angles.flags.writeable = False
     return (len(angles) - 1 - float(constraint_field(chain, angles)[0].sum())) / 2, angles
 
@@ -104,6 +97,20 @@ def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     rise = 1.5 * (1 - lean**2)
     field = 1.5 * lean - 0.5 * lean**3
     return field, rise * slope, -rise * lean - 3 * lean * slope**2
+
+
+def _balanced(chain: Chain, start: Array) -> Array:
+    """State of least energy near another, shape (N,) [rad]; the ends are fixed."""
+    scale = chain.stiffness * chain.spacing**2
+
+    def cost(inner: Array) -> tuple[float, Array]:
+        whole = np.concatenate([start[:1], inner, start[-1:]])
+        torques = chain.spring_torques(whole)[1:-1]
+        return float(chain.elastic_energy(whole)) / scale, -torques / scale
+
+    options = {'maxiter': 5000, 'ftol': 1e-15, 'gtol': 1e-10}
+    found = minimize(cost, start[1:-1], jac=True, method='L-BFGS-B', options=options)
+    return np.concatenate([start[:1], found.x, start[-1:]])
 
 
 def _least(chain: Chain, angles: Array, pull: float, wanted: float) -> tuple[Array, float]:

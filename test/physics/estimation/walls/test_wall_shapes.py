@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from soliton_linkage.estimation.loops import wall_loops
 from soliton_linkage.estimation.walls.wall_shapes import WallShape, WallShapes
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import static_wall
 
@@ -17,6 +17,7 @@ CHAINS = {
     'flipper': Chain(81, rest_angle=0.97),
     'wobbler': Chain(81, rotor_length=0.1, rest_angle=0.77),
     'spinner': Chain(121, rotor_length=0.2, rest_angle=1.18),
+    'pinned wobbler': Chain(81, rotor_length=0.083, rest_angle=1.247),
 }
 EDGE = 5
 
@@ -33,17 +34,14 @@ def leaves_nothing(shape: WallShape, theta: Array, place: float) -> bool:
 @pytest.mark.parametrize('name', CHAINS)
 def test_a_kink_leaves_nothing_of_a_static_wall(name: str) -> None:
     chain, shapes = CHAINS[name], WallShapes(CHAINS[name])
-    spinner = chain.motion is Motion.SPINNER
-    for leg in (0, 1) if spinner else (0,):
+    for leg in range(2 if chain.motion is Motion.SPINNER else 1):
         for place in (40.0, 40.33, 41.07, 40.5):
-            angles = static_wall(chain, place, leg)
-            steps = wrapped(np.diff(angles - chain.uniform_state(1)))[EDGE:-EDGE]
-            turn = int(np.sign(steps.sum())) if spinner else 0
-            theta, last = staggered(angles), chain.number_of_rotors - 1
-            assert leaves_nothing(shapes.kinks[turn], theta, place)
+            theta = staggered(static_wall(chain, place, leg))
+            assert leaves_nothing(shapes.of_leg(leg), theta, place)
             if name == 'wobbler':
                 image = np.ascontiguousarray(theta[::-1])
-                assert leaves_nothing(shapes.anti_kinks[turn], image, last - place)
+                last = chain.number_of_rotors - 1
+                assert leaves_nothing(shapes.anti_kinks[0], image, last - place)
 
 
 def test_an_anti_kink_of_flippers_leaves_nothing_of_a_state_of_least_energy() -> None:
@@ -53,10 +51,12 @@ def test_an_anti_kink_of_flippers_leaves_nothing_of_a_state_of_least_energy() ->
         assert leaves_nothing(shapes.anti_kinks[0], staggered(states(place)), place)
 
 
-def test_an_anti_kink_of_spinners_leaves_nothing_where_it_rests_and_its_image_a_rotor_on() -> None:
-    chain, shapes = CHAINS['spinner'], WallShapes(CHAINS['spinner'])
+@pytest.mark.parametrize('name', ['spinner', 'pinned wobbler'])
+def test_a_pinned_anti_kink_leaves_nothing_where_it_rests_and_its_image_a_rotor_on(
+    name: str,
+) -> None:
+    chain, shapes = CHAINS[name], WallShapes(CHAINS[name])
     place, angles = resting_anti_kink(chain, 40.5)
-    theta = staggered(angles)
-    turn = int(np.sign(wrapped(np.diff(angles - chain.uniform_state(1)))[EDGE:-EDGE].sum()))
-    assert leaves_nothing(shapes.anti_kinks[turn], theta, place)
-    assert leaves_nothing(shapes.anti_kinks[-turn], np.roll(theta, 1), place + 1)
+    one, other = shapes.anti_kinks
+    assert leaves_nothing(one, staggered(angles), place)
+    assert leaves_nothing(other, np.roll(staggered(angles), 1), place + 1)

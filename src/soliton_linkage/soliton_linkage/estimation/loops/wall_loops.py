@@ -112,8 +112,8 @@ def leave(
 @compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER)
 def scan(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
-) -> float:
-    """Place of least sum of squares, each no more than a bound [rad^2], up to so far beside."""
+) -> tuple[float, float]:
+    """Least sum of squares, each no more than a bound [rad^2], and its place, so far beside."""
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
     for step in range(-steps, steps + 1):
@@ -127,7 +127,7 @@ def scan(
                 whole += min(apart * apart, bound)
         if whole < least:
             best, least = place, whole
-    return best
+    return least, best
 
 
 @compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)

@@ -22,7 +22,7 @@ from soliton_linkage.estimation.state_report import FrameState
 from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_shapes import WallShape, WallShapes
 from soliton_linkage.estimation.walls.wall_track import SeenWall
-from soliton_linkage.linkage.chain import Array, Motion, staggered, wrapped
+from soliton_linkage.linkage.chain import Array, Motion, staggered
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _TAILS = 1.5
@@ -61,7 +61,6 @@ class WallPlacer:
         self._largest = (likelihood.field_share * swing) ** 2 + likelihood.largest_noise**2
         self._bound, self._coarse = likelihood.bound, (settings.walls.scan_share * swing) ** 2
         self._elastic = (likelihood.elastic_share * swing) ** 2
-        self._uniform = chain.uniform_state(1)
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._before = np.full(line.rotors, math.nan)
         self._means, self._counts = np.zeros((2, line.rotors))
@@ -88,7 +87,7 @@ class WallPlacer:
             angles = math.pi - angles
         theta = staggered(angles)
         walls = [
-            _Fitted(self._shape(angles, place, charge), charge, place, 1.0, 0.0, 0.0)
+            _Fitted(self._of_charge[charge][0], charge, place, 1.0, 0.0, 0.0)
             for place, charge in borders
         ]
         walls = self._fitted(theta, walls, scanned=True)
@@ -132,16 +131,6 @@ class WallPlacer:
             for one, other in combinations(walls, 2)
         )
 
-    def _shape(self, angles: Array, place: float, charge: int) -> WallShape:
-        """Shape of a wall, of spinners by the sense in which its rotors turn."""
-        if self._chain.motion is not Motion.SPINNER:
-            return self._of_charge[charge][0]
-        reach = min(self._shapes.reach, self._line.near)
-        rotors = self._line.numbers(place - reach, place + reach, self._edge)
-        turned = (angles - self._uniform)[rotors % len(angles)]
-        steps = wrapped(np.diff(turned[np.isfinite(turned)]))
-        return self._of_charge[charge][1 if float(steps.sum()) > 0 else -1]
-
     def _alone(self, theta: Array, walls: Sequence[_Fitted], wall: _Fitted) -> tuple[int, Array]:
         """Rotors about a wall that are nearer to it than to others: the first of them, and angles.
 
@@ -170,15 +159,29 @@ class WallPlacer:
         found = []
         for wall in walls:
             first, own = self._alone(theta, walls, wall)
-            seen, place = (own, first, wall.shape.table), wall.place
-            if scanned:
-                bound = self._bound**2 * self._coarse
-                place = wall_loops.scan(*seen, place, self._settings.scan_beside, bound)
+            shape, place = self._scanned(own, first, wall) if scanned else (wall.shape, wall.place)
             fit = wall_loops.fit(
-                *seen, place, wall.stretch, self._variance, self._bound, self._shapes.stretches
+                own,
+                first,
+                shape.table,
+                place,
+                wall.stretch,
+                self._variance,
+                self._bound,
+                self._shapes.stretches,
             )
-            found.append(_Fitted(wall.shape, wall.charge, *fit))
+            found.append(_Fitted(shape, wall.charge, *fit))
         return found
+
+    def _scanned(self, own: Array, first: int, wall: _Fitted) -> tuple[WallShape, float]:
+        """Shape and place that leave least of rotors from a first one on [rad], near a wall."""
+        bound, beside = self._bound**2 * self._coarse, self._settings.scan_beside
+        scans = [
+            (*wall_loops.scan(own, first, shape.table, wall.place, beside, bound), shape)
+            for shape in self._of_charge[wall.charge]
+        ]
+        _, place, shape = min(scans, key=lambda scan: scan[0])
+        return shape, place
 
     def _learn(self, left: Array, walls: int) -> None:
         """Learn the variance of a rotor from what so many walls leave of all of them [rad]."""

@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of single walls at rest, as tables of staggered angles by the distance from the centre.
 
-Those of a kink, and of an anti-kink for d below 1, are the chain's own. Anti-kinks of spinners are
-pinned, and have the shape in which they rest. Those of wobbling flippers, which swing as they
-move, have that of a kink seen in a mirror: exactly so in the continuum, and with the same centre.
+Those of a kink, and of an anti-kink for d below 1, are the chain's own. Anti-kinks that are pinned
+have the shape in which they rest: those of spinners, and those of wobbling flippers at rest with
+every other rotor turned over. Those of wobbling flippers that are not pinned swing as they move,
+and have the shape of a kink seen in a mirror: exactly so in the continuum, and with the same
+centre.
 """
 
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 
 from soliton_linkage.estimation.loops.wall_loops import WallTable
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import static_wall
@@ -59,16 +61,13 @@ class WallShapes:
         )
         self.chain = chain
         self.reach = float(beside)
-        self.kinks: dict[int, WallShape] = {}
-        """By the sense in which rotors turn, forwards (+1) or backwards, 0 for flippers."""
-        self._turns: list[int] = []
         self._window = window
         self._places = even + 4 + np.arange(2 * _POINTS) / _POINTS
-        for leg in range(2 if chain.motion is Motion.SPINNER else 1):
-            walls = np.array([static_wall(window, float(place), leg) for place in self._places])
-            turn = _turn(window, walls[0]) if chain.motion is Motion.SPINNER else 0
-            self._turns.append(turn)
-            self.kinks[turn] = self._shape(self._sampled(walls))
+        self.kinks = tuple(
+            self._sampled([static_wall(window, float(place), leg) for place in self._places])
+            for leg in range(2 if chain.motion is Motion.SPINNER else 1)
+        )
+        """Of the legs of the orbit; rotors of spinners turn forwards in one, backwards in one."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Of a wall at rest [m], NaN where it has no such profile."""
@@ -77,57 +76,53 @@ class WallShapes:
         """Whether walls that move have the same shape, but narrower."""
 
     @cached_property
-    def anti_kinks(self) -> dict[int, WallShape]:
-        """As kinks are; worked out where they are first asked for, which takes longer."""
-        if self.chain.lean_ratio < 1:
-            with suppress(ArithmeticError):
-                path = anti_kink_path(self._window, float(self._places[0]))
-                return {0: self._shape(self._sampled(CubicSpline(*path)(self._places)))}
-        if self.chain.motion is Motion.SPINNER:
+    def anti_kinks(self) -> tuple[WallShape, ...]:
+        """All that there may be; worked out where first asked for, which takes longer."""
+        try:
+            path = anti_kink_path(self._window, float(self._places[0]))
+        except ArithmeticError:
             return self._pinned()
+        if self.chain.lean_ratio < 1:
+            return (self._sampled(CubicSpline(*path)(self._places)),)
         mirrored = np.array([[1.0], [1.0], [-1.0], [-1.0]])
-        return {
-            -turn: self._shape(np.ascontiguousarray(kink.table.angles[:, ::-1] * mirrored))
-            for turn, kink in self.kinks.items()
-        }
+        return (self._shape(np.ascontiguousarray(self.kinks[0].table.angles[:, ::-1] * mirrored)),)
 
     def of_leg(self, leg: int) -> WallShape:
         """The kink of a leg of the orbit."""
-        return self.kinks[self._turns[leg % len(self._turns)]]
+        return self.kinks[leg % len(self.kinks)]
 
-    def _pinned(self) -> dict[int, WallShape]:
-        """Anti-kinks of spinners, exact where they rest; those that turn back rest a rotor on.
+    def _pinned(self) -> tuple[WallShape, WallShape]:
+        """Anti-kinks that are exact where they rest, beyond every other rotor, and a rotor on.
 
-        Those of one sense rest beyond every other rotor; beyond the rotors between they cost far
-        more.
+        From one rest to the next their rotors turn on, of each parity by another way.
         """
         window = self._window
         place, angles = resting_anti_kink(window, float(self._places[0]) + 0.5)
-        rotors, theta, turn = np.arange(len(angles)), staggered(angles), _turn(window, angles)
+        rotors, theta = np.arange(len(angles)), staggered(angles)
         most = round(self.reach)
         grid = np.linspace(-most, most, 2 * most * _POINTS + 1)
-        rows = []
-        for parity in (0, 1):
-            mine = rotors[rotors % 2 == parity]
-            curve = PchipInterpolator(mine - place, np.unwrap(theta[mine]))
-            rows.append((curve(grid), curve(grid, 1)))
-        (even, odd), (of_even, of_odd) = zip(*rows, strict=True)
-        return {
-            turn: self._shape(np.array([even, odd, of_even, of_odd])),
-            -turn: self._shape(np.array([odd, even, of_odd, of_even])),
-        }
+        even, odd = (
+            PchipInterpolator(rotors[parity::2] - place, np.unwrap(theta[parity::2]))
+            for parity in (0, 1)
+        )
+        both = (even, odd), (odd, even)
+        one, other = (
+            self._shape(np.array([curve(grid, nu) for nu in (0, 1) for curve in curves]))
+            for curves in both
+        )
+        return one, other
 
     def _shape(self, angles: Array) -> WallShape:
         return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
 
-    def _sampled(self, walls: Array) -> Array:
-        """Angles of a table, of the states of a wall [rad] at the places of the window.
+    def _sampled(self, walls: ArrayLike) -> WallShape:
+        """Shape of a wall of which there are the states at the places of the window [rad].
 
         A rotor shows the wall at steps of its place what rotors of its parity do two apart.
         """
-        rotors = np.arange(1, walls.shape[1] - 1)
+        theta = staggered(np.asarray(walls))[:, 1:-1]
+        rotors = np.arange(1, theta.shape[1] + 1)
         steps = np.rint((rotors - self._places[:, None]) * _POINTS).astype(np.int64)
-        theta = staggered(walls)[:, 1:-1]
         most = round(self.reach) * _POINTS
         grid = np.arange(-most, most + 1)
         angles, slopes = [], []
@@ -138,10 +133,4 @@ class WallShapes:
             curve = make_interp_spline(at, np.unwrap(theta[:, mine].ravel()[order]), k=_DEGREE)
             angles.append(curve(grid / _POINTS))
             slopes.append(curve(grid / _POINTS, nu=1))
-        return np.array([*angles, *slopes])
-
-
-def _turn(chain: Chain, angles: Array) -> int:
-    """Sense in which the rotors of a wall turn, from the first to the last."""
-    turned = wrapped(np.diff(angles - chain.uniform_state(1)))
-    return int(np.sign(turned[1:-1].sum()))
+        return self._shape(np.array([*angles, *slopes]))
