@@ -51,7 +51,7 @@ def _lines(report: BagReport) -> Iterator[str]:
     for topic, count in sorted(report.counts.items(), key=lambda item: item[0].name):
         missing = f', {lost[topic.name]} lost when recorded' if lost.get(topic.name) else ''
         yield f'  {topic.name}  {topic.type_name}  {count}{missing}'
-    for key in ('suite_version', 'command_line', 'chain', 'recovered_from'):
+    for key in ('suite_version', 'command_line', 'chain', 'ended_by', 'recovered_from'):
         if key in report.custom_data:
             yield f'{key.replace("_", " ")}: {report.custom_data[key]}'
     if report.unverified:

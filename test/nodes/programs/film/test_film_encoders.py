@@ -11,13 +11,15 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[3] / 'physics'))
 
-from filmed_chains import CAMERA, renderer
+from filmed_chains import CAMERA, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.vision.films.footage import Shot, read_film, write_film
+from soliton_linkage.vision.films.renderer import Renderer
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag
 from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
 from soliton_linkage_nodes.programs.film.film_encoders import main
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
@@ -31,18 +33,29 @@ CHAIN = """/**:
 TIMES = np.array([0.0, 0.016, 0.034, 0.05, 0.1, 0.117])
 
 
-def test_a_film_becomes_a_bag_with_its_own_times(tmp_path: Path) -> None:
+@pytest.fixture(scope='module')
+def film() -> Renderer:
     pytest.importorskip('cv2', reason='cameras need OpenCV')
     pytest.importorskip('av', reason='films need PyAV')
-    _, film, motion = renderer(Chain(number_of_rotors=6))
+    return renderer(Chain(number_of_rotors=6))[1]
+
+
+def given(film: Renderer, folder: Path) -> list[str]:
+    """Arguments of the program, whose film, chain and camera are in a folder."""
     shots = [Shot(time, film.picture(time)) for time in TIMES]
-    assert write_film(tmp_path / 'film.mp4', shots, quality=10, alone=True) == len(TIMES)
-    (tmp_path / 'chain.yaml').write_text(CHAIN.replace('columns: 2', 'columns: 3'))
-    write_camera(tmp_path / 'camera.yaml', CAMERA)
-    given = ['--chain', str(tmp_path / 'chain.yaml'), '--output', str(tmp_path / 'bag')]
-    given += ['--camera-info', str(tmp_path / 'camera.yaml')]
-    given += ['--row-time', str(CAMERA.row_time), '--exposure', str(CAMERA.exposure)]
-    main([str(tmp_path / 'film.mp4'), *given, '--overlay', str(tmp_path / 'overlay.mp4')])
+    assert write_film(folder / 'film.mp4', shots, quality=10, alone=True) == len(TIMES)
+    (folder / 'chain.yaml').write_text(CHAIN.replace('columns: 2', 'columns: 3'))
+    write_camera(folder / 'camera.yaml', CAMERA)
+    names = {'--chain': 'chain.yaml', '--camera-info': 'camera.yaml', '--output': 'bag'}
+    names['--overlay'] = 'overlay.mp4'
+    paths = [each for key, name in names.items() for each in (key, str(folder / name))]
+    times = ['--row-time', str(CAMERA.row_time), '--exposure', str(CAMERA.exposure)]
+    return [str(folder / 'film.mp4'), *paths, *times]
+
+
+def test_a_film_becomes_a_bag_with_its_own_times(film: Renderer, tmp_path: Path) -> None:
+    motion = swinging(Chain(number_of_rotors=6), 0.15, 12.0)
+    main(given(film, tmp_path))
     with open_bag(tmp_path / 'bag_0') as reader:
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         deviations = [message for _, message in read_topic(reader, 'joint_state_deviations')]
@@ -55,6 +68,24 @@ def test_a_film_becomes_a_bag_with_its_own_times(tmp_path: Path) -> None:
     assert len(deviations) == len(frames)
     overlay = list(read_film(tmp_path / 'overlay.mp4').pictures)
     assert [shot.time for shot in overlay] == pytest.approx(TIMES.tolist(), abs=1e-4)
+
+
+def test_of_a_damaged_film_what_was_before_is_in_the_bag_which_tells_so(
+    film: Renderer, tmp_path: Path
+) -> None:
+    arguments = given(film, tmp_path)
+    path = tmp_path / 'film.mp4'
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : len(data) * 2 // 3] = bytes(len(data) * 2 // 3 - len(data) // 2)
+    path.write_bytes(data)
+    with pytest.raises(SystemExit, match=r"film\.mp4' is damaged after 0\.0\d s"):
+        main(arguments)
+    report = check_bag(tmp_path / 'bag_0')
+    assert not report.damage
+    assert 'is damaged after 0.0' in report.custom_data['ended_by']
+    seen = next(count for topic, count in report.counts.items() if topic.name == '/joint_states')
+    overlay = list(read_film(tmp_path / 'overlay.mp4').pictures)
+    assert 0 < seen == len(overlay) < len(TIMES)
 
 
 def test_a_file_of_another_kind_is_refused_in_one_line(

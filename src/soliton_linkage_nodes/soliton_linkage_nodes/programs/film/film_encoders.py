@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -53,8 +54,9 @@ from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
 """Of H.264 [1]: that of players, for who looks at it."""
@@ -72,6 +74,8 @@ class Account(NamedTuple):
     """Median of the standard deviations [rad]."""
     last: str
     """What the last picture showed, and what happened before."""
+    ended_by: str
+    """What ended it before its end, which the bag tells too; empty for nothing."""
 
 
 def film_to_bag(
@@ -80,28 +84,36 @@ def film_to_bag(
     sight: Sight,
     output: Path,
     overlay: Path | None = None,
+    stopping: threading.Event | None = None,
 ) -> Account:
     """Write what a film shows into a bag, and an overlay; ValueError where it shows no angle.
 
-    What was seen until Ctrl-C is in the bag.
+    A film that is damaged ends there, and one that is stopped then: the bag has what was seen.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
-    last = 'it has no pictures'
+    last, ended_by = 'it has no pictures', ''
+    failure: ValueError | None = None
     progress = ProgressLine('seeing', footage.frames)
 
     def looked() -> Iterator[tuple[Shot, Seen]]:
-        nonlocal last
+        nonlocal last, ended_by, failure
         start = round(footage.start * SECOND)
-        for count, taken in enumerate(footage.pictures, start=1):
-            shown = sight.look(start + round(taken.time * SECOND), taken.picture)
-            last = in_words(sight, shown)
-            progress.show(count, f'{count} pictures, {last}')
-            if shown.frame.seen:
-                bag.write(shown)
-                share = shown.frame.seen / named.rotors
-                seen.append((share, median_deviation(shown.frame)))
-            yield taken, shown
+        try:
+            for count, taken in enumerate(footage.pictures, start=1):
+                if stopping is not None and stopping.is_set():
+                    ended_by = 'a signal'
+                    return
+                shown = sight.look(start + round(taken.time * SECOND), taken.picture)
+                last = in_words(sight, shown)
+                progress.show(count, f'{count} pictures, {last}')
+                if shown.frame.seen:
+                    bag.write(shown)
+                    share = shown.frame.seen / named.rotors
+                    seen.append((share, median_deviation(shown.frame)))
+                yield taken, shown
+        except ValueError as error:
+            failure, ended_by = error, str(error)
 
     try:
         if overlay is None:
@@ -111,11 +123,11 @@ def film_to_bag(
             write_film(overlay, _drawn(looked(), named), _OVERLAY_QUALITY)
     finally:
         progress.clear()
-        bag.close()
+        bag.close(ended_by)
     if not seen:
-        raise ValueError(f'the film shows no angle: {last}')
-    shares, deviations = np.array(seen).T
-    return Account(bag.path, len(seen), float(np.mean(shares)), float(np.median(deviations)), last)
+        raise failure or ValueError(f'the film shows no angle: {last}')
+    share, deviation = np.mean([each for each, _ in seen]), np.median([each for _, each in seen])
+    return Account(bag.path, len(seen), float(share), float(deviation), last, ended_by)
 
 
 def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[Shot]:
@@ -156,10 +168,10 @@ class _AngleBag:
         self._put(interfaces.JOINT_STATE_DEVIATIONS, seen.stamp, deviations)
         self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
 
-    def close(self) -> None:
-        """Finish the bag, where there is one."""
+    def close(self, ended_by: str) -> None:
+        """Finish the bag, where there is one; it tells what ended it before its end."""
         if self._writer is not None:
-            self._writer.close()
+            self._writer.close({'ended_by': ended_by} if ended_by else {})
 
     def _put(self, topic: interfaces.Topic, stamp: int, message: Any) -> None:
         assert self._writer is not None
@@ -171,15 +183,20 @@ class _AngleBag:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """See the angles of a film; exit with 1 where that fails, 130 on Ctrl-C."""
+    """See the angles of a film; exit with 1 where that fails, 130 on Ctrl-C.
+
+    To a camera Ctrl-C is the end.
+    """
     options = _parser().parse(arguments)
     with plain_failures('film_encoders'):
-        interrupt_on_signals()
+        stopping = stop_on_signals()
         named = chain_of_file(options.chain)
         lens = read_camera(options.camera_info) if options.camera_info else None
         parameters = SightParameters(options.row_time, options.exposure, not options.unmarked)
         sight = Sight(named, markers_of_file(options.markers or options.chain), parameters, lens)
-        account = film_to_bag(_footage(options), named, sight, options.output, options.overlay)
+        account = film_to_bag(
+            _footage(options), named, sight, options.output, options.overlay, stopping
+        )
         told = f' --chain {options.chain}' if named.encoder_offsets else ''
         print(
             f'{account.pictures} pictures, in which {account.shares:.1%} of the rotors are seen '
@@ -187,6 +204,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f'angles: analyse_bag {account.bag}{told}',
             file=sys.stderr,
         )
+        if stopping.is_set():
+            sys.exit(INTERRUPTED if options.camera is None else 0)
+        if account.ended_by:
+            raise ValueError(account.ended_by)
 
 
 def _footage(options: argparse.Namespace) -> Footage:
