@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from soliton_linkage.vision.films.footage import GapWatch, Shot, read_film, write_film
+from soliton_linkage.vision.films.footage import (
+    GapWatch,
+    Shot,
+    camera_pictures,
+    read_film,
+    write_film,
+)
 
 
 def test_pictures_that_did_not_come_are_counted() -> None:
@@ -28,6 +34,13 @@ def test_a_rate_that_varies_is_no_gap() -> None:
 def test_a_film_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='is not there'):
         read_film(tmp_path / 'none.mp4')
+
+
+def test_a_camera_that_is_not_there_is_said_once(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    with pytest.raises(ValueError, match='camera 63 gives no picture; see that it is plugged in'):
+        next(camera_pictures(63))
+    assert not capfd.readouterr().err
 
 
 def test_a_film_that_is_damaged_says_where(tmp_path: Path) -> None:

@@ -22,6 +22,8 @@ from soliton_linkage.vision.opencv import opencv, pyav, pyav_to_write
 
 _TICKS = 90_000
 """In which files tell times [Hz]: those of video since MPEG."""
+_SILENT = 0
+"""Level at which OpenCV logs nothing [1]."""
 _GAP = 1.6
 """Time from a picture to the next, over the usual one, beyond which some are missing [1]."""
 _REMEMBERED = 31
@@ -83,8 +85,7 @@ def read_film(path: Path) -> Footage:
 
 def camera_pictures(number: int) -> Iterator[Shot]:
     """Pictures of a camera of this machine as it takes them, since the first one."""
-    cv2 = opencv()
-    with closing(_Capture(cv2.VideoCapture(number))) as capture:
+    with closing(_Capture(_opened_camera(number))) as capture:
         begun = None
         while True:
             picture = capture.read()
@@ -179,6 +180,18 @@ def _read_by_opencv(path: Path) -> Footage:
                 yield Shot(taken - first, picture)
 
     return Footage(_start(path, '', frames / rate), frames, pictures())
+
+
+def _opened_camera(number: int) -> Any:
+    """Capture of OpenCV, which here writes no lines of its own where there is no camera."""
+    cv2 = opencv()
+    log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
+    before = log.getLogLevel()
+    log.setLogLevel(_SILENT)
+    try:
+        return cv2.VideoCapture(number)
+    finally:
+        log.setLogLevel(before)
 
 
 class _Capture:
