@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Angles without markers: dark rotors that do not touch each other, on a light ground.
 
-A rotor's axis is that of the second moments of its darkness, and it ends half its length from its
-middle. The ends that stand in a row are the pivots; from there the axis leads to the mass. The
+The second moments of a rotor's darkness tell its middle and its length, a line through it its
+axis. The ends that stand in a row are the pivots; from there the axis leads to the mass. The
 camera looks squarely at the chain, rotor 0 on the left. Bonds are thinner than the rotors.
+
+The stated deviation is that of the noise of pixels, times what lengths of rotors change by more
+than that noise would have them: bonds that run along a rotor, pixels and compression turn it
+as much as they make it longer.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.angle_frame import AngleFrame, check_picture, no_rotors
 from soliton_linkage.vision.dots import Picture
+from soliton_linkage.vision.errors.fading import FadingSquare
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.lens.camera import Camera
 from soliton_linkage.vision.opencv import opencv
@@ -29,6 +34,14 @@ _LEAST_LENGTH = 2.0
 """Of a rotor over its width [1]: else its axis is not its own."""
 _BESIDE = 0.35
 """Of the spacing by which a pivot is along the chain from where it was before, at most [1]."""
+_TURNS = 3
+"""After which directions stay [1]: each is a tenth of the one before, or less."""
+_ALIKE = 1e-3
+"""Of heights of arms, over them, below which they do not tell how long the arms are [1]."""
+_LEAST_NOISE = 0.3
+"""Of a pixel, that of rounding [grey levels]."""
+_MOST_AVERAGED = 1000
+"""Pictures that a length is the mean of [1]."""
 _FEWEST_PIXELS = 12
 """That a rotor covers [1]."""
 
@@ -40,7 +53,7 @@ class _Bars:
     middles: Array
     halves: Array
     deviations: Array
-    """Of their directions [rad], shape (K,)."""
+    """Of their directions [rad] and of half their lengths [pixels], shape (K, 2)."""
 
 
 class DarkRotors:
@@ -52,6 +65,8 @@ class DarkRotors:
         self._camera = camera
         self._rotors = layout.chain.number_of_rotors
         self._pivots: Array | None = None
+        self._lengths, self._seen = np.zeros((2, self._rotors))
+        self._scatter = FadingSquare()
 
     def look(self, time: float, picture: Picture) -> AngleFrame:
         """Angles in a picture that was begun at a time [s], as of an `AngleCamera`.
@@ -87,7 +102,8 @@ class DarkRotors:
         angles, deviations = np.full(self._rotors, np.nan), np.full(self._rotors, np.nan)
         masses = np.full((self._rotors, 2), np.nan)
         angles[rotors[near]] = np.arctan2(arms[near] @ along, arms[near] @ up)
-        deviations[rotors[near]] = bars.deviations[near]
+        turning = self._factor(rotors[near], bars, near) * bars.deviations[near, 0]
+        deviations[rotors[near]] = turning
         masses[rotors[near]] = pivots[near] + arms[near]
         times = np.full(self._rotors, time)
         turned = self.tracks.unwrapped(times, angles)
@@ -96,6 +112,16 @@ class DarkRotors:
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         own, none = self._pivots.copy(), np.zeros((0, 2))
         return AngleFrame(delay, turned, deviations, masses, own, none, status)
+
+    def _factor(self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]) -> float:
+        """By what errors are larger than noise says, as lengths of rotors tell that change [1]."""
+        lengths = np.hypot(*bars.halves[which].T)
+        known = self._seen[rotors] > 0
+        errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
+        self._scatter.take(errors[known])
+        self._seen[rotors] = np.minimum(self._seen[rotors] + 1, _MOST_AVERAGED)
+        self._lengths[rotors] += (lengths - self._lengths[rotors]) / self._seen[rotors]
+        return float(np.sqrt(self._scatter.square()))
 
 
 def _bars(grey: Picture) -> _Bars:
@@ -109,16 +135,15 @@ def _bars(grey: Picture) -> _Bars:
     of_size = areas >= _FEWEST_PIXELS
     usual = float(np.median(areas[of_size])) if of_size.any() else 0.0
     of_size &= (areas > _LEAST_SHARE * usual) & (areas < _LARGEST_SHARE * usual)
-    white = float(np.median(grey[grey > level])) if (grey > level).any() else 255.0
     noise = float(np.median(np.abs(np.diff(grey[::7].astype(float), axis=1)))) / 0.954
     found = [
         bar
         for number in np.flatnonzero(of_size)
-        if (bar := _bar(grey, labels, figures[number + 1], int(number) + 1, white, noise))
+        if (bar := _bar(grey, labels, figures[number + 1], int(number) + 1, level, noise))
         is not None
     ]
     parts = [np.array(part) for part in zip(*found, strict=True)] if found else []
-    return _Bars(*parts) if parts else _Bars(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    return _Bars(*parts) if parts else _Bars(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def _bar(
@@ -126,15 +151,18 @@ def _bar(
     labels: NDArray[np.int32],
     figure: Array,
     number: int,
-    white: float,
+    level: float,
     noise: float,
-) -> tuple[Array, Array, float] | None:
-    """Middle and half length [pixels] and deviation of the direction [rad] of a dark bar."""
+) -> tuple[Array, Array, Array] | None:
+    """Middle and half length [pixels] and deviations of a dark bar; None for no rotor.
+
+    Pixels count by what they are darker than a level, beyond which a bond alone is lighter.
+    """
     left, top, width, height = (int(each) for each in figure[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
     columns = slice(max(left - 2, 0), left + width + 2)
     own = opencv().dilate((labels[rows, columns] == number).astype(np.uint8), np.ones((3, 3)))
-    weights = np.where(own > 0, np.maximum(white - grey[rows, columns], 0.0), 0.0)
+    weights = np.where(own > 0, np.maximum(level - grey[rows, columns], 0.0), 0.0)
     y, x = np.nonzero(weights)
     w = weights[y, x]
     points = np.column_stack([x + columns.start, y + rows.start]).astype(np.float64)
@@ -144,23 +172,50 @@ def _bar(
     moments, axes = np.linalg.eigh((away * w[:, None]).T @ away / total)
     if moments[1] < _LEAST_LENGTH**2 * max(moments[0], 1e-9):
         return None
-    long, short = away @ axes[:, 1], away @ axes[:, 0]
-    spread = float(np.sqrt(np.sum((long * short) ** 2))) * max(noise, 0.3)
-    deviation = spread / (total * (moments[1] - moments[0]))
-    return middle, axes[:, 1] * np.sqrt(3 * moments[1]), deviation
+    half, width = np.sqrt(3 * moments[1]), np.sqrt(12 * moments[0])
+    direction, turning = _axis(away, w, axes[:, 1], half - width / 2)
+    longer = (away @ axes[:, 1]) ** 2 - moments[1]
+    lengthening = 1.5 * float(np.sqrt(np.sum(longer**2))) / (half * total)
+    return middle, direction * half, max(noise, _LEAST_NOISE) * np.array([turning, lengthening])
+
+
+def _axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
+    """Direction of a line through points (P, 2) about a middle; its deviation by unit noise [rad].
+
+    Weighted least squares. The weights taper off to the reach along the axis, so that no pixel
+    comes in or goes at once as the rotor turns, and ends, where bonds begin, count little.
+    """
+    for _ in range(_TURNS):
+        normal = np.array([-axis[1], axis[0]])
+        taper = np.maximum(1 - (points @ axis / reach) ** 2, 0.0)
+        inner = taper * weights
+        away = points - inner @ points / inner.sum()
+        along, beside = away @ axis, away @ normal
+        lever = inner @ along**2
+        axis = axis + inner @ (along * beside) / lever * normal
+        axis /= np.hypot(*axis)
+    return axis, float(np.sqrt(np.sum((taper * along * beside) ** 2)) / lever)
 
 
 def _upright(bars: _Bars) -> tuple[Array, Array, Array]:
-    """Pivots and arms from there to the masses [pixels], (K, 2) each, and which way is along."""
-    middle, along = _line(bars.middles)
-    for _ in range(3):
+    """Pivots and arms from there to the masses [pixels], (K, 2) each, and which way is along.
+
+    Pivots are as far from the middles, over half the lengths, as they have to be to be in a row.
+    """
+    pivots, arms = bars.middles, bars.halves
+    middle, along = _line(pivots)
+    for _ in range(_TURNS):
         normal = np.array([-along[1], along[0]])
-        ahead = np.abs((bars.middles + bars.halves - middle) @ normal)
-        behind = np.abs((bars.middles - bars.halves - middle) @ normal)
-        arms = np.where((ahead > behind)[:, None], bars.halves, -bars.halves)
-        pivots = bars.middles - arms
-        middle, along = _line(pivots)
-    return pivots, 2 * arms, along
+        away = bars.middles - middle
+        further = np.abs((away + bars.halves) @ normal) > np.abs((away - bars.halves) @ normal)
+        arms = np.where(further[:, None], bars.halves, -bars.halves)
+        row = np.column_stack([np.ones(len(arms)), away @ along, arms @ normal])
+        (_, slope, longer), *_ = np.linalg.lstsq(row, (away - arms) @ normal, rcond=_ALIKE)
+        along = along + slope * normal
+        along /= np.hypot(*along)
+        pivots = bars.middles - (1 + longer) * arms
+        middle = pivots.mean(axis=0) if len(pivots) else middle
+    return pivots, bars.middles + arms - pivots, along
 
 
 def _line(points: Array) -> tuple[Array, Array]:
