@@ -3,37 +3,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from filmed_chains import CAMERA, PERIOD, renderer
+from filmed_chains import CAMERA, PERIOD, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.dots import Picture
 from soliton_linkage.vision.films.footage import Shot, read_film, write_film
-from soliton_linkage.vision.films.renderer import FilmSettings, Hand
+from soliton_linkage.vision.films.renderer import Hand
+from soliton_linkage.vision.layout import MarkerLayout
 
-pytest.importorskip('cv2', reason='cameras need OpenCV')
+cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
 CHAIN = Chain(number_of_rotors=10)
-FRAMES = 24
+TIMES = PERIOD * np.arange(24)
 
 
-def filmed(
-    hands: tuple[Hand, ...] = (), frames: int = FRAMES, settings: FilmSettings | None = None
-) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
-    """What a camera sees in a film, and by how much that is wrong [rad], (frames, N)."""
-    layout, film, motion = renderer(CHAIN, hands=hands, settings=settings)
-    camera = AngleCamera(layout, CAMERA)
-    times = PERIOD * np.arange(frames)
-    seen = [camera.look(time, film.picture(time)) for time in times]
-    truth = motion(times + np.array([frame.delay for frame in seen]))[0]
+@cache
+def swing(hands: tuple[Hand, ...] = ()) -> list[Picture]:
+    """Pictures of a chain that swings."""
+    _, film, _ = renderer(CHAIN, hands=hands)
+    return [film.picture(time) for time in TIMES.tolist()]
+
+
+def looked_at(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
+    """What a camera sees in pictures, and by how much that is wrong [rad], (frames, N)."""
+    camera = AngleCamera(MarkerLayout(CHAIN), CAMERA)
+    times = TIMES[: len(pictures)]
+    seen = [camera.look(time, each) for time, each in zip(times, pictures, strict=True)]
+    truth = swinging(CHAIN, 0.15, 12.0)(times + np.array([frame.delay for frame in seen]))[0]
     return camera, seen, np.array([frame.angles for frame in seen]) - truth
 
 
 def test_angles_are_seen_as_well_as_is_said_and_without_bias() -> None:
-    _, seen, errors = filmed()
+    _, seen, errors = looked_at(swing())
     assert np.isfinite(errors).all()
     errors, stated = errors[3:], np.array([frame.deviations for frame in seen[3:]])
     own = errors - errors.mean(axis=0)
@@ -43,7 +51,8 @@ def test_angles_are_seen_as_well_as_is_said_and_without_bias() -> None:
 
 
 def test_jpeg_costs_a_little_which_is_said() -> None:
-    _, seen, errors = filmed(settings=FilmSettings(quality=90))
+    coded = (cv2.imencode('.jpg', each, [cv2.IMWRITE_JPEG_QUALITY, 90])[1] for each in swing())
+    _, seen, errors = looked_at([cv2.imdecode(each, cv2.IMREAD_COLOR) for each in coded])
     assert np.isfinite(errors).all()
     assert np.sqrt(np.mean(errors[3:] ** 2)) < 4e-3
     stated = np.array([frame.deviations for frame in seen])
@@ -54,7 +63,7 @@ def test_jpeg_costs_a_little_which_is_said() -> None:
 def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Path) -> None:
     """By how much, and how long, docs/camera.md tells of longer films."""
     layout, film, motion = renderer(CHAIN, amplitude=0.02, rate=3.0)
-    times = PERIOD * np.arange(FRAMES)
+    times = TIMES
     shots = (Shot(time, film.picture(time)) for time in times.tolist())
     write_film(tmp_path / 'clip.mp4', shots, 18)
     camera = AngleCamera(layout, CAMERA)
@@ -71,7 +80,7 @@ def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Pat
 
 def test_what_a_hand_hides_is_nan_and_comes_back_with_its_turns() -> None:
     hand = Hand(6 * PERIOD, 12 * PERIOD, (250.0, 180.0), (0.0, 0.0), (45.0, 60.0))
-    _, seen, errors = filmed((hand,))
+    _, seen, errors = looked_at(swing((hand,)))
     hidden = np.isnan(errors)
     assert not hidden[:6].any()
     assert hidden[7:12].any(axis=1).all()
@@ -82,27 +91,21 @@ def test_what_a_hand_hides_is_nan_and_comes_back_with_its_turns() -> None:
 
 
 def test_a_camera_that_moved_is_noticed_and_sees_on() -> None:
-    layout, film, motion = renderer(CHAIN)
-    camera = AngleCamera(layout, CAMERA)
-    for frame in range(16):
-        picture = film.picture(frame * PERIOD)
-        if frame >= 8:
-            picture = np.roll(picture, (2, 3), axis=(0, 1))
-        seen = camera.look(frame * PERIOD, picture)
+    pushed = [np.roll(picture, (2, 3), axis=(0, 1)) for picture in swing()[8:16]]
+    camera, _, errors = looked_at([*swing()[:8], *pushed])
     assert camera.frame_markers.moves == 1
     assert camera.frame_markers.shift == pytest.approx(np.hypot(2, 3), abs=0.1)
-    truth = motion(np.array([15 * PERIOD + seen.delay]))[0][0]
-    assert np.abs(seen.angles - truth).max() < 0.01
+    assert np.abs(errors[-1]).max() < 0.01
 
 
 def test_without_markers_it_says_what_to_show() -> None:
-    layout, _, _ = renderer(CHAIN)
-    seen = AngleCamera(layout, CAMERA).look(0.0, np.full((360, 640, 3), 128, dtype=np.uint8))
+    seen = AngleCamera(MarkerLayout(CHAIN), CAMERA).look(
+        0.0, np.full((360, 640, 3), 128, dtype=np.uint8)
+    )
     assert np.isnan(seen.angles).all()
     assert 'show two markers or more' in seen.status
 
 
 def test_a_picture_of_another_size_is_refused() -> None:
-    layout, _, _ = renderer(CHAIN)
     with pytest.raises(ValueError, match=r'shape \(360, 641, 3\) is none of the camera'):
-        AngleCamera(layout, CAMERA).look(0.0, np.zeros((360, 641, 3), dtype=np.uint8))
+        AngleCamera(MarkerLayout(CHAIN), CAMERA).look(0.0, np.zeros((360, 641, 3), dtype=np.uint8))
