@@ -139,7 +139,7 @@ class PlaceSearch:
             ]
         peaks.sort(reverse=True)
         known = int(np.count_nonzero(np.isfinite(angles)))
-        if not known or not peaks or peaks[0][0] < self._likelihood.nothing(known, wide):
+        if not known or not peaks:
             return Competition([], math.inf)
         within = peaks[0][0] - self._settings.margin
         likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
