@@ -175,7 +175,7 @@ class FrameLikelihood:
         likelihood = likelihood_loops.frame_likelihood(
             residuals, variance, self._settings.bound, self.floor(variance)
         )
-        return likelihood - self.nothing(np.count_nonzero(np.isfinite(residuals)), variance)
+        return likelihood - self.nothing(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: FrameView, largest: float) -> bool:
         """Whether what it does not believe of a frame may be readings that are wrong.
