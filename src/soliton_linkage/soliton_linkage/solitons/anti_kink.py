@@ -18,8 +18,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal, solve_banded
 from scipy.optimize import minimize
-from scipy.sparse import block_array, coo_array, diags_array
-from scipy.sparse.linalg import splu
 
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
@@ -118,16 +116,18 @@ def _least(chain: Chain, angles: Array, pull: float, wanted: float) -> tuple[Arr
     angles = angles.copy()
     for _ in range(_NEWTON_STEPS):
         field, first, second = constraint_field(chain, angles)
-        curvature = stiffness_matrix(chain, angles) - diags_array(pull * second)
-        border = coo_array(first[1:-1, None])
-        bordered = block_array([[curvature[1:-1, 1:-1], -border], [border.T, None]], format='csc')
+        curvature = stiffness_matrix(chain, angles).toarray() - np.diag(pull * second)
+        bordered = np.zeros((len(angles) - 1, len(angles) - 1))
+        bordered[:-1, :-1] = curvature[1:-1, 1:-1]
+        bordered[:-1, -1], bordered[-1, :-1] = -first[1:-1], first[1:-1]
         slope = -chain.spring_torques(angles) - pull * first
-        step = splu(bordered).solve(-np.append(slope[1:-1], field.sum() - wanted))
+        step = np.linalg.solve(bordered, -np.append(slope[1:-1], field.sum() - wanted))
         step *= min(1.0, _LONGEST / float(np.abs(step[:-1]).max()))
         angles[1:-1] += step[:-1]
         pull += float(step[-1])
         if np.abs(step[:-1]).max() < _CONVERGED:
-            if _holds(curvature.diagonal()[1:-1], curvature.diagonal(1)[1:-1], first[1:-1]):
+            inner = curvature[1:-1, 1:-1]
+            if _holds(inner.diagonal(), inner.diagonal(1), first[1:-1]):
                 return angles, pull
             break
     raise ArithmeticError(

@@ -79,10 +79,12 @@ def test_tilt_by_its_slider(visit: Visit, view: Any, stage: Stage) -> None:
     visit.tab('Drive')
     slider = visit.page.locator('#live-tilt [tabindex="0"]')
     slider.press('ArrowRight')
+    until(lambda: heard and heard[-1].data == pytest.approx(0.005), 'the first step')
     slider.press('ArrowRight')
-    until(lambda: heard and heard[-1].data == pytest.approx(0.01), 'the tilt')
+    until(lambda: heard[-1].data == pytest.approx(0.01), 'the tilt')
     visit.panel_says('now 0.010 rad')
     slider.press('ArrowLeft')
+    until(lambda: heard[-1].data == pytest.approx(0.005), 'a step back')
     slider.press('ArrowLeft')
     until(lambda: heard[-1].data == pytest.approx(0.0), 'the tilt back')
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +17,7 @@ from soliton_linkage.estimation.walls.wall_frame import WallFrame
 from soliton_linkage.estimation.walls.wall_line import WallLine
 from soliton_linkage.estimation.walls.wall_placing import WallPlacer
 from soliton_linkage.estimation.walls.wall_shapes import WallShapes
-from soliton_linkage.estimation.walls.wall_track import WallTrack
+from soliton_linkage.estimation.walls.wall_track import SeenWall, WallTrack
 from soliton_linkage.estimation.walls.wall_tracker import WallTracker
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain
@@ -32,24 +33,23 @@ class WallReporter:
     """Follows the walls of a chain through its frames."""
 
     def __init__(self, chain: Chain, orbit: Orbit | None, settings: EstimationSettings) -> None:
-        """Begin without walls; the orbit tells how long one takes to turn back at an edge."""
-        self._chain, self._orbit = chain, orbit
+        """Make the shapes of walls; the orbit tells how long one takes to turn back at an edge."""
+        self._chain = chain
         self._inside = settings.report.inside
         self.line = WallLine(chain, settings.walls, settings.report)
         self._opposite = settings.walls.opposite
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
-        self._settings = settings
-        self._placer: WallPlacer | None = None
-        self._has_shapes = True
         arc, swing = _site_arc(chain), 2 * self.line.width
         if orbit is not None:
             begin, end = orbit.leg_arcs(0)
             swing = max((end - begin) / orbit.site_arc - (chain.number_of_rotors - 1), 0.0)
         self._tracker = WallTracker(self.line, 1 / chain.time_unit, arc, swing, settings)
-        if chain.periodic:
-            # All walls of a ring are placed by it: it is made before the first frame comes.
-            self._shaped()
+        # Made before the first frame comes: it takes as long as hundreds of them.
+        self._placer: WallPlacer | None = None
+        with suppress(ValueError, ArithmeticError):
+            shifts = WallShifts(orbit) if orbit else None
+            self._placer = WallPlacer(self.shapes, self.line, settings, shifts)
 
     @cached_property
     def shapes(self) -> WallShapes:
@@ -62,16 +62,6 @@ class WallReporter:
         if self._placer is not None:
             self._placer.restart()
 
-    def _shaped(self) -> WallPlacer | None:
-        """Made where there are several walls, as it may take a while; None where it cannot be."""
-        if self._placer is None and self._has_shapes:
-            try:
-                shifts = WallShifts(self._orbit) if self._orbit else None
-                self._placer = WallPlacer(self.shapes, self.line, self._settings, shifts)
-            except (ValueError, ArithmeticError):
-                self._has_shapes = False
-        return self._placer
-
     def on_orbit(self, estimate: OrbitEstimate, frame: WallFrame) -> Walls:
         """The wall on the orbit, none while it is at an edge."""
         inside = self._inside <= estimate.place <= self.line.rotors - 1 - self._inside
@@ -82,8 +72,9 @@ class WallReporter:
 
         Its angles as they were seen [rad] are of shape (N,), NaN where they were not.
         """
-        placer = self._shaped()
-        walls = placer.placed(state, seen, self._borders_of(state)) if placer else []
+        walls: list[SeenWall] = []
+        if self._placer is not None:
+            walls = self._placer.placed(state, seen, self._borders_of(state))
         return self._tracker.take(time, walls, frame)
 
     def _borders_of(self, state: FrameState) -> list[tuple[float, int]]:
