@@ -186,7 +186,8 @@ def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float,
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
     if rtol == 0 and not (absolute > 0).all():
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
-    return rtol, np.full(size, absolute) if absolute.ndim == 0 else absolute
+    # Loops would be compiled anew for a whole number.
+    return float(rtol), np.full(size, absolute) if absolute.ndim == 0 else absolute
 
 
 def _checked_positive(name: str, value: float) -> float:
