@@ -45,7 +45,7 @@ def test_every_panel_has_data_and_what_is_found_holds(
 ) -> None:
     output = tmp_path / 'new/out'
     path = written(small_settings(), tmp_path)
-    assert driving.main([str(path), '--output', str(output), '--quick', '--workers', '2']) == 0
+    assert driving.main([str(path), '--output', str(output), '--quick', '--workers', '1']) == 0
     names = {'table.md', *(f'driving.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
     assert {path.name for path in output.iterdir()} == names
     with (output / 'driving.csv').open(newline='', encoding='utf-8') as file:

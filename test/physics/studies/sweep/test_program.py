@@ -112,7 +112,7 @@ def test_the_same_command_on_a_whole_table_draws_it_again(
 
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_sweep_goes_on_to_the_same_table(
-    sent: signal.Signals, tmp_path: Path, whole_table: bytes
+    sent: signal.Signals, tmp_path: Path, whole_table: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = written(tmp_path / 'long.yaml', LONG)
     folder = tmp_path / 'out'
@@ -135,10 +135,8 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(
         assert errors.endswith('sweep: stopped; the same command goes on where it was\n')
         assert 'Traceback' not in errors
     measured = lines_in(part)
-    process = started(config, '--output', folder, '--workers', 1)
-    _, errors = process.communicate(timeout=LONGEST_WAIT)
-    assert process.returncode == 0
-    assert f'{1350 - measured} points in' in errors
+    assert main([str(config), '--output', str(folder), '--workers', '1']) == 0
+    assert f'{1350 - measured} points in' in capsys.readouterr().err
     assert (folder / 'long.csv').read_bytes() == whole_table
     assert not part.exists()
 
