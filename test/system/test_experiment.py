@@ -32,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / 'config'
 SCENARIO, NUDGE = 'spinner', 12.5
 ROTORS = 16
+RATE = 100.0
 TIME_TO_STOP = 20.0
 LONGEST_RUN = 240.0
 MARK = 'SOLITON_EXPERIMENT'
@@ -85,9 +86,9 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
     assert summary['frames_missing_in_replay'] == 0
     assert summary['replayed_messages'] == frames_in(tmp_path / f'{SCENARIO}_0')
     assert summary['largest_replay_difference_rotors'] == 0
-    assert 0 < summary['publish_rate_hz'] < 1.05 * 250
+    assert 0 < summary['publish_rate_hz'] < 1.05 * RATE
     # A busy machine is late, and then says so.
-    assert summary['missed_deadlines'] or summary['publish_rate_hz'] > 0.95 * 250
+    assert summary['missed_deadlines'] or summary['publish_rate_hz'] > 0.95 * RATE
     assert abs(summary['energy_drift']) < 1e-8
     speeds = [crossing.place_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
@@ -181,7 +182,7 @@ def leave_an_earlier_run(output: Path, scenario: str) -> None:
         path.write_text('of an earlier run')
 
 
-def configured(folder: Path, scenario: str, rate: float = 250.0, **parameters: float) -> Path:
+def configured(folder: Path, scenario: str, rate: float = RATE, **parameters: float) -> Path:
     """A scenario of few rotors, with a rate of frames [Hz] and parameters of the experiment."""
     path = CONFIGURATION / f'{scenario}.yaml'
     configuration = yaml.safe_load(path.read_text(encoding='utf-8'))
