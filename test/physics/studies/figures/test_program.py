@@ -90,7 +90,7 @@ def test_the_command_draws_what_is_asked_for_and_the_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / 'new/folder'
-    arguments = [str(CONFIG), '--output', str(output), '--quick', '--workers', '2', '--only']
+    arguments = [str(CONFIG), '--output', str(output), '--quick', '--workers', '1', '--only']
     assert figures.main([*arguments, 'soft_actuator', 'anti_kink_cost']) == 0
     table = (output / 'table.md').read_text(encoding='utf-8').splitlines()
     names = [line.split('|')[1].strip() for line in table[2:]]
