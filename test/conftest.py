@@ -7,6 +7,7 @@ Hypothesis takes the same examples in every run, unless told `--hypothesis-profi
 from __future__ import annotations
 
 import gc
+import os
 import signal
 from collections import Counter, defaultdict
 from itertools import chain, groupby
@@ -16,6 +17,11 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
+
+# Before numpy is imported: side by side each worker has a core, and threads of linear algebra
+# would only wait for one another.
+if 'PYTEST_XDIST_WORKER' in os.environ:
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 settings.register_profile(
     'repeatable', deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
