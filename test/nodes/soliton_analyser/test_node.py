@@ -435,7 +435,7 @@ def test_angles_of_another_class_than_the_parameters_are_said(graph: Graph) -> N
     chain, speed = CHAINS['spinner']
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named_chain(CHAINS['flipper'][0]))
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     publisher = graph.speak(interfaces.JOINT_STATES)
     for frame in frames_of(named_chain(chain), speed):
         publisher.publish(frame)
