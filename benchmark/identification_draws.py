@@ -108,7 +108,7 @@ def made(name: str, number: int) -> Draw:
     true = replace(lengths_of(chain).scaled(1.0), offsets=offsets)
     tolerances = Tolerances(SPREAD, OFFSET)
     known = bound(chain, angles, NOISE, tolerances)
-    bundle = Bundle(readings, true)
+    bundle = Bundle(true, readings)
     bundle.angles = angles.T.copy()
     prior = tolerances.information(nominal.number_of_rotors)
     gradient = bundle.normal_equations().vector / NOISE**2 - prior @ unknowns_of(true)

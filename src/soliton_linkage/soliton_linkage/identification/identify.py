@@ -50,7 +50,7 @@ def identify(
     count. A tolerance of lengths [1] is learnt unless it is given. Raises ValueError, in one
     line, for a recording that shows no chain.
     """
-    times, whole, names = readings.times, readings.whole, readings.joints
+    times, whole = readings.times, readings.whole
     _check_passage(readings.recordings)
     noise = noise_of(readings.seen, readings.spreads)
     for recording in readings.recordings:
@@ -66,11 +66,11 @@ def identify(
     some = replace(readings, angles=readings.seen).of_frames(stay)
     fitted = _fitted(some, found.left[stay], found, given, noise, tolerance, known)
     if fitted is not None:
-        check_slips(fitted.times, fitted.left, fitted.noise, names)
+        check_slips(some, fitted.left, fitted.noise)
         given = _scaled(given, readings, fitted.motion.gravity)
         scale = mass_scale(fitted, some, given.spacing)
         return of_springs(fitted, given, noise, scale, left_out)
-    check_slips(times, found.left / readings.spreads, max(noise, found.noise), names)
+    check_slips(readings, found.left / readings.spreads, max(noise, found.noise))
     if not found.settled:
         raise ValueError(_NOT_CLOSED)
     if found.noise > STRAINED * noise:

@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from soliton_linkage.estimation.robust import robust_deviation
 from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.rounding import repeats, rounding_noise
 from soliton_linkage.linkage.chain import Array
 
 LEAST_NOISE = 1e-4
 """Noise with which a motion is fitted at least [rad]: better encoders are rounded."""
-_LEAST_STEP = 1e-9
-"""Of readings that are rounded [rad]: less is that of numbers."""
 _SLIPPING = 3.0
 """Largest range of a sum of so many independent numbers, over the root of their number [1], that
 chance makes of 40 rotors once in a million recordings."""
@@ -45,10 +43,7 @@ def noise_of(readings: Array, spreads: Array) -> float:
     sizes = np.abs(bends[np.isfinite(bends)])
     if not len(sizes):
         return math.nan
-    steps = np.abs(np.diff(readings, axis=0))
-    rounded = steps[steps > _LEAST_STEP].min(initial=np.inf) / math.sqrt(12)
-    of_rounding = rounded / float(np.nanmedian(spreads)) if np.isfinite(rounded) else 0.0
-    return max(robust_deviation(sizes), of_rounding)
+    return max(robust_deviation(sizes), rounding_noise(readings) / float(np.nanmedian(spreads)))
 
 
 def check_jumps(recording: Readings, noise: float) -> None:
@@ -79,15 +74,19 @@ def _steps(readings: Array, width: int) -> Array:
     return np.asarray(np.abs(means[width:] - means[:-width]))
 
 
-def check_slips(times: Array, left: Array, noise: float, names: Sequence[str]) -> None:
-    """Raise ValueError for an encoder whose residuals [rad], shape (T, N), have a step."""
-    sums = np.cumsum(left - left.mean(axis=0), axis=0) / (noise * math.sqrt(len(left)))
+def check_slips(some: Readings, left: Array, noise: float) -> None:
+    """Raise ValueError for an encoder whose residuals have a step.
+
+    Residuals are over the spreads of readings [rad], (T, N), the noise [rad] is that of one.
+    """
+    single = (left - left.mean(axis=0)) / np.sqrt(repeats(some.seen))
+    sums = np.cumsum(single, axis=0) / (noise * math.sqrt(len(left)))
     largest = np.abs(sums).max(axis=0)
     rotor = int(np.argmax(largest))
     frame = int(np.argmax(np.abs(sums[:, rotor]))) + 1
     step = float(left[frame:, rotor].mean() - left[:frame, rotor].mean())
     if largest[rotor] > _SLIPPING and abs(step) > _LEAST_SLIP * noise:
-        raise _slipping(names[rotor], step, times[frame] - times[0])
+        raise _slipping(some.joints[rotor], step, some.times[frame] - some.times[0])
 
 
 def _slipping(name: str, step: float, time: float) -> ValueError:

@@ -57,13 +57,13 @@ def test_the_information_is_that_of_all_bonds_of_a_frame_together() -> None:
             rigidity[n, n : n + 2] = about.first[n, 0], about.second[n, 0]
             slopes[n, 4 * n : 4 * n + 6] = about.slopes[n, 0]
         matrix += slopes.T @ np.linalg.solve(rigidity @ rigidity.T, slopes)
-    found = Bundle(angles, lengths).normal_equations().matrix
+    found = Bundle(lengths, angles).normal_equations().matrix
     np.testing.assert_allclose(found, matrix, atol=1e-9 * np.abs(matrix).max())
 
 
 def test_angles_do_not_tell_the_scale() -> None:
     chain = unequal(SPINNER, 2)
-    matrix = Bundle(passage(chain, 50), lengths_of(chain)).normal_equations().matrix
+    matrix = Bundle(lengths_of(chain), passage(chain, 50)).normal_equations().matrix
     scale = np.ones(38)
     split(scale)[1][:] = 0
     assert np.abs(matrix @ scale).max() < 1e-9 * np.abs(matrix).max()

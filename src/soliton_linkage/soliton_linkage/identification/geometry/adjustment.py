@@ -12,6 +12,7 @@ from soliton_linkage.identification.geometry.bundle import Bundle, NormalEquatio
 from soliton_linkage.identification.geometry.lengths import OF_A_ROTOR, Lengths, lengths_of, split
 from soliton_linkage.identification.geometry.passable import passable
 from soliton_linkage.identification.geometry.tolerances import Tolerances, unknowns_of
+from soliton_linkage.identification.rounding import repeats
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
@@ -86,7 +87,8 @@ def _adjusted(
     readings: Array, start: Lengths, tolerance: float | None, spreads: Array | None
 ) -> Adjustment:
     """The same in one go, which need not settle."""
-    bundle = Bundle(readings, start, spreads)
+    given = readings, spreads, repeats(readings)
+    bundle = Bundle(start, *given)
     tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
     basis = measurable(start)
     _close(bundle)
@@ -103,7 +105,7 @@ def _adjusted(
         if tolerance is not None:
             tolerances = Tolerances(tolerance, tolerances.of_offsets)
         if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
-            begun = Bundle(readings, passable(bundle.lengths, covariance), spreads)
+            begun = Bundle(passable(bundle.lengths, covariance), *given)
             _close(begun)
             anew = begun.normal_equations()
             least = _cost(bundle, normal, prior, noise) - _UPHILL
@@ -174,7 +176,7 @@ def bound(
     For true angles of frames [rad], shape (T, N), that are read with a noise [rad], and, where
     tolerances are known, the mean over all chains that are made with them.
     """
-    bundle = Bundle(angles, lengths_of(chain))
+    bundle = Bundle(lengths_of(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
     if tolerances is not None:
         information += tolerances.information(chain.number_of_rotors)

@@ -139,15 +139,24 @@ class NormalEquations:
 class Bundle:
     """Readings of T frames and the true angles that they are believed to be of."""
 
-    def __init__(self, readings: Array, lengths: Lengths, spreads: Array | None = None) -> None:
-        """Begin with readings [rad], NaN where missing, shape (T, N), and first lengths.
+    def __init__(
+        self,
+        lengths: Lengths,
+        readings: Array,
+        spreads: Array | None = None,
+        repeats: Array | None = None,
+    ) -> None:
+        """Begin with first lengths and readings [rad], NaN where missing, shape (T, N).
 
-        Spreads are standard deviations of single readings over that of most [1], (T, N).
+        Spreads are standard deviations of single readings over that of most [1], (T, N). Of
+        readings with repeats, (T, N), so many together say as much as one [1].
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
         squared = 1.0 if spreads is None else spreads.T**2
-        self._variances = np.where(self._seen, squared, _UNSEEN)
+        repeated = np.ones_like(self._readings) if repeats is None else repeats.T
+        self._variances = np.where(self._seen, squared * repeated, _UNSEEN)
+        self._counts = self._seen / repeated
         self.lengths = lengths
         self.angles = self._filled() - lengths.offsets[:, None]
         """True angles [rad], shape (N, T)."""
@@ -163,9 +172,12 @@ class Bundle:
         )
 
     @property
-    def conditions(self) -> int:
-        """Number of independent conditions that readings fulfil."""
-        return int(np.maximum(self._seen.sum(axis=0) - 1, 0).sum())
+    def conditions(self) -> float:
+        """Number of independent conditions that readings fulfil.
+
+        The reading that is surest tells where a frame is.
+        """
+        return float(np.sum(self._counts.sum(axis=0) - self._counts.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
         """What all frames say of a change of the unknowns."""

@@ -27,6 +27,7 @@ from soliton_linkage.identification.motion.free_motion import (
 from soliton_linkage.identification.motion.motion_fit import MotionFit
 from soliton_linkage.identification.motion.windows import FreeWindow
 from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.rounding import repeats
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
@@ -115,7 +116,8 @@ def _of_pushes(
     guess = float(change @ kick / (kick @ kick))
     if guess <= 0:
         return None
-    read, noise = readings.seen[some] - motion.lengths.offsets, fitted.noise
+    read, repeated = readings.seen[some] - motion.lengths.offsets, repeats(readings.seen)[some]
+    deviations = fitted.noise * readings.spreads[some] * np.sqrt(repeated)
     seen = np.isfinite(read)
     rotors = len(kick)
 
@@ -127,13 +129,13 @@ def _of_pushes(
         )
         late, factor = unknowns[-2], math.exp(unknowns[-1])
         made = [RateStep(step.time + late, factor * step.change) for step in steps]
-        errors = (read - _pushed(moved, times[some], made)) / (noise * readings.spreads[some])
-        return np.asarray(errors[seen])
+        return np.asarray(((read - _pushed(moved, times[some], made)) / deviations)[seen])
 
     unknowns = np.zeros(2 * rotors + 2)
     unknowns[-1] = math.log(guess)
     solution = least_squares(left, unknowns, method='lm')
-    excess = max(1.0, 2 * solution.cost / (seen.sum() - len(unknowns)))
+    freedom = np.maximum((seen / repeated).sum(axis=0) - 2, 0).sum() - 2
+    excess = max(1.0, 2 * solution.cost / max(freedom, 1.0))
     covariance = excess * np.linalg.inv(solution.jac.T @ solution.jac)
     shares = kick**2 / (kick @ kick)
     slopes = np.zeros(len(fitted.covariance))

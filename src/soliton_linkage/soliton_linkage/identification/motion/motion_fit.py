@@ -29,6 +29,7 @@ from soliton_linkage.identification.motion.window_equations import (
     window_equations,
 )
 from soliton_linkage.identification.motion.windows import FreeWindow, joined
+from soliton_linkage.identification.rounding import repeats
 from soliton_linkage.linkage.chain import Array
 
 _ALIKE = 0.03
@@ -113,7 +114,9 @@ class MotionFitting:
         tolerance of lengths [1] is learnt unless it is given, and gravity where it is not known
         in lengths of the mean spacing, as that is not.
         """
-        self._times, self._readings, self._spreads = times, readings, spreads
+        self._times, self._readings = times, readings
+        self._repeats = repeats(readings)
+        self._spreads = spreads * np.sqrt(self._repeats)
         self._noise, self._tolerance = noise, tolerance
         self._windows = tuple(windows)
         motion = self._motion
@@ -144,7 +147,8 @@ class MotionFitting:
         covariance = widened(covariance, self._samples(), self._motion.parts)
         left = np.zeros_like(self._readings)
         for window in self._windows:
-            left[window.frames] = np.nan_to_num(self._left(window))
+            repeated = np.sqrt(self._repeats[window.frames])
+            left[window.frames] = np.nan_to_num(self._left(window) * repeated)
         return MotionFit(
             self._windows,
             covariance,
@@ -197,18 +201,27 @@ class MotionFitting:
     def _squared_noise(self) -> float:
         """Of readings, by what the windows leave of them [rad^2]."""
         squares = sum(float(np.nansum(self._left(window) ** 2)) for window in self._windows)
-        known = self._motion.size + 2 * self._rotors * (len(self._windows) - 1)
-        return squares / max(self._readings_seen() - known, 1)
+        return float(squares / max(self._freedom() - self._motion.parts.forces.stop, 1.0))
 
-    def _readings_seen(self) -> int:
-        return sum(int(self._seen(window).sum()) for window in self._windows)
+    def _freedom(self) -> float:
+        """Number of independent readings beyond those that tell where windows begin.
+
+        What is read of a rotor at rest may be less than that.
+        """
+        seen = (self._counts(window).sum(axis=0) for window in self._windows)
+        return sum(float(np.maximum(each - 2, 0).sum()) for each in seen)
+
+    def _counts(self, window: FreeWindow) -> Array:
+        """How much of an independent reading each is of a window [1], (T, N)."""
+        return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _chance(self) -> float:
         """Standard deviation of what bars leave more of noise squared, over that [1].
 
         Bars and springs leave the same of a frame but for what springs say more, one number.
         """
-        return math.sqrt(2 / (self._readings_seen() * self._rotors))
+        seen = sum(float(self._counts(window).sum()) for window in self._windows)
+        return math.sqrt(2 / (seen * self._rotors))
 
     @property
     def _motion(self) -> FreeMotion:
@@ -293,9 +306,9 @@ class MotionFitting:
         whole = information + self._prior.about(motion)[0]
         inverse = np.linalg.inv(self._basis.T @ whole @ self._basis)
         covariance = np.asarray(self._basis @ inverse @ self._basis.T)
-        known = float(np.sum(covariance * information)) + 2 * self._rotors * len(told)
+        known = float(np.sum(covariance * information))
         squares = sum(each.squares for each in equations)
-        self._noise = math.sqrt(squares / max(self._readings_seen() - known, 1.0))
+        self._noise = math.sqrt(squares / max(self._freedom() - known, 1.0))
         self._prior = self._prior.relearnt(motion, covariance, self._tolerance)
         return covariance, information
 
