@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage.identification.residuals import noise_of
+from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.residuals import check_slips, noise_of
 from soliton_linkage.linkage.chain import Array
 
 TIMES = np.arange(1000)[:, None]
@@ -28,3 +29,14 @@ def test_of_rounded_readings_it_is_that_of_rounding_though_rotors_rest(step: flo
     rounded = step * np.rint(passing() / step)
     assert noise_of(rounded, SPREADS) == pytest.approx(step / np.sqrt(12) / 2, rel=1e-9)
     assert noise_of(rounded[:40, 6:], SPREADS[:40, 6:]) == 0
+
+
+def test_what_is_left_of_a_rotor_that_rests_is_no_slip_but_a_step_of_one_that_turns_is() -> None:
+    random = np.random.default_rng(1)
+    angles = np.concatenate([np.zeros((400, 4)), 0.1 * random.standard_normal((400, 4))])
+    some = Readings(0.004 * np.arange(800), angles)
+    left = np.concatenate([np.full((400, 4), 0.8), random.standard_normal((400, 4))])
+    check_slips(some, left, 1.0)
+    left[600:, 1] += 3.0
+    with pytest.raises(ValueError, match='rotor 1'):
+        check_slips(some, left, 1.0)

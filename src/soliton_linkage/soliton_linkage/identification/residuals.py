@@ -79,8 +79,8 @@ def check_slips(some: Readings, left: Array, noise: float) -> None:
 
     Residuals are over the spreads of readings [rad], (T, N), the noise [rad] is that of one.
     """
-    single = (left - left.mean(axis=0)) / np.sqrt(repeats(some.seen))
-    sums = np.cumsum(single, axis=0) / (noise * math.sqrt(len(left)))
+    single = left / np.sqrt(repeats(some.seen))
+    sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(left)))
     largest = np.abs(sums).max(axis=0)
     rotor = int(np.argmax(largest))
     frame = int(np.argmax(np.abs(sums[:, rotor]))) + 1

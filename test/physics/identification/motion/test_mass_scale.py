@@ -23,26 +23,31 @@ PUSHED = 110
 CHAIN = unequal(replace(FLIPPER, number_of_rotors=8), 7)
 
 
-def pushed(after: int = PUSHED, parts: int = 1) -> tuple[Array, Array, Array]:
-    """Times, angles, and the impulses that came in so many frames from one on."""
+def pushed(after: int = PUSHED, parts: int = 1, every: int = 1) -> tuple[Array, Array, Array]:
+    """Times, angles, and the impulses that came in parts every few frames from one on."""
     start = leaning(CHAIN, -1).angles
     impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
     simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
     frames = []
-    for frame in range(340):
-        if after <= frame < after + parts:
+    arrivals = range(after, after + parts * every, every)
+    for frame in range(332 + parts * every):
+        if frame in arrivals:
             simulation.kick(impulses / parts)
         frames.append(simulation.angles.copy())
         simulation.advance()
     return PERIOD * np.arange(len(frames)), np.array(frames), impulses
 
 
-def test_the_mean_mass_follows_from_impulses_in_a_row() -> None:
-    parts = 8
-    times, angles, impulses = pushed(parts=parts)
-    readings, _ = read(angles, 2)
+@pytest.mark.parametrize(
+    ('parts', 'every', 'noise'), [(8, 1, 0.01), (38, 5, 0.0005)], ids=['at once', 'for long']
+)
+def test_the_mean_mass_follows_from_impulses_in_a_row(
+    parts: int, every: int, noise: float
+) -> None:
+    times, angles, impulses = pushed(parts=parts, every=every)
+    readings, _ = read(angles, 2, noise)
     given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
-    commanded = PERIOD * (PUSHED + np.arange(parts)) - 0.006
+    commanded = PERIOD * (PUSHED + every * np.arange(parts)) - 0.006
     pushes = [RecordedPush(time, impulses / parts) for time in commanded.tolist()]
     found = identify(Readings(times, readings, pushes=pushes), given)
     off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())

@@ -4,7 +4,9 @@
 Free motion shows masses and stiffnesses but for one common factor. An angular impulse J_n changes
 the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. Where the chain is before pushes
 in a row, by how much later they arrive and what they do are found by least squares with the
-readings about them. A torque that lasts is a push at each frame.
+readings about them. A torque that lasts is a push at each frame. It leads the chain far from where
+it had gone by itself, and what it does to the rates tells nothing of M to begin with: the work of
+the pushes does, nearly all of which becomes kinetic energy.
 """
 
 from __future__ import annotations
@@ -101,7 +103,7 @@ def _of_pushes(
 ) -> tuple[float, float, float] | None:
     """Logarithm of 1 / M, its variance by these pushes, and by what is unsure of the chain.
 
-    None where the rates change against the pushes.
+    None where rates and energy change against the pushes.
     """
     times = readings.times
     first, last = before.frames.stop, after.frames.start
@@ -110,11 +112,13 @@ def _of_pushes(
     some = slice(begin, min(last + _AFTER, after.frames.stop))
     inertias = motion.masses * (spacing * motion.lengths.rotor_lengths) ** 2
     steps = [RateStep(time, impulses / inertias) for time, impulses in pushes]
-    kick = np.sum([step.change for step in steps], axis=0)
     ahead = followed(motion, times[begin : last + 1])[1]
-    change = after.motion.rates - ahead.rates
-    guess = float(change @ kick / (kick @ kick))
-    if guess <= 0:
+    kick = np.sum([step.change for step in steps], axis=0)
+    of_momentum = float((after.motion.rates - ahead.rates) @ kick / (kick @ kick))
+    gained = inertias @ (after.motion.rates**2 - motion.rates**2) / 2
+    of_energy = float(gained) / _work(times[some], readings.whole[some], pushes)
+    guesses = [guess for guess in (of_momentum, of_energy) if guess > 0]
+    if not guesses:
         return None
     read, repeated = readings.seen[some] - motion.lengths.offsets, repeats(readings.seen)[some]
     deviations = fitted.noise * readings.spreads[some] * np.sqrt(repeated)
@@ -131,8 +135,9 @@ def _of_pushes(
         made = [RateStep(step.time + late, factor * step.change) for step in steps]
         return np.asarray(((read - _pushed(moved, times[some], made)) / deviations)[seen])
 
-    unknowns = np.zeros(2 * rotors + 2)
-    unknowns[-1] = math.log(guess)
+    starts = np.zeros((len(guesses), 2 * rotors + 2))
+    starts[:, -1] = np.log(guesses)
+    unknowns = min(starts, key=lambda start: float(np.sum(left(start) ** 2)))
     solution = least_squares(left, unknowns, method='lm')
     freedom = np.maximum((seen / repeated).sum(axis=0) - 2, 0).sum() - 2
     excess = max(1.0, 2 * solution.cost / max(freedom, 1.0))
@@ -146,6 +151,14 @@ def _of_pushes(
         float(covariance[-1, -1]),
         float(slopes @ fitted.covariance @ slopes),
     )
+
+
+def _work(times: Array, angles: Array, pushes: Sequence[tuple[float, Array]]) -> float:
+    """Work of pushes at rotors that turn as angles do [J], infinite for none."""
+    rates = np.gradient(angles, times, axis=0)
+    instants = np.searchsorted(times, [time for time, _ in pushes])
+    work = float(np.sum(np.array([impulses for _, impulses in pushes]) * rates[instants]))
+    return work or math.inf
 
 
 def _pushed(motion: FreeMotion, times: Array, steps: Sequence[RateStep]) -> Array:
