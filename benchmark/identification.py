@@ -76,7 +76,7 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
 def main() -> None:
     """Measure the chains that are asked for."""
     options = parser(__doc__)
-    options.add_argument('names', nargs='*', help=f'of {", ".join(CHAINS)} (all)')
+    options.add_argument('names', nargs='*', choices=list(CHAINS), help='classes (all)')
     for name, meaning in (
         ('--draws', f'of each class, 0 for none ({DRAWS}, {QUICK} of --quick)'),
         ('--springs', 'of springs, too (0)'),

@@ -16,7 +16,7 @@ from programs import Program
 from rclpy.action import ActionServer
 
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.programs.move_soliton import Mover
+from soliton_linkage_nodes.programs.move_soliton import Mover, progress_of
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -48,6 +48,13 @@ def test_it_ends_when_the_soliton_is_there(graph: Graph, start: Callable[..., Pr
     assert program.said[-1].startswith('the wall is held at rotor 2.')
     graph.next_report('soliton_steering')
     assert abs(rotor() - 2.5) < 0.1
+
+
+def test_phonons_are_told_where_rates_tell_them() -> None:
+    told = MoveSoliton.Feedback(rotor=2.5, speed=1.0, phonon_energy=1e-3)
+    assert progress_of(told).endswith('1.0e-03 J in phonons')
+    told.phonon_energy = math.nan
+    assert progress_of(told).endswith('rotors/s')
 
 
 def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Program]) -> None:

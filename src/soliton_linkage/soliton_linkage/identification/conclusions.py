@@ -110,35 +110,8 @@ def of_bonds(
     rigid = found.noise <= STRAINED * reading_noise
     chain, forces = found.lengths.scaled(given.spacing).chain(given), _NO_FORCES
     if moved is not None:
-        of_drag = given.mass * given.spacing**2
-        (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
-        masses = tuple((moved.masses - 1).tolist())
-        chain = replace(
-            chain,
-            damping=of_drag * max(damping, 0.0),
-            deviations=replace(chain.deviations, mass=masses, damping=()),
-        )
+        chain, forces = _of_bars(chain, moved)
         deviations['mass'] = moved.mass_deviations
-        forces = {
-            'damping_deviation': of_drag * of_damping,
-            'friction': of_drag * friction,
-            'friction_deviation': of_drag * of_friction,
-            'spacing_deviation': moved.gravity_deviation or math.nan,
-        }
-    warnings = [*_obstacles(chain), *_near_obstacles(found.lengths, found.covariance)]
-    if not rigid:
-        more = found.noise / max(reading_noise, LEAST_NOISE)
-        warnings.append(
-            f'bonds leave {more:.2g} times the noise of the readings: '
-            'springs give way about a fast soliton, or pivots have play, and standard deviations '
-            'are too small; record a slower soliton, with its kick before the first frame'
-        )
-    usual = float(np.median(found.bond_noise))
-    warnings += [
-        f'bond {bond} leaves {found.bond_noise[bond] / usual:.2g} times the noise of most bonds: '
-        'an encoder may slip there, or a pivot have play'
-        for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
-    ]
     return Identification(
         chain=chain,
         deviations=deviations,
@@ -155,7 +128,48 @@ def of_bonds(
         open_combinations=open_combinations(
             found.information, measurable(found.lengths), split_lengths
         ),
-        warnings=tuple(warnings),
+        warnings=(
+            *_obstacles(chain),
+            *_near_obstacles(found.lengths, found.covariance),
+            *(() if rigid else _open_bonds(found, reading_noise)),
+            *_bad_bonds(found.bond_noise),
+        ),
+    )
+
+
+def _of_bars(chain: Chain, moved: BarMotion) -> tuple[Chain, dict[str, float]]:
+    """Chain with the masses and the drag that the motion of bars shows, and how sure these are."""
+    of_drag = chain.mass * chain.spacing**2
+    (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
+    masses = tuple((moved.masses - 1).tolist())
+    found = replace(
+        chain,
+        damping=of_drag * max(damping, 0.0),
+        deviations=replace(chain.deviations, mass=masses, damping=()),
+    )
+    return found, {
+        'damping_deviation': of_drag * of_damping,
+        'friction': of_drag * friction,
+        'friction_deviation': of_drag * of_friction,
+        'spacing_deviation': moved.gravity_deviation or math.nan,
+    }
+
+
+def _open_bonds(found: Adjustment, reading_noise: float) -> tuple[str, ...]:
+    more = found.noise / max(reading_noise, LEAST_NOISE)
+    return (
+        f'bonds leave {more:.2g} times the noise of the readings: '
+        'springs give way about a fast soliton, or pivots have play, and standard deviations '
+        'are too small; record a slower soliton, with its kick before the first frame',
+    )
+
+
+def _bad_bonds(bond_noise: Array) -> tuple[str, ...]:
+    usual = float(np.median(bond_noise))
+    return tuple(
+        f'bond {bond} leaves {bond_noise[bond] / usual:.2g} times the noise of most bonds: '
+        'an encoder may slip there, or a pivot have play'
+        for bond in np.flatnonzero(bond_noise > _WORSE * usual).tolist()
     )
 
 

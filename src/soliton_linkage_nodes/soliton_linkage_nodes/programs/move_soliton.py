@@ -97,17 +97,20 @@ class Mover(WaitingNode):
     def _on_feedback(self, message: Any) -> None:
         self._heard_at = time.monotonic()
         on_the_way: MoveSoliton.Feedback = message.feedback
-        self._line.show(
-            [on_the_way.rotor],
-            f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s  '
-            f'{on_the_way.phonon_energy:.1e} J in phonons',
-        )
+        self._line.show([on_the_way.rotor], progress_of(on_the_way))
 
     def _until(self, condition: Callable[[], bool], complaint: str) -> None:
         if not self.wait(condition, _LONGEST_WAIT):
             if self.stopping.is_set():
                 raise KeyboardInterrupt
             raise ValueError(complaint)
+
+
+def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
+    """Where the wall is, and what runs in phonons where rates tell that."""
+    said = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
+    phonons = on_the_way.phonon_energy
+    return f'{said}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else said
 
 
 def main() -> None:

@@ -16,7 +16,11 @@ from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
 from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
 from soliton_linkage.microcontroller.simulated_controller import SimulatedController
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.programs.simulated_controller.program import PlayedChain, main
+from soliton_linkage_nodes.programs.simulated_controller.program import (
+    PlayedChain,
+    encoders_of,
+    main,
+)
 from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 
 ROTORS = 6
@@ -70,6 +74,14 @@ def test_the_chain_moves_as_its_valves_are_told(terminal: PseudoTerminal) -> Non
     angles = computer.hear(10)
     assert angles[-1][0] > angles[0][0] + 0.1
     assert computer.times == [10_000 * frame for frame in range(15)]
+
+
+def test_its_encoders_read_too_much_what_the_chain_says() -> None:
+    offsets = tuple(0.1 * (1 + np.arange(ROTORS)))
+    encoders = encoders_of(NamedChain(CHAIN, default_joint_names(ROTORS), offsets), 2.0**16)
+    said = SimulatedController(ROTORS, encoders).measure(0.0, np.zeros(ROTORS))
+    read = AngleReader(RotaryEncoders((2.0**16,)), ROTORS).read(*FrameDecoder().feed(said))
+    np.testing.assert_allclose(read, offsets, atol=1e-4)
 
 
 def test_a_file_that_is_none_is_said_in_one_line(

@@ -169,6 +169,14 @@ def _parser() -> ProgramParser:
         help='parameter file with the names of the joints, chain.spacing, chain.mass, ..., in '
         "place of the bag's topic chain; its other lengths do not count",
     )
+    _add_circumstances(parser)
+    _add_span(parser)
+    add_limits(parser)
+    return parser
+
+
+def _add_circumstances(parser: ProgramParser) -> None:
+    """What angles do not tell."""
     parser.add_argument(
         '--spacing',
         type=number(described_fields(Chain)['spacing']),
@@ -200,6 +208,10 @@ def _parser() -> ProgramParser:
         help='standard deviation by which lengths of one kind differ from each other [1] (learnt '
         'from the angles)',
     )
+
+
+def _add_span(parser: ProgramParser) -> None:
+    """Which frames count."""
     time = Quantity('time', 's', 0.0)
     parser.add_argument(
         '--begin',
@@ -216,5 +228,3 @@ def _parser() -> ProgramParser:
         metavar='SECONDS',
         help='time until which frames count [s] (%(default)s)',
     )
-    add_limits(parser)
-    return parser

@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with plain_failures('simulated_controller'):
         interrupt_on_signals()
         named = chain_of_file(options.chain)
-        encoders = RotaryEncoders(counts_per_turn=(options.counts_per_turn,))
+        encoders = encoders_of(named, options.counts_per_turn)
         settings = ControllerSettings(options.protocol, options.drift)
         controller = SimulatedController(named.rotors, encoders, settings)
         terminal = PseudoTerminal(options.link)
@@ -83,6 +83,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _keep_time(played)
         finally:
             terminal.close()
+
+
+def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
+    """Encoders that read too much what the chain says they do."""
+    return RotaryEncoders((counts_per_turn,), offsets=named.encoder_offsets)
 
 
 def _keep_time(played: PlayedChain) -> None:
