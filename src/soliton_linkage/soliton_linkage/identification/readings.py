@@ -102,10 +102,6 @@ class Readings:
         before = [each.tilt for each in self.tilts if each.time <= time]
         return before[-1] if before else self.gravity.tilt
 
-    def between(self, begin: float, end: float) -> Readings:
-        """Those of a span of times [s]."""
-        return self.of_frames((self.times >= begin) & (self.times <= end))
-
     def of_frames(self, some: NDArray[Any]) -> Readings:
         """Those of some frames, by their numbers or as a mask."""
         told = None if self.deviations is None else self.deviations[some]

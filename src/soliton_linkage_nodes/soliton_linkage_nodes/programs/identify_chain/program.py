@@ -19,7 +19,7 @@ from rosbags.rosbag2 import Reader
 
 from soliton_linkage.identification.identification import Identification
 from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.readings import Readings, joined
+from soliton_linkage.identification.readings import joined
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
@@ -41,9 +41,6 @@ from soliton_linkage_nodes.programs.identify_chain.recorded import read_joints
 from soliton_linkage_nodes.programs.identify_chain.summary import summary, write_lengths
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
-
-_FEWEST_FRAMES = 50
-"""That are looked at [1]: a wall passes a rotor or two in them."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +73,8 @@ def identify_bags(
     for bag, tilt in _tilted(bags, circumstances.tilts):
         with open_bag(bag, limits) as reader:
             told = told or _told(reader)
-            record = read_joints(reader, told)
-        gravity = Gravity(circumstances.gravity, tilt)
-        recordings.append(_chosen(record.readings(gravity), circumstances.span))
+            record = read_joints(reader, told, circumstances.span)
+        recordings.append(record.readings(Gravity(circumstances.gravity, tilt)))
     chain = Chain() if told is None else told.chain
     known = not (spacing is None and told is None)
     if spacing is not None:
@@ -131,17 +127,6 @@ def _tilted(bags: Sequence[Path], tilts: Sequence[float]) -> Iterator[tuple[Path
             f'--tilt has {len(tilts)} values for {len(bags)} bags; give one a bag, or none'
         )
     return zip(bags, tilts or [0.0] * len(bags), strict=True)
-
-
-def _chosen(readings: Readings, span: tuple[float, float]) -> Readings:
-    chosen = readings.between(*span)
-    if len(chosen.times) < _FEWEST_FRAMES:
-        raise ValueError(
-            f'{len(chosen.times)} of {len(readings.times)} frames lie between --begin '
-            f'{span[0]:g} s and --end {span[1]:g} s, which is too few to identify a chain; leave '
-            'them out'
-        )
-    return chosen
 
 
 def _told(reader: Reader) -> NamedChain | None:

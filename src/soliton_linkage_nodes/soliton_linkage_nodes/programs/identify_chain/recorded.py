@@ -13,13 +13,19 @@ from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
+_FEWEST_FRAMES = 50
+"""That are looked at [1]: a wall passes a rotor or two in them."""
 _MOST_FRAMES = 8000
 """Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
 
 
-def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
-    """Angles, their standard deviations, pushes and tilts, in the order of a chain's joints."""
+def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, float]) -> JointRecord:
+    """Angles, their standard deviations, pushes and tilts, in the order of a chain's joints.
+
+    Frames count in a span of times from the first on [s].
+    """
     joints = find_topic(reader, 'joint_states')
     others = {
         topic.name
@@ -40,11 +46,14 @@ def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
     progress = ProgressLine('reading', joints.msgcount)
     watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
     record = JointRecord(told.joint_names if told else (), _MOST_FRAMES)
+    first = None
     for connection, received, serialized in read_messages(reader, wanted):
         message = decoders[connection.topic](serialized)
         if connection is joints:
             states = joint_states_from_msg(message)
-            record.add(states)
+            first = states.stamp if first is None else first
+            if span[0] <= (states.stamp - first) / SECOND <= span[1]:
+                record.add(states)
             watch.look(states.stamp, states.position)
             progress.show(record.frames, f'{record.frames} frames')
         elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
@@ -57,13 +66,16 @@ def read_joints(reader: Reader, told: NamedChain | None) -> JointRecord:
             record.add_delivery(message)
         else:
             record.add_push(message, received)
-    if not len(record):
-        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
     progress.clear()
+    if len(record) < _FEWEST_FRAMES:
+        raise ValueError(
+            f'{len(record)} of {joints.msgcount} frames lie between --begin {span[0]:g} s and '
+            f'--end {span[1]:g} s, which is too few to identify a chain; leave them out'
+        )
     if left_out := record.frames - len(record):
         print(
             f'identify_chain: of {record.frames} frames {left_out} are left out, rather of rotors '
-            'at rest, and none near pushes',
+            'at rest, and none near pushes; --begin and --end choose a time of which more stay',
             file=sys.stderr,
         )
     return record
