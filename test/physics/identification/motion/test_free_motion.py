@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from passages import FLIPPER, read, unequal
 from scipy.integrate import solve_ivp
 
@@ -71,6 +72,17 @@ def test_gravity_and_drag_act_as_their_equation_says() -> None:
     drag = {'damping': DAMPING, 'friction': FRICTION}
     falling = replace(motion, gravity=GRAVITY.acceleration, tilt=GRAVITY.tilt, **drag)
     assert np.abs(frames(falling, times) - pulled(chain, motion, times)).max() < 1e-4
+
+
+def test_motion_is_the_same_in_units_of_its_means() -> None:
+    _, times, _, motion = kicked(6, 12.0, 0.1)
+    drag = {'damping': 1.3 * DAMPING, 'friction': 1.3 * FRICTION}
+    others = {'gravity': GRAVITY.acceleration, 'tilt': GRAVITY.tilt, 'masses': 1.3 * motion.masses}
+    motion = replace(motion, **drag, **others)
+    same = motion.in_means()
+    assert same.masses.mean() == pytest.approx(1)
+    assert same.lengths.spacings.mean() == pytest.approx(1)
+    np.testing.assert_allclose(frames(same, times), frames(motion, times), atol=1e-10)
 
 
 def test_changes_are_those_of_the_motion() -> None:

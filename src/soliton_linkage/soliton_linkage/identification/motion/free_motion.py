@@ -117,6 +117,19 @@ class FreeMotion:
             rates=self.rates + rates,
         )
 
+    def in_means(self) -> FreeMotion:
+        """The same motion in units of the mean spacing and the mean mass."""
+        spacing, mass = float(self.lengths.spacings.mean()), float(self.masses.mean())
+        return replace(
+            self,
+            lengths=self.lengths.scaled(1.0),
+            stiffnesses=self.stiffnesses / mass,
+            masses=self.masses / mass,
+            damping=self.damping / (mass * spacing**2),
+            friction=self.friction / (mass * spacing**2),
+            gravity=self.gravity / spacing,
+        )
+
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
     """Parts of the unknowns of a chain, by the names of `Deviations`, and what has none."""

@@ -66,6 +66,9 @@ _SAMPLED_STEPS = 20
 _NEAR = 0.5
 """Distance of all angles of a motion from readings at which it follows them [rad]: a third of what
 rotors turn by as a wall goes from one to the next, from where steps of least squares lead back."""
+_UNEXPLAINED = 3.0
+"""Noise that is left over that of readings, beyond which springs are no model of them [1]: then no
+more is to be learnt of how unsure they are, which takes most of the time."""
 _CHANCE = 3.0
 """By how many standard deviations bars must leave more than springs [1]."""
 
@@ -136,21 +139,23 @@ class MotionFitting:
             self._windows = windows
             self._improve(_STEPS, _COARSE)
         self._prior = replace(self._prior, of_masses=MASSES_BEGIN)
+        most = _UNEXPLAINED * self._noise
         for _ in range(_ROUNDS):
             self._improve(_LAST_STEPS, _SETTLED)
             before = self._prior.tolerances
             covariance, information = self._learn()
-            if self._prior.tolerances.close_to(before, _LEARNT):
+            if self._noise > most or self._prior.tolerances.close_to(before, _LEARNT):
                 break
         if self._noise > of_bars:
             return None
-        covariance = widened(covariance, self._samples(), self._motion.parts)
+        if self._noise <= most:
+            covariance = widened(covariance, self._samples(), self._motion.parts)
         left = np.zeros_like(self._readings)
         for window in self._windows:
             repeated = np.sqrt(self._repeats[window.frames])
             left[window.frames] = np.nan_to_num(self._left(window) * repeated)
         return MotionFit(
-            self._windows,
+            tuple(window._replace(motion=window.motion.in_means()) for window in self._windows),
             covariance,
             information,
             self._basis,
