@@ -99,7 +99,9 @@ def _adjusted(
         prior = tolerances.information(start.rotors)
         gradient = normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
         change = covariance @ gradient
-        normal = _stepped(bundle, normal, change, prior, noise)
+        normal, helped = _stepped(bundle, normal, change, prior, noise)
+        if not helped:
+            break
         before = tolerances
         tolerances = tolerances.relearnt(bundle.lengths, covariance)
         if tolerance is not None:
@@ -131,8 +133,8 @@ def _adjusted(
 
 def _stepped(
     bundle: Bundle, normal: NormalEquations, change: Array, prior: Array, noise: float
-) -> NormalEquations:
-    """Go a step, or a part of it where all of it would lead uphill."""
+) -> tuple[NormalEquations, bool]:
+    """Go a step, or a part of it where all of it would lead uphill; False where none helps."""
     lengths, angles = bundle.lengths, bundle.angles.copy()
     before = _cost(bundle, normal, prior, noise)
     for halvings in range(_HALVINGS):
@@ -140,9 +142,10 @@ def _stepped(
         bundle.angles = angles.copy()
         _close(bundle)
         normal = bundle.normal_equations()
-        if _cost(bundle, normal, prior, noise) < before + _UPHILL:
+        after = _cost(bundle, normal, prior, noise)
+        if after < before + _UPHILL:
             break
-    return normal
+    return normal, halvings == 0 or after < before
 
 
 def _close(bundle: Bundle) -> None:
