@@ -158,10 +158,12 @@ def measure(
     frames: int,
     elapsed: float,
     least_kick: float,
+    calm: float,
 ) -> tuple[tuple[float, int], tuple[float, float, float, float, float]]:
     given = {name: float(settings[name][0]) for name in settings.dtype.names or ()}
     more, most = update(filters, base, arc, variance, degrees_of_freedom)
-    against = max(against + more, given['least_odds_at_edges' if at_edge else 'least_odds'])
+    least = given['least_odds_at_edges' if at_edge else 'least_odds'] * calm
+    against = max(against + more, least)
     if against >= given['odds_of_doubt']:
         begin_steady(filters, base)
         against = given['odds_begun_anew']

@@ -116,6 +116,18 @@ def test_of_a_steady_wall_all_measurements_count() -> None:
     assert motion.arc_deviation == pytest.approx(2 * noise / math.sqrt(frames), rel=0.01)
 
 
+@pytest.mark.parametrize('calm', [0.0, 0.1])
+def test_a_wall_that_waves_disturb_is_not_taken_for_steady(calm: float) -> None:
+    noise, settings = 0.05, FilterSettings()
+    arcs = measured(1500, noise, 2)
+    motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC, settings)
+    for arc in arcs[1:].tolist():
+        motion.predict(PERIOD, False)
+        motion.update(arc, noise**2, calm=calm)
+    most = 1 / (1 + math.exp(calm * settings.least_odds))
+    assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
+
+
 def test_white_noise_raises_no_alarm_and_deviations_are_true() -> None:
     scores = []
     for run in range(40):

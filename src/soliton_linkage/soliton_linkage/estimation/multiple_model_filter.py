@@ -24,7 +24,8 @@ with the variance r of a measurement times the time between two. By the Riccati 
 steady filter then has the poles p of r (W^2 - p^2)^3 = 0: all three are -W, whatever r is.
 
 Springs give a wall energy and take it at the edges, where e is larger by a few per cent in all
-filters but the steady one, which there has to earn its trust again.
+filters but the steady one, which there has to earn its trust again. So it has to where waves are
+as strong as the wall's own motion: what they do to it comes back after a long time.
 
 A kick changes the rate at once. Of each frame of late, at ages of 1, 2, 4, ... frames, one filter
 more holds that the wall was kicked there, to a rate about which little is known. It counts by the
@@ -182,11 +183,18 @@ class MultipleModelFilter:
         self.expected_rate += change
         self._look_ahead()
 
-    def update(self, arc: float, variance: float, degrees_of_freedom: float = math.inf) -> None:
+    def update(
+        self,
+        arc: float,
+        variance: float,
+        degrees_of_freedom: float = math.inf,
+        calm: float = 1.0,
+    ) -> None:
         """Update by a measurement of the arc [rad] with its variance [rad^2].
 
         With a variance from few degrees of freedom f a normalised innovation x counts as
-        sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution.
+        sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution. The steady filter is believed
+        as far as the chain is calm, from 0 to 1.
         """
         self._variance = variance
         (self._against, frames), self._known = filter_loops.measure(
@@ -201,6 +209,7 @@ class MultipleModelFilter:
             self._frames,
             self._elapsed,
             self._least_kick,
+            calm,
         )
         self.kicks += frames <= self._frames
         self._frames = frames

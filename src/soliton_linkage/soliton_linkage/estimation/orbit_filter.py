@@ -337,7 +337,8 @@ class OrbitFilter:
         view, motion = hypothesis.view, hypothesis.motion
         if view.information > self._settings.search.least_information:
             variance = self._variance.of_arc(motion, view, elapsed)
-            motion.update(view.arc, variance, self._variance.noise.degrees_of_freedom)
+            calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
+            motion.update(view.arc, variance, self._variance.noise.degrees_of_freedom, calm)
 
     def _learn(self, seen: Array, view: FrameView, elapsed: float) -> None:
         """Learn noise, field and offsets from what the likeliest place leaves of a frame."""

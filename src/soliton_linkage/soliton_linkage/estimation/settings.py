@@ -169,6 +169,9 @@ class TrackingSettings(_Part):
     yielding_doubt: float = quantity(
         1.0, 'deviation of what springs take of a told push, over what they do for slow walls'
     )
+    wave_doubt: float = quantity(
+        12.0, 'how much less a wall is taken for steady, over waves as strong as its motion'
+    )
     most_alike: float = quantity(1000.0, 'frames in a row that may have the same error, at most')
     way_beside: float = quantity(
         0.5, 'way on which what is beside the orbit changes', 'rotor spacings'

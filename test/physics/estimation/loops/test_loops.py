@@ -89,7 +89,7 @@ def of_filters(random: np.random.Generator) -> list[Case]:
         ('begin_steady', (made, BASE)),
         ('begin_kicked', (made, BASE)),
         *[
-            ('measure', (made, given, BASE, 0.3, 0.1, freedoms, *odds, 0.01, 0.2))
+            ('measure', (made, given, BASE, 0.3, 0.1, freedoms, *odds, 0.01, 0.2, 0.5))
             for given in (settings, FilterSettings(kick_beyond_chance=0.5).record)
             for odds in ((1.2, False, 7), (-60.0, True, 1023), (60.0, False, 2))
         ],

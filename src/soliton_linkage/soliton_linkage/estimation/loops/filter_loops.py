@@ -312,7 +312,7 @@ def begin_kicked(filters: Records, base: int) -> None:
         filters[n]['odds'] = -math.inf
 
 
-@compiled(_FILTERS, _NUMBERS, COUNT, NUMBER, NUMBER, NUMBER, NUMBER, YES, COUNT, NUMBER, NUMBER)
+@compiled(_FILTERS, _NUMBERS, COUNT, *(NUMBER,) * 4, YES, COUNT, NUMBER, NUMBER, NUMBER)
 def measure(
     filters: Records,
     settings: Records,
@@ -325,17 +325,19 @@ def measure(
     frames: int,
     elapsed: float,
     least_kick: float,
+    calm: float,
 ) -> tuple[tuple[float, int], tuple[float, float, float, float, float]]:
     """Take in a measurement of the arc [rad]: `update`, `set_weights`, `suppose_kick`, `mixture`.
 
     Against the steady filter are logarithmic odds, since so many frames ago all followed a kick.
     Filters of a kick in the last 2^k frames and more move on when the count of frames is a
-    multiple of 2^(k + 1). Returns the odds and the frames as they are now, and the mixture.
+    multiple of 2^(k + 1). The less calm the chain is, from 0 to 1, the less the steady filter may
+    be believed. Returns the odds and the frames as they are now, and the mixture.
     """
     given = settings[0]
     more, most = update(filters, base, arc, variance, degrees_of_freedom)
     least = given['least_odds_at_edges'] if at_edge else given['least_odds']
-    against = max(against + more, least)
+    against = max(against + more, least * calm)
     if against >= given['odds_of_doubt']:
         begin_steady(filters, base)
         against = given['odds_begun_anew']

@@ -79,3 +79,15 @@ class RotorVariance:
         lasting = field * unseen * view.untold * min(frames, self._tracking.most_alike)
         fleeting = max(noise.scatter - noise.variance, field) * unbelieved
         return noise.variance / view.information + lasting + fleeting
+
+    def calm(self, rate: float) -> float:
+        """How little the field beside the orbit disturbs a wall of an arc rate [1], from 0 to 1.
+
+        Waves of an angle phi change the rate w of a wall by a share of about phi / w, in units of
+        the chain's time; the field tells that there are any by its share of the noise.
+        """
+        noise = self.noise
+        field = max(noise.scatter - noise.variance, noise.excess, 0.0)
+        steady = rate**2 * noise.variance
+        disturbed = self._tracking.wave_doubt * field * (noise.variance + field)
+        return steady / (steady + disturbed) if disturbed else 1.0
