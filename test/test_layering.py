@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The house: who may import whom, what a folder holds, what is said of a name and a number."""
+"""The house: who may import whom, how long a module is, what is said of a name and a number."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 SOURCES = Path(__file__).parents[1] / 'src'
 TESTS = Path(__file__).parent
-MOST_MODULES = 15
+MOST_LINES = 450
 
 _FLOORS = (
     'exports compiling completion colours command_line progress linkage linear solitons orbit '
@@ -142,16 +142,13 @@ def test_no_circle_of_imports() -> None:
     assert not offenders, f'these imports run in a circle:{listed(sorted(offenders))}'
 
 
-def test_a_folder_is_seen_at_a_glance() -> None:
-    modules = defaultdict(list)
-    for path in SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py'):
-        modules[path.parent].append(path.name)
+def test_no_module_is_longer_than_450_lines() -> None:
     offenders = [
-        f'{folder.relative_to(SOURCES)}: {len(names) - 1}'
-        for folder, names in sorted(modules.items())
-        if len(names) - 1 > MOST_MODULES
+        f'{path.relative_to(SOURCES)}: {count}'
+        for path in sorted(SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py'))
+        if (count := len(path.read_text(encoding='utf-8').splitlines())) > MOST_LINES
     ]
-    assert not offenders, f'more than {MOST_MODULES} modules in a folder:{listed(offenders)}'
+    assert not offenders, f'more than {MOST_LINES} lines in a module:{listed(offenders)}'
 
 
 def test_each_package_says_what_lives_there() -> None:
