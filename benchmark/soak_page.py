@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from soak_ledger import Entry, Ledger
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.studies.palette import BLACK, COLOURS, GREY, ORANGE, SKY
+from soliton_linkage_studies.palette import BLACK, COLOURS, GREY, ORANGE, SKY
 
 WARMING = 120.0
 FEWEST = 4

@@ -18,13 +18,13 @@ else
     if [ -z "$changed" ]; then
         # Settings need no build.
         cp config/*.yaml config/*.xml install/share/soliton_linkage_nodes/config
-        cp config/studies/*.yaml install/share/soliton_linkage/studies
+        cp config/studies/*.yaml install/share/soliton_linkage_studies/settings
         exit 0
     fi
 fi
 
 # What setup.py once installed it never removes. The compiled messages are kept in build/.
-rm -rf install build/soliton_linkage build/soliton_linkage_nodes
+rm -rf install build/soliton_linkage build/soliton_linkage_studies build/soliton_linkage_nodes
 mkdir -p install
 cp "$soliton_home/installed" install/building
 
@@ -40,8 +40,9 @@ build() {
 compile_loops() {
     . setup/environment.sh
     echo 'Compiling loops.'
-    (cd src/soliton_linkage && grep -rl --include='*.py' 'soliton_linkage.compiling import' soliton_linkage) |
-        sed 's/\.py$//; s,/,.,g' | python3 -c '
+    grep -rl --include='*.py' 'soliton_linkage.compiling import' \
+        src/soliton_linkage/soliton_linkage src/soliton_linkage_studies/soliton_linkage_studies |
+        sed 's,^src/[^/]*/,,; s/\.py$//; s,/,.,g' | python3 -c '
 import importlib, sys
 from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
 for name in sys.stdin.read().split():
@@ -52,9 +53,9 @@ for name in sys.stdin.read().split():
 # The physics first: its loops are compiled beside the messages.
 build_all() {
     local loops status=0
-    build --packages-select soliton_linkage || return
+    build --packages-select soliton_linkage soliton_linkage_studies || return
     (compile_loops) & loops=$!
-    build --packages-skip soliton_linkage "${cmake_arguments[@]}" || status=$?
+    build --packages-skip soliton_linkage soliton_linkage_studies "${cmake_arguments[@]}" || status=$?
     wait "$loops" || status=$?
     return "$status"
 }

@@ -20,7 +20,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ('soliton_linkage', 'soliton_linkage_nodes')
+PACKAGES = ('soliton_linkage', 'soliton_linkage_studies', 'soliton_linkage_nodes')
 WAYS = (('first', '1', 0o022, 'UTC'), ('a_second_time', '2', 0o077, 'Asia/Tokyo'))
 
 

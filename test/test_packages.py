@@ -19,8 +19,8 @@ from setuptools.dist import Distribution
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ROOT / 'src'
-PACKAGES = ['soliton_linkage', 'soliton_linkage_nodes']
-OWN = {'soliton_linkage', 'soliton_linkage_msgs', 'soliton_linkage_nodes'}
+PACKAGES = ['soliton_linkage', 'soliton_linkage_studies', 'soliton_linkage_nodes']
+OWN = {*PACKAGES, 'soliton_linkage_msgs'}
 KEYS = {
     'argcomplete': 'python3-argcomplete',
     'backports': 'python3-rosbags-pip',
@@ -40,6 +40,7 @@ OF_THE_PAGE = {'fastapi', 'nicegui', 'uvicorn'}
 """Imported by the live page alone, which is an extra: rosdep has no key for nicegui."""
 WHEN_NEEDED = {
     'soliton_linkage': {'python3-opencv'},
+    'soliton_linkage_studies': set(),
     'soliton_linkage_nodes': {'python3-serial'},
 }
 """Keys of what is imported when a camera or a serial port is used, extras on PyPI."""
@@ -108,13 +109,13 @@ def test_pip_installs_what_is_imported(package: str, monkeypatch: pytest.MonkeyP
     data = setup_data(package, monkeypatch, 'bdist_wheel')
     extras = data.get('extras_require', {})
     required = {project(name) for name in data['install_requires']}
-    required |= {
-        project(name) for part in ('completion', 'studies') for name in extras.get(part, [])
+    optional = {
+        project(name) for part in ('completion', 'camera') for name in extras.get(part, [])
     }
-    from_pypi = {name for name in imported(package) if name in KEYS} | (
-        {'soliton_linkage'} & imported(package)
-    )
-    assert required == {project(PROJECTS.get(name, name)) for name in from_pypi}
+    own = {'soliton_linkage', 'soliton_linkage_studies'} & imported(package)
+    imports_of_it = {*(name for name in imported(package) if name in KEYS), *own}
+    needed = {project(PROJECTS.get(name, name)) for name in imports_of_it}
+    assert required <= needed <= required | optional
 
 
 def test_the_page_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,9 +167,9 @@ def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> N
         command: [
             script.partition(' = ')[0]
             for package in PACKAGES
-            for script in setup_data(package, monkeypatch, command)['entry_points'][
-                'console_scripts'
-            ]
+            for script in setup_data(package, monkeypatch, command)['entry_points'].get(
+                'console_scripts', []
+            )
         ]
         for command in ('bdist_wheel', 'install', 'develop')
     }
@@ -184,7 +185,7 @@ def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> N
         ('soliton_linkage_nodes', 'config/views', 'config/views/*'),
         ('soliton_linkage_nodes', 'bags', 'bags/*/*'),
         ('soliton_linkage_nodes', 'launch', 'src/soliton_linkage_nodes/launch/*'),
-        ('soliton_linkage', 'studies', 'config/studies/*'),
+        ('soliton_linkage_studies', 'settings', 'config/studies/*'),
     ],
 )
 def test_settings_and_bags_are_installed(
@@ -214,7 +215,7 @@ def test_metadata_of_the_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     assert data['python_requires'] == '>=3.10'
 
 
-def test_studies_without_matplotlib_say_what_to_install() -> None:
+def test_studies_without_matplotlib_name_what_to_install() -> None:
     hidden = """
 import sys
 from importlib.machinery import PathFinder
@@ -228,7 +229,8 @@ sys.meta_path[:] = [Hidden if finder is PathFinder else finder for finder in sys
 import soliton_linkage as sl
 chain = sl.Chain(number_of_rotors=4)
 sl.leaning(chain, -1)
-import soliton_linkage.studies
+from soliton_linkage.command import main
+sys.exit(main(['figures', '--quick']))
 """
     done = subprocess.run(
         [sys.executable, '-c', hidden],
@@ -238,5 +240,6 @@ import soliton_linkage.studies
         check=False,
     )
     assert done.stderr.splitlines()[-1] == (
-        "ModuleNotFoundError: the studies need matplotlib: pip install 'soliton_linkage[studies]'"
+        "soliton-linkage figures: No module named 'matplotlib'; "
+        'pip install matplotlib, or the rosdep key python3-matplotlib'
     )

@@ -8,9 +8,6 @@ from setuptools import find_packages, setup
 
 HOME = Path(__file__).resolve().parent
 PAPER = 'https://doi.org/10.1073/pnas.1405969111'
-STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
-SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
-DRAWING = ['matplotlib>=3.6', 'pyyaml']
 
 setup(
     name='soliton_linkage',
@@ -36,7 +33,6 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/soliton_linkage']),
         ('share/soliton_linkage', ['package.xml']),
-        ('share/soliton_linkage/studies', SETTINGS),
     ],
     install_requires=['numba>=0.58', 'numpy>=1.26', 'scipy>=1.11'],
     extras_require={
@@ -46,17 +42,9 @@ setup(
             'mujoco; python_version >= "3.11"',
         ],
         'camera': ['av', 'matplotlib>=3.6', 'opencv-python-headless>=4.6'],
-        'cluster': ['distributed'],
         'completion': ['argcomplete'],
-        'films': [*DRAWING, 'imageio-ffmpeg'],
         'serial': ['pyserial>=3.4'],
-        'studies': DRAWING,
     },
-    entry_points={
-        'console_scripts': ['soliton-linkage = soliton_linkage.command:main'],
-        'soliton_linkage.commands': [
-            f'{name} = soliton_linkage.studies.{name}.program:main' for name in STUDIES
-        ],
-    },
+    entry_points={'console_scripts': ['soliton-linkage = soliton_linkage.command:main']},
     zip_safe=False,
 )

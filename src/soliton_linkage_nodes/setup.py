@@ -89,7 +89,8 @@ setup(
         'numpy>=1.26',
         'pyyaml',
         'rosbags>=0.11',
-        'soliton_linkage[studies]',
+        'soliton_linkage',
+        'soliton_linkage_studies',
     ],
     extras_require={
         'camera': ['soliton_linkage[camera]'],

@@ -9,7 +9,7 @@ import numpy as np
 
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.studies.collisions.runs import Collision
+from soliton_linkage_studies.collisions.runs import Collision
 
 NARROW = (0.5, 0.3)
 SINE_GORDON = (8.0, 0.9)

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from soliton_linkage.studies.palette import NAMES
+from soliton_linkage_studies.palette import NAMES
 
 LETTER = re.compile(r'(?:^|,\s+)([a-f])(?:  |,)')
 STYLES = {'--': 'dashed', ':': 'dotted'}

@@ -41,7 +41,6 @@ def entries(monkeypatch: pytest.MonkeyPatch) -> None:
             1,
             "No module named 'rclpy'; install it, or source",
         ),
-        (['module', 'the studies need matplotlib: pip'], 1, 'the studies need matplotlib: pip\n'),
     ],
 )
 @pytest.mark.usefixtures('entries')
@@ -65,6 +64,18 @@ def test_without_a_command_there_is_help(capsys: pytest.CaptureFixture[str]) -> 
         'soliton-linkage: there is no command bogus; there are fail, and a work'
     )
     assert said.count('\n') == 1
+
+
+def test_a_study_without_its_package_names_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, 'entry_points', lambda **_: [])
+    with pytest.raises(SystemExit, match='1'):
+        command.main(['figures', '--quick'])
+    assert capsys.readouterr().err == (
+        'soliton-linkage figures: the package soliton_linkage_studies is not installed; '
+        'pip install soliton_linkage_studies, or the rosdep key soliton_linkage_studies\n'
+    )
 
 
 def test_help_imports_neither_studies_nor_numerics() -> None:

@@ -23,6 +23,16 @@ from soliton_linkage.completion import complete, skip_word, words_before
 
 PROGRAM = 'soliton-linkage'
 _GROUP = 'soliton_linkage.commands'
+_STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
+_INSTALL_STUDIES = (
+    'the package soliton_linkage_studies is not installed; pip install soliton_linkage_studies, '
+    'or the rosdep key soliton_linkage_studies'
+)
+_REQUIREMENTS = {
+    'matplotlib': ('matplotlib', 'python3-matplotlib'),
+    'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
+    'yaml': ('pyyaml', 'python3-yaml'),
+}
 _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
@@ -37,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser(commands)
     complete(parser)
     if given and not given[0].startswith('-'):
+        if given[0] in _STUDIES:
+            parser.exit(1, f'{PROGRAM} {given[0]}: {_INSTALL_STUDIES}\n')
         known = ', '.join(commands) or 'none here'
         more = 'a workspace has more once its setup.bash is sourced'
         parser.error(f'there is no command {given[0]}; there are {known}, and {more}')
@@ -57,14 +69,19 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:
-        remedy = '; install it, or source the setup.bash of the workspace that has it'
-        said = str(error)
-        print(f'{title}: {said}{remedy if said.startswith("No ") else ""}', file=sys.stderr)
+        print(f'{title}: {error}; {_remedy(command, error)}', file=sys.stderr)
         return 1
     except _FAILURES as error:
         print(f'{title}: {error}', file=sys.stderr)
         return 1
     return code
+
+
+def _remedy(command: EntryPoint, error: ModuleNotFoundError) -> str:
+    missing = (error.name or '').partition('.')[0]
+    if command.name in _STUDIES and missing in _REQUIREMENTS:
+        return 'pip install {}, or the rosdep key {}'.format(*_REQUIREMENTS[missing])
+    return 'install it, or source the setup.bash of the workspace that has it'
 
 
 def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:

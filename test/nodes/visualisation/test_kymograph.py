@@ -8,8 +8,8 @@ import pytest
 from matplotlib import colormaps
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.studies.palette import LEANS_LEFT, LEANS_RIGHT
 from soliton_linkage_nodes.visualisation.kymograph import Kymograph
+from soliton_linkage_studies.palette import LEANS_LEFT, LEANS_RIGHT
 
 RATE = 30
 CHAIN = Chain(number_of_rotors=8)

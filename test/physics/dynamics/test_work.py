@@ -14,13 +14,13 @@ from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.actuation.torque_drive import TorqueDrive
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.dynamics.energy_balance import EnergyBalance
 from soliton_linkage.dynamics.initial_states import with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.dynamics.work import TorqueLedger, work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage_studies.energy_balance import EnergyBalance
 
 PERIOD = 0.01
 PNEUMATICS = PneumaticActuator()

@@ -34,7 +34,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
-from soliton_linkage.studies.experiments import kick_rates
+from soliton_linkage_studies.experiments import kick_rates
 
 ROTORS = 50
 LEGS = (0, 1, 2, 3)

@@ -14,10 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
 
-from soliton_linkage.dynamics.closed_orbit import closed_orbit
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.dynamics.traversal import follow_wall
 from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last, zero_mode
@@ -28,6 +26,8 @@ from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.passage import find_obstacles
+from soliton_linkage_studies.closed_orbit import closed_orbit
+from soliton_linkage_studies.traversal import follow_wall
 
 CLASSES = (FLIPPER, WOBBLER, SPINNER)
 LENGTHS = ('rotor_length', 'spacing', 'rest_length')

@@ -15,7 +15,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.dynamics.traversal import check_passable, follow_wall
 from soliton_linkage.linear.rigidity import Edge, rigidity_bands
 from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Array, Chain, Motion
@@ -26,6 +25,7 @@ from soliton_linkage.solitons.passage import (
     motion_of_bonds,
     reaches,
 )
+from soliton_linkage_studies.traversal import check_passable, follow_wall
 
 CLASSES = (FLIPPER, WOBBLER, SPINNER)
 ROTORS = 7
@@ -234,7 +234,7 @@ def test_only_a_wall_that_turns_back_is_refused_with_its_bond_and_the_limit() ->
 
 
 def test_a_chain_without_obstacles_is_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr('soliton_linkage.dynamics.traversal.follow_wall')
+    monkeypatch.delattr('soliton_linkage_studies.traversal.follow_wall')
     check_passable(deviating(chain_of(STRONG_WOBBLER, 1000), 0, 0.02))
 
 

@@ -2,8 +2,7 @@
 """Actuators at the edges and on the joints, what they are commanded, and what they did.
 
 Commands go to a `ChainDriver`, which has torques for each frame of a chain. `Actuator` says what
-an actuator is; `ACTUATORS` lists those that there are. The parameters of a real one come from
-`pneumatic_fit`.
+an actuator is; `ACTUATORS` lists those that there are.
 """
 
 from soliton_linkage.actuation.actuator import ACTUATORS, Actuator, actuator_type

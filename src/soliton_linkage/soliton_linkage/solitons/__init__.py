@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Domain walls, *walls* for short: as they are at rest, in theory, and found in angles.
 
-`static_wall` builds them bar by bar, `continuum` and `tail` have their theories, `unit_cell` the
-curves of two rotors, `passage` tells which deviations stop them, `charge` counts them. A moving
-wall is a *soliton* where it is found: `tanh_fit` in a frame, `track` along a recording.
+`static_wall` builds them bar by bar, `continuum` and `tail` have their theories, `passage` tells
+which deviations stop them, `charge` counts them. A moving wall is a *soliton* where it is found:
+`tanh_fit` in a frame, `track` along a recording.
 """
 
 from soliton_linkage.exports import public_names

@@ -24,8 +24,6 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
-from soliton_linkage.studies.pictures import save_run
-from soliton_linkage.studies.workers import process_count
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import (
     find_topic,
@@ -50,6 +48,8 @@ from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.programs.many_bags.run import analyse_many
 from soliton_linkage_nodes.programs.many_bags.study import ManyBags, named_bags
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_studies.pictures import save_run
+from soliton_linkage_studies.workers import process_count
 
 _MOST_DRAWN = 4000
 """Frames that a picture shows at most, more than it has columns."""

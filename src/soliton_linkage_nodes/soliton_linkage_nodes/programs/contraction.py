@@ -20,16 +20,6 @@ import numpy as np
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.accuracy.contraction import (
-    RECORDED,
-    ContractedWall,
-    ContractionStudy,
-    passage_of,
-    read_contraction_study,
-    rest_width,
-)
-from soliton_linkage.studies.program import installed_settings
-from soliton_linkage.studies.settings import load_settings
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.programs.child_processes import (
@@ -40,6 +30,16 @@ from soliton_linkage_nodes.programs.child_processes import (
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interruptible, stop_on_signals
+from soliton_linkage_studies.accuracy.contraction import (
+    RECORDED,
+    ContractedWall,
+    ContractionStudy,
+    passage_of,
+    read_contraction_study,
+    rest_width,
+)
+from soliton_linkage_studies.program import installed_settings
+from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
 """Frames of a recording [Hz], some 1500 of a wall."""

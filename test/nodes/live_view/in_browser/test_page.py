@@ -13,8 +13,8 @@ import pytest
 from live_stage import PLACE, ROTORS, Visit, until
 from matplotlib import colormaps
 
-from soliton_linkage.studies import palette
-from soliton_linkage.studies.drawing import lean_norm
+from soliton_linkage_studies import palette
+from soliton_linkage_studies.drawing import lean_norm
 
 PANELS = ('chain', 'lean', 'kymograph', 'dial', 'energy', 'topology')
 

@@ -15,8 +15,8 @@ from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.walls.soliton_event import EventKind
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.studies.collisions.runs import APART, Collision, frames
-from soliton_linkage.studies.collisions.travelling_wall import travelling_wall
+from soliton_linkage_studies.collisions.runs import APART, Collision, frames
+from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 
 class Run(NamedTuple):

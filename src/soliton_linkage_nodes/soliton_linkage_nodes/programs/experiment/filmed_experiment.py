@@ -18,8 +18,6 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.camera.filmed_bench import BenchParameters, FilmedBench
-from soliton_linkage.studies.camera.runs import CAMERA
 from soliton_linkage.vision.films.footage import Shot, read_film, write_film
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
@@ -36,6 +34,8 @@ from soliton_linkage_nodes.programs.identify_chain.program import identify_bags
 from soliton_linkage_nodes.programs.identify_chain.summary import summary
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
+from soliton_linkage_studies.camera.filmed_bench import BenchParameters, FilmedBench
+from soliton_linkage_studies.camera.runs import CAMERA
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0

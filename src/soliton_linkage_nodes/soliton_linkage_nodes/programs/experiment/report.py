@@ -16,7 +16,6 @@ from rosbags.rosbag2 import Reader
 
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, measured_track
-from soliton_linkage.studies.pictures import save_run
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -25,6 +24,7 @@ from soliton_linkage_nodes.programs.experiment.observer import places
 from soliton_linkage_nodes.programs.linkage_bags import read_recording
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
+from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
 """What of the rest before the nudge is shown [s]."""

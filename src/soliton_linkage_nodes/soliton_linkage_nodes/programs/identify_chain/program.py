@@ -24,7 +24,6 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.identification.report_page import save_report
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
@@ -41,6 +40,7 @@ from soliton_linkage_nodes.programs.identify_chain.recorded import read_joints
 from soliton_linkage_nodes.programs.identify_chain.summary import summary, write_lengths
 from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_studies.identification.report_page import save_report
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from __future__ import annotations
 import sys
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.studies.sweep.table import Table, read_rows
-from soliton_linkage.studies.sweep.workers import Workers, cluster_workers, local_workers
 from soliton_linkage_nodes.programs.many_bags.study import ManyBags
+from soliton_linkage_studies.sweep.table import Table, read_rows
+from soliton_linkage_studies.sweep.workers import Workers, cluster_workers, local_workers
 
 
 def analyse_many(study: ManyBags, workers: int, scheduler: str | None = None) -> int:

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an analyser makes of noisy records of a scene: normalised errors and failures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage_studies.accuracy.cells.cells import AccuracyCell
+from soliton_linkage_studies.accuracy.cells.scene import WallScene
+from soliton_linkage_studies.accuracy.cells.scenes import scene_of
+from soliton_linkage_studies.accuracy.cells.walls import wall_path
+
+_LOST_WIDTHS = 2.0
+"""Widths of a wall by which an estimate that is of this wall is off at most, or"""
+_LOST = 1.0
+"""rotor spacings, or"""
+_LOST_DEVIATIONS = 6.0
+"""of its own standard deviations, where these are below"""
+_SURE = 0.25
+"""of the chain: a wall stated with more is nowhere, and false."""
+_ELSEWHERE = 0.5
+"""Misfit of the rotors about a stated wall from which on there is none [rad], rms."""
+_CORE = 2.5
+"""Reach of these rotors [rotor spacings]."""
+_SCENES = 8
+"""Of a cell, from which records are drawn."""
+_LONGER = 2
+"""Frames of a scene, over those of a record."""
+_NEAR = 3.0
+"""Rotors beside a wall of which one reading is wrong in half of the records [rotor spacings]."""
+
+NUMBERS = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
+"""Of each wall that was found: errors over deviations of place, of place without mean over time
+and of rate, error and deviation of the place [rotor spacings], and relative error of the rate."""
+
+
+@dataclass
+class Scores:
+    """Of the frames of one record."""
+
+    walls: list[tuple[float, ...]] = field(default_factory=list)
+    """`NUMBERS` of walls that were found."""
+    kinetic: list[float] = field(default_factory=list)
+    """Errors of the kinetic energy over its deviation."""
+    shifts: list[float] = field(default_factory=list)
+    """By how much a wrong reading moved the place, in stated deviations."""
+    speed: float = 0.0
+    """Of the fastest wall of the scene, over that of sound [1]."""
+    frames: int = 0
+    looked_for: int = 0
+    """Walls that were to be found."""
+    lost: int = 0
+    false: int = 0
+    wrong_leg: int = 0
+
+
+def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
+    """Scores of records with so many frames together."""
+    run = min(cell.run, frames)
+    left, fresh = frames, Analyser(cell.told_chain or cell.chain)
+    scenes: list[WallScene] = []
+    count = math.ceil(frames / run)
+    pushes = math.ceil(cell.pushes / min(_SCENES, count))
+    for number in range(10 * count):
+        if number < min(_SCENES, count):
+            scenes.append(scene_of(cell, min(_LONGER * run, frames), random, pushes))
+        scene = scenes[number % len(scenes)]
+        length = min(run, left, len(scene.angles))
+        begin = int(random.integers(len(scene.angles) - length + 1))
+        yield record(cell, fresh, scene, range(begin, begin + length), random)
+        left -= length
+        if left <= 0:
+            return
+
+
+def record(
+    cell: AccuracyCell,
+    fresh: Analyser,
+    scene: WallScene,
+    frames: range,
+    random: np.random.Generator,
+) -> Scores:
+    """Have a copy of a fresh analyser follow the frames of a record, and judge what it says."""
+    analyser, scores = deepcopy(fresh), Scores()
+    if scene.charges:
+        sound = speed_of_sound(cell.chain) / cell.chain.spacing
+        scores.speed = float(np.median(np.abs(scene.place_rates), axis=0).max()) / sound
+    twin = deepcopy(fresh) if cell.wrong else None
+    seen = _seen(cell, random)
+    period = cell.period * cell.chain.time_unit
+    for number, frame in enumerate(frames):
+        angles = scene.angles[frame] + cell.noise * random.standard_normal(len(seen))
+        outliers = random.random(len(seen)) < cell.outliers
+        angles[outliers] = random.uniform(-math.pi, math.pi, int(outliers.sum()))
+        angles[~seen] = np.nan
+        if cell.degrees:
+            angles = np.degrees(angles)
+        stamp = round(1e9 * number * period)
+        clean = twin.analyse(stamp, angles) if twin else None
+        last = frame == frames[-1]
+        if last and cell.wrong:
+            angles[_spoilt(scene.places[frame, 0], len(angles), random)] += cell.wrong
+        if cell.told and frame in scene.pushes:
+            analyser.push(stamp, scene.impulses[scene.pushes.index(frame)])
+        said = analyser.analyse(stamp, angles)
+        assert said is not None
+        if last or not cell.wrong:
+            _judge(cell, scene, frame, said, scores)
+        if last and clean is not None:
+            _compare(cell, said, clean, scores)
+    return scores
+
+
+def _seen(
+    cell: AccuracyCell, random: np.random.Generator
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    rotors = cell.chain.number_of_rotors
+    seen = np.ones(rotors, dtype=bool)
+    if cell.unseen == 'edges':
+        seen[[0, -1]] = False
+    elif cell.unseen:
+        seen[:] = False
+        count = 1 if cell.unseen == 'all but one' else 3
+        seen[random.choice(rotors, count, replace=False)] = True
+    return seen
+
+
+def _spoilt(place: float, rotors: int, random: np.random.Generator) -> int:
+    """The rotor whose reading is wrong: any, or one next to the wall."""
+    if random.integers(2):
+        return int(random.integers(rotors))
+    return min(max(round(place + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
+
+
+def _judge(
+    cell: AccuracyCell, scene: WallScene, frame: int, said: Analysis, scores: Scores
+) -> None:
+    scores.frames += 1
+    stated = [each for each in said.solitons if math.isfinite(each.position_deviation)]
+    if cell.misread or not scene.charges:
+        scores.false += sum(_is_false(cell, scene.angles[frame], wall) for wall in stated)
+        return
+    if said.energies is not None and said.energies.kinetic_deviation > 0:
+        off = said.energies.kinetic - scene.kinetic[frame]
+        scores.kinetic.append(float(off / said.energies.kinetic_deviation))
+    for number, charge in enumerate(scene.charges):
+        instant = float(scene.instants[frame, number])
+        near = [wall for wall in stated if wall.charge == charge and _of(cell, wall, instant)]
+        near.sort(key=lambda wall: abs(wall.rotor - instant))
+        for wall in near[:1]:
+            stated.remove(wall)
+        if not scene.judged[frame, number]:
+            continue
+        scores.looked_for += 1
+        scores.lost += not near
+        for wall in near[:1]:
+            scores.walls.append(_numbers(cell, scene, frame, number, wall))
+    if scene.judged[frame].all():
+        scores.false += len(stated)
+        if scene.legs[frame] >= 0 and said.cycle.leg >= 0:
+            scores.wrong_leg += said.cycle.leg != scene.legs[frame]
+
+
+def _of(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
+    """Whether a stated wall is the one at a place."""
+    chain = cell.chain
+    deviation = wall.position_deviation / chain.spacing
+    if deviation > _SURE * chain.number_of_rotors:
+        return False
+    limit = max(_LOST_WIDTHS * chain.wall_width / chain.spacing, _LOST)
+    return abs(wall.rotor - place) < max(limit, _LOST_DEVIATIONS * deviation)
+
+
+def _numbers(
+    cell: AccuracyCell, scene: WallScene, frame: int, number: int, wall: AnalysedSoliton
+) -> tuple[float, ...]:
+    spacing = cell.chain.spacing
+    deviation = wall.position_deviation / spacing
+    error = wall.rotor - float(scene.places[frame, number])
+    of_instant = wall.rotor - float(scene.instants[frame, number])
+    rate = float(scene.place_rates[frame, number])
+    rate_error = wall.velocity / spacing - rate
+    return (
+        error / deviation,
+        of_instant / deviation,
+        rate_error / (wall.velocity_deviation / spacing),
+        error,
+        deviation,
+        rate_error / rate if rate else math.nan,
+    )
+
+
+def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
+    """Whether there is no wall where one is stated: none looks like these rotors."""
+    chain = cell.chain
+    if cell.misread or wall.position_deviation > _SURE * chain.number_of_rotors * chain.spacing:
+        return True
+    inner = chain.number_of_rotors - 1
+    legs = (0, 1) if chain.motion is Motion.SPINNER and wall.charge > 0 else (0,)
+    place = min(max(wall.rotor, 1.0), inner - 1.0)
+    off = min(
+        wall_path(chain, wall.charge, leg).misfit(image, place, _CORE)
+        for leg in legs
+        for image in (angles, math.pi - angles)
+    )
+    return off > _ELSEWHERE
+
+
+def _compare(cell: AccuracyCell, said: Analysis, clean: Analysis, scores: Scores) -> None:
+    """How far a wrong reading moved the only wall, where it was there before."""
+    if len(clean.solitons) != 1:
+        return
+    before = clean.solitons[0]
+    if not said.solitons or not math.isfinite(before.position_deviation):
+        return
+    after = min(said.solitons, key=lambda wall: abs(wall.rotor - before.rotor))
+    moved = abs(after.position - before.position)
+    scores.shifts.append(float(moved / after.position_deviation))

@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lorentz contraction of walls, measured from noisy angles alone (paper, Figs. 5 and 6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, kicked
+from soliton_linkage_studies.formulas import Formula
+from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
+from soliton_linkage_studies.plates import Comparison, Plate, write_table
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = """
+Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from {source} with
+encoder noise of {noise:g} rad; a panel for each chain, named by its class and (r/a, θ̄). Blue dots
+are width, over that at rest, and speed, over that of sound, while the wall is in the middle of its
+chain: the mean of the widths that the analyser gives and the slope of a line through its places.
+Bars are two standard deviations on both sides, of a single width and of the way between two
+places; where they are not seen they are smaller than the dot. The red line is the √(1 − v²/c²) of
+the paper. Diamonds are walls of the same chains by an independent integrator, without noise, whose
+widths are those of a fitted tanh.
+"""
+SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
+"""Names of pictures and tables of walls that were simulated here, and that nodes have recorded."""
+_SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
+_QUICK_EVERY = 4
+"""Of how many kicks a quick study takes one."""
+_QUICK_FRAMES = 400
+"""Most frames of a wall in a quick study."""
+_FEWEST_FRAMES = 10
+"""With the wall in the middle of its chain, of which a mean and its spread mean something."""
+
+
+@dataclass(frozen=True)
+class ContractedWall:
+    """Speed and width of one wall, as measured."""
+
+    speed: float
+    """Over that of sound [1]."""
+    speed_deviation: float
+    """Standard deviation of the speed [1]."""
+    width: float
+    """Over that at rest [1]."""
+    width_deviation: float
+    """Standard deviation of the width [1]."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Noiseless walls of the same chain by other means, each of shape (K,)."""
+
+    kicks: tuple[float, ...]
+    """In a sqrt(k_e / M)."""
+    speeds: tuple[float, ...]
+    """In a sqrt(k_e / M)."""
+    widths: tuple[float, ...]
+    """Of a tanh, over that of a slow wall in the continuum [1]."""
+
+
+@dataclass(frozen=True)
+class Walls:
+    """One chain and the kicks that it gets [a sqrt(k_e / M)]."""
+
+    name: str
+    chain: Chain
+    kicks: tuple[float, ...]
+    reference: Reference
+
+
+@dataclass(frozen=True)
+class ContractionStudy:
+    """Chains, their kicks, and the noise of their encoders."""
+
+    walls: tuple[Walls, ...]
+    noise: float
+    """Standard deviation of an angle [rad]."""
+    frames: int
+    """From one edge of the chain to the other."""
+    seed: int
+
+    def tasks(self) -> list[Callable[[], Any]]:
+        """Passages of all walls, then the widths of the walls at rest."""
+        return [
+            *(
+                partial(self.passage, number, kick)
+                for number, walls in enumerate(self.walls)
+                for kick in range(len(walls.kicks))
+            ),
+            *(partial(rest_width, walls.chain) for walls in self.walls),
+        ]
+
+    def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
+        """Write table and picture of the results of the tasks, under the name of their source."""
+        figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
+        caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
+        plate = Plate(figure, caption)
+        panels = plate.figure.subplots(1, len(self.walls), squeeze=False)[0]
+        passages, at_rest = list(results[: -len(self.walls)]), results[-len(self.walls) :]
+        lines: dict[str, list[Comparison]] = {}
+        for axes, walls, rest in zip(panels, self.walls, at_rest, strict=True):
+            own = [passages.pop(0) for _ in walls.kicks]
+            _draw(plate, axes, walls, own, rest)
+            lines[walls.name] = _comparisons(walls, own, rest)
+        plate.save(folder, name)
+        write_table(lines, folder / f'{name}.md', list(lines))
+
+    def duration(self, walls: int, kick: int) -> float:
+        """Time in which a wall crosses its chain [time units sqrt(M / k_e)], and some more."""
+        chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
+        return crossing_duration(chain, kicks[kick])
+
+    def passage(self, walls: int, kick: int) -> ContractedWall:
+        """Kick a chain, both by number, and measure its wall from noisy angles."""
+        chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
+        generator = np.random.default_rng([self.seed, walls, kick])
+        recording = kicked(chain, kicks[kick], self.duration(walls, kick), self.frames)
+        noise = self.noise * generator.standard_normal(recording.angles.shape)
+        return measured_passage(chain, recording.times, recording.angles + noise)
+
+
+def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
+    """Speed and width of a wall in noisy frames, times [s] of shape (T,), angles [rad] (T, N).
+
+    As the analyser reports them while the wall is in the middle of the chain. Raises ValueError
+    where it is not there in ten frames.
+    """
+    analyser = Analyser(chain)
+    stamps = np.rint(1e9 * times).astype(np.int64).tolist()
+    analyses = [analyser.analyse(*frame) for frame in zip(stamps, angles, strict=True)]
+    return passage_of(
+        chain, times, [each.solitons if each is not None else () for each in analyses]
+    )
+
+
+def passage_of(
+    chain: Chain, times: Array, frames: Sequence[tuple[AnalysedSoliton, ...]]
+) -> ContractedWall:
+    """Speed and width of the only wall of frames at times [s], (T,), first through the middle.
+
+    The speed is the slope of a line through its places, as well known as the way between two of
+    them: what moves all places alike does not change it. The width is the mean over the frames,
+    which rest on largely the same frames before, with the standard deviation of the surest.
+    Raises ValueError where the wall is not there in ten frames.
+    """
+    middle = (chain.number_of_rotors - 1) / 2
+    alone = [
+        (time, walls[0]) for time, walls in zip(times, frames, strict=True) if len(walls) == 1
+    ]
+    there = np.array([abs(wall.rotor - middle) < MIDDLE * middle for _, wall in alone], dtype=bool)
+    entered = int(np.argmax(np.append(there, True)))
+    left = entered + int(np.argmin(np.append(there[entered:], False)))
+    inside = [each for each in alone[entered:left] if math.isfinite(each[1].width_deviation)]
+    if len(inside) < _FEWEST_FRAMES:
+        raise ValueError(
+            f'the wall was in the middle of the chain in {len(inside)} frames, of which '
+            f'{_FEWEST_FRAMES} are wanted; record more frames, or kick it less'
+        )
+    sound, at_rest = speed_of_sound(chain), chain.wall_width
+    seen = np.array([time for time, _ in inside])
+    walls = [wall for _, wall in inside]
+    slope = np.polyfit(seen, [wall.position for wall in walls], 1)[0]
+    of_place = float(np.median([wall.position_deviation for wall in walls]))
+    return ContractedWall(
+        speed=abs(float(slope)) / sound,
+        speed_deviation=math.sqrt(2) * of_place / float(seen[-1] - seen[0]) / sound,
+        width=float(np.mean([wall.width for wall in walls])) / at_rest,
+        width_deviation=min(wall.width_deviation for wall in walls) / at_rest,
+    )
+
+
+def rest_width(chain: Chain) -> float:
+    """Width of a tanh fitted to a wall at rest, over that of the continuum [1].
+
+    The mean over places between a rotor and the next but one, where a wall is again the same.
+    """
+    middle = chain.number_of_rotors // 2 - 1
+    walls = np.array([static_wall(chain, middle + place) for place in np.arange(0, 2, 0.1)])
+    return float(_widths(chain, walls).mean())
+
+
+def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
+    """Read the settings; raises ValueError for what cannot be studied."""
+    section.allow('chains', 'noise', 'frames', 'seed')
+    frames = section.whole_number('frames', 50, 1_000_000)
+    return ContractionStudy(
+        walls=tuple(
+            _walls(name, each, quick)
+            for name, each in section.section('chains').sections().items()
+        ),
+        noise=section.number('noise', 0.0, 1.0),
+        frames=min(frames, _QUICK_FRAMES) if quick else frames,
+        seed=section.whole_number('seed', 0, 2**32),
+    )
+
+
+def _walls(name: str, section: Section, quick: bool) -> Walls:
+    section.allow('chain', 'kicks', 'reference')
+    kicks = section.numbers('kicks', 1e-6, 100.0)
+    known = section.section('reference')
+    known.allow('kicks', 'speeds', 'widths')
+    reference = Reference(
+        known.numbers('kicks', 1e-6, 100.0),
+        known.numbers('speeds', 0.0, 100.0),
+        known.numbers('widths', 0.0, 100.0),
+    )
+    for key, values in (('speeds', reference.speeds), ('widths', reference.widths)):
+        if len(values) != len(reference.kicks):
+            raise known.complaint(
+                key, f'must be as many as its kicks, {len(reference.kicks)}; give one a kick'
+            )
+    chain = chain_from(section.section('chain'))
+    return Walls(name, chain, kicks[::_QUICK_EVERY] if quick else kicks, reference)
+
+
+def _widths(chain: Chain, angles: Array) -> Array:
+    """Widths of the only walls of frames, (T, N), those that can be told, over w_0 [1]."""
+    found = [find_solitons(chain, frame) for frame in angles]
+    widths = np.array([walls[0].width for walls in found if len(walls) == 1])
+    return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
+
+
+def _draw(
+    plate: Plate, axes: Axes, walls: Walls, passages: Sequence[ContractedWall], rest: float
+) -> None:
+    speeds = np.array([passage.speed for passage in passages])
+    widths = np.array([passage.width for passage in passages])
+    fine = np.linspace(0, 1, 400)
+    law = np.sqrt(1 - fine**2)
+    axes.plot(fine, law, color=PAPER, label='√(1 − v²/c²) (paper)')
+    sound = speed_of_sound(walls.chain) / walls.chain.spacing * walls.chain.time_unit
+    axes.plot(
+        np.array(walls.reference.speeds) / sound,
+        np.array(walls.reference.widths) / rest,
+        'D',
+        color=BLACK,
+        markerfacecolor='none',
+        markersize=11,
+        label='independent integrator, no noise, a tanh',
+    )
+    axes.errorbar(
+        speeds,
+        widths,
+        xerr=[2 * passage.speed_deviation for passage in passages],
+        yerr=[2 * passage.width_deviation for passage in passages],
+        fmt='o',
+        color=MEASURED,
+        markersize=4,
+        capsize=3,
+        label='measured from noisy angles, ± 2 std',
+    )
+    axes.set(xlabel='v / c [1]', ylabel='w / w at rest [1]', xlim=(0, 1), ylim=(0, 1.05))
+    axes.set(title=f'{class_and_shape(walls.chain)}, {walls.chain.number_of_rotors} rotors')
+    axes.legend(loc='lower left')
+    plate.note(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
+    deviations = [passage.width_deviation for passage in passages]
+    names = ('v / c [1]', 'standard deviation of w / w at rest [1]')
+    plate.note(walls.name, 'measured', names, speeds, deviations)
+
+
+def _comparisons(
+    walls: Walls, passages: Sequence[ContractedWall], rest: float
+) -> list[Comparison]:
+    """Lines of the table: speed and width of each passage, beside the reference, if any."""
+    chain, reference = walls.chain, walls.reference
+    sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
+    lines = []
+    for kick, passage in zip(walls.kicks, passages, strict=True):
+        known = kick in reference.kicks
+        number = reference.kicks.index(kick) if known else 0
+        speed, width = reference.speeds[number], reference.widths[number] / rest
+        law = Formula('√(1 − (v/c)²)', {'v/c': min(passage.speed, 1.0)})
+        where = f'{class_and_shape(chain)}, v₀ = {kick:g}'
+        for quantity, deviation, paper, measured, expected in (
+            ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),
+            (
+                f'w / w at rest at {passage.speed:.3f} c',
+                passage.width_deviation,
+                law,
+                passage.width,
+                width,
+            ),
+        ):
+            lines.append(
+                Comparison(
+                    f'{quantity} ± {deviation:.5f}, {where}',
+                    paper,
+                    'independent integrator' if known else '',
+                    measured,
+                    expected if known else math.nan,
+                )
+            )
+    return lines

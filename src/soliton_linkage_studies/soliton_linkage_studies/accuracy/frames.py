@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Monte Carlo of the estimators of one frame: their table, and pictures of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.accuracy.estimators import (
+    EstimatorTrial,
+    bias_by_place,
+    bound,
+    errors,
+    estimators_of,
+    inner_places,
+)
+from soliton_linkage_studies.accuracy.pictures import draw_accuracy, draw_bias
+from soliton_linkage_studies.accuracy.table import Line, accuracy_of, write_lines
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CHUNK = 250
+"""Frames of a task: a second or two; another number draws other frames from the same seed."""
+_QUICK_FRAMES = 400
+"""Most frames of each chain and noise in a quick study."""
+_POINTS = 81
+"""Places of walls between a rotor and the next but one, 40 a spacing."""
+
+
+@dataclass(frozen=True)
+class FrameStudy:
+    """Which chains, how much noise, and how many frames of each."""
+
+    chains: tuple[Chain, ...]
+    noises: tuple[float, ...]
+    """Standard deviations of an angle [rad]."""
+    trial: EstimatorTrial
+    """Of each chain, with each noise."""
+    seed: int
+
+    def tasks(self) -> list[Callable[[], Any]]:
+        """Errors in chunks of frames, each with a seed of its own, and biases of each chain."""
+        cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
+        return [
+            *(partial(self.sample, *numbers) for numbers in cells),
+            *(partial(bias_by_place, chain, _POINTS) for chain in self.chains),
+        ]
+
+    def write(self, results: Sequence[Any], folder: Path) -> None:
+        """Write tables and pictures of the results of the tasks."""
+        biases = list(zip(self.chains, results[-len(self.chains) :], strict=True))
+        lines = self.lines(results[: -len(self.chains)])
+        write_lines(lines, folder)
+        draw_accuracy(lines).save(folder, 'single_frame')
+        draw_bias(biases).save(folder, 'bias_by_place')
+
+    def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
+        """Errors and margins by estimator [rotor spacings], of chain, noise and chunk by number.
+
+        They depend on the seed and these numbers alone.
+        """
+        frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
+        trial = replace(self.trial, frames=frames, noise=self.noises[noise])
+        generator = np.random.default_rng([self.seed, chain, noise, chunk])
+        return errors(self.chains[chain], trial, generator)
+
+    def lines(self, samples: Sequence[dict[str, Array]]) -> list[Line]:
+        """Lines of the table, from the samples of all chains, noises and chunks in that order."""
+        lines = []
+        cells = list(product(self.chains, self.noises))
+        for cell, (chain, noise) in enumerate(cells):
+            chunks = samples[cell * self._chunks : (cell + 1) * self._chunks]
+            for name in estimators_of(chain):
+                pairs = np.concatenate([chunk[name] for chunk in chunks])
+                accuracy = accuracy_of(pairs, bound(chain, noise))
+                lines.append(Line(chain, noise, name, accuracy))
+        return lines
+
+    @property
+    def _chunks(self) -> int:
+        return math.ceil(self.trial.frames / _CHUNK)
+
+
+def read_frame_study(section: Section, quick: bool) -> FrameStudy:
+    """Read the settings; raises ValueError for what cannot be studied."""
+    section.allow('chains', 'noises', 'frames', 'cold_every', 'coarse_start', 'seed')
+    frames = section.whole_number('frames', 2, 10_000_000)
+    trial = EstimatorTrial(
+        frames=min(frames, _QUICK_FRAMES) if quick else frames,
+        noise=math.nan,
+        coarse_start=section.number('coarse_start', 0.0, 1.0),
+        cold_every=section.whole_number('cold_every', 1, 1_000_000),
+    )
+    return FrameStudy(
+        chains=tuple(_chain_of(each) for each in section.section('chains').sections().values()),
+        noises=section.numbers('noises', 1e-9, 1.0),
+        trial=trial,
+        seed=section.whole_number('seed', 0, 2**32),
+    )
+
+
+def _chain_of(section: Section) -> Chain:
+    """Chain that is long enough for a wall to be two widths from both edges."""
+    chain = chain_from(section)
+    low, high = inner_places(chain)
+    if low >= high:
+        fewest = math.floor(2 * low) + 2
+        raise section.complaint(
+            'number_of_rotors',
+            f'leaves no place two widths of a wall, {low:.3g} spacings, from both edges; take '
+            f'{fewest} or more',
+        )
+    return chain

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well all frames so far tell the place and the velocity of a wall that moves steadily.
+
+The bound of Cramer and Rao is that of a straight line through n frames dt apart, each of which
+tells the place to sigma / Lambda: a variance of 2 (2 n - 1) / (n (n + 1)) of its square for the
+place at the last frame, and 12 / (n (n^2 - 1) dt^2) of it for the velocity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
+from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.palette import MEASURED, RED, THEORY
+from soliton_linkage_studies.plates import Plate, write_table
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = """
+How well all frames so far tell place and velocity of a wall that moves steadily with {speed:g}
+rotor spacings/s, from angles with noise of {noise:g} rad at {rate:g} frames/s, against the time
+since the first frame; a column for each chain, named by its class and (r/a, θ̄). (a) Error of the
+place. (b) Error of the velocity over the velocity. Blue lines are root mean squares over {runs}
+runs, dashed red lines the deviations that the recursive estimator states, dotted black lines the
+least possible, the bound of Cramér and Rao.
+"""
+_CLEAR = 8.0
+"""Rotors from an edge at which a run begins and ends where its way leaves the room."""
+_QUICK_RUNS = 4
+"""Most runs of each chain in a quick study."""
+_SHOWN = 60
+"""Numbers of frames that are looked at, of which some fall together."""
+_FEWEST = 3
+"""Frames of which place and velocity are more than a line through them."""
+_QUANTITIES = ('place [rotor spacings]', 'velocity, relative')
+
+
+@dataclass(frozen=True)
+class RecordStudy:
+    """Chains whose walls move steadily, seen by noisy encoders in several runs."""
+
+    chains: tuple[Chain, ...]
+    noise: float
+    """Standard deviation of an angle [rad]."""
+    speed: float
+    """Of the walls [rotor spacings / s]."""
+    frame_rate: float
+    """Frames a second [Hz]."""
+    frames: int
+    """Of each run."""
+    runs: int
+    seed: int
+
+    @property
+    def shown(self) -> Array:
+        """Numbers of frames that are looked at, evenly spaced on a scale of logarithms."""
+        return np.unique(np.geomspace(_FEWEST, self.frames, _SHOWN).round().astype(np.int64))
+
+    def tasks(self) -> list[Callable[[], Any]]:
+        """All runs of all chains."""
+        return [
+            partial(self.run, chain, run)
+            for chain in range(len(self.chains))
+            for run in range(self.runs)
+        ]
+
+    def write(self, results: Sequence[Any], folder: Path) -> None:
+        """Write table and picture of the results of the tasks."""
+        figure = Figure(figsize=(1 + 4.5 * len(self.chains), 8), layout='constrained')
+        caption = _CAPTION.format(
+            speed=self.speed, noise=self.noise, rate=self.frame_rate, runs=self.runs
+        )
+        plate = Plate(figure, caption)
+        panels = plate.figure.subplots(
+            2, len(self.chains), sharex=True, sharey='row', squeeze=False
+        )
+        for number, chain in enumerate(self.chains):
+            runs = np.array(results[number * self.runs : (number + 1) * self.runs])
+            self._draw(plate, list(panels[:, number]), chain, runs)
+            self._compare(plate, chain, runs)
+        panels[0, 0].legend(loc='lower left')
+        plate.save(folder, 'record')
+        write_table({'record': plate.comparisons}, folder / 'record.md', ['record'])
+
+    def run(self, chain: int, run: int) -> Array:
+        """Errors of place and velocity and their stated deviations, shape (4, frames shown).
+
+        Places in [rotor spacings], velocities over the true one. A run is on any leg of the
+        orbit, and as far from the edges as its way leaves room for, up to eight rotors.
+        """
+        # Nothing else of the command needs the filter.
+        from soliton_linkage.estimation.orbit_filter import OrbitFilter
+
+        orbit = orbit_of(self.chains[chain])
+        generator = np.random.default_rng([self.seed, chain, run])
+        begin = self._begin(orbit, generator)
+        rate = self.speed * orbit.site_arc
+        recursive = OrbitFilter(orbit)
+        shown, found = set(self.shown.tolist()), []
+        for frame in range(self.frames):
+            elapsed = frame / self.frame_rate
+            arc = begin + rate * elapsed
+            noise = self.noise * generator.standard_normal(orbit.chain.number_of_rotors)
+            estimate = recursive.update(elapsed, orbit.configuration(arc) + noise)
+            if frame + 1 in shown:
+                off = math.remainder(estimate.arc - arc, orbit.length) / orbit.site_arc
+                found.append(
+                    (
+                        off,
+                        estimate.rate / rate - 1,
+                        estimate.arc_deviation / orbit.site_arc,
+                        estimate.rate_deviation / rate,
+                    )
+                )
+        return np.array(found).T
+
+    def _begin(self, orbit: UniformOrbit, generator: np.random.Generator) -> float:
+        """Arc length [rad] at which a run begins."""
+        last = orbit.chain.number_of_rotors - 1.0
+        room = max(last - self.speed * self.frames / self.frame_rate, 0.0)
+        clear = min(_CLEAR, room / 2)
+        ahead = float(generator.uniform(clear, room - clear))
+        leg = int(generator.integers(orbit.number_of_legs))
+        return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
+
+    def bounds(self, chain: Chain) -> tuple[Array, Array]:
+        """Least deviations of the place [rotor spacings] and of the relative velocity [1]."""
+        n = self.shown.astype(np.float64)
+        single = bound(chain, self.noise)
+        of_place = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))
+        of_velocity = single * np.sqrt(12 / (n * (n**2 - 1))) * self.frame_rate
+        return of_place, of_velocity / self.speed
+
+    def _draw(self, plate: Plate, column: Sequence[Axes], chain: Chain, runs: Array) -> None:
+        times = self.shown / self.frame_rate
+        for number, (axes, least) in enumerate(zip(column, self.bounds(chain), strict=True)):
+            curves = (
+                ('error, rms of the runs', _root_mean_square(runs[:, number]), MEASURED, '-', 2.0),
+                ('stated deviation', _root_mean_square(runs[:, number + 2]), RED, '--', 2.0),
+                ('bound of Cramér and Rao', least, THEORY, ':', 1.5),
+            )
+            for name, curve, colour, style, width in curves:
+                axes.plot(times, curve, style, color=colour, linewidth=width, label=name)
+                names = ('time [s]', _QUANTITIES[number])
+                plate.note(class_and_shape(chain), name, names, times, curve)
+            axes.set(xscale='log', yscale='log')
+        column[0].set(title=class_and_shape(chain))
+        column[1].set(xlabel='time since the first frame [s]')
+        if chain == self.chains[0]:
+            column[0].set(ylabel='a  error of the place [rotor spacings]')
+            column[1].set(ylabel='b  relative error of the velocity [1]')
+
+    def _compare(self, plate: Plate, chain: Chain, runs: Array) -> None:
+        for number, least in enumerate(self.bounds(chain)):
+            for shown in (len(self.shown) // 2, len(self.shown) - 1):
+                stated = _root_mean_square(runs[:, number + 2, shown])
+                plate.compare(
+                    f'{_QUANTITIES[number]}, rms error after {self.shown[shown]} frames, stated '
+                    f'as {stated:.3g}, {class_and_shape(chain)}',
+                    '',
+                    'bound of Cramér and Rao',
+                    float(_root_mean_square(runs[:, number, shown])),
+                    float(least[shown]),
+                )
+
+
+def read_record_study(section: Section, quick: bool) -> RecordStudy:
+    """Read the settings; raises ValueError for what cannot be studied."""
+    section.allow('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
+    runs = section.whole_number('runs', 2, 100_000)
+    return RecordStudy(
+        chains=tuple(chain_from(each) for each in section.section('chains').sections().values()),
+        noise=section.number('noise', 1e-9, 1.0),
+        speed=section.number('speed', 1e-6, 1e6),
+        frame_rate=section.number('frame_rate', 1e-3, 1e6),
+        frames=section.whole_number('frames', 10, 10_000_000),
+        runs=min(runs, _QUICK_RUNS) if quick else runs,
+        seed=section.whole_number('seed', 0, 2**32),
+    )
+
+
+def _root_mean_square(values: Array) -> Array:
+    """Over the runs, which are on the first axis."""
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is left of lengths and energy after very many steps of rigid bars."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.gravity import Gravity
+from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
+from soliton_linkage_studies.plates import Plate, write_table
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = """
+Chains of rigid bars that swing in tilted gravity, after up to {steps:,} steps of the solver, a
+colour and a marker for each class of chain. (a) Largest error of the length of a bar over its
+length. (b) Absolute error of the energy over the largest kinetic or potential energy there was.
+Each point is the largest of the steps since the point before; the dashed grey line is the
+rounding of a number, {rounding:.1e}. Less than a hundredth of it is drawn as that.
+"""
+_ROUNDING = float(np.finfo(np.float64).eps)
+_POINTS = 60
+"""On a scale of logarithms [1]."""
+_QUICK_STEPS = 1000
+"""In a quick study [1]."""
+_PERIOD = 0.1
+"""Of frames [time units]; a step is as long as the tolerance allows."""
+_QUANTITIES = ('length', 'energy')
+
+
+@dataclass(frozen=True)
+class RigidSteps:
+    """Chains, how they begin, and how many steps they take."""
+
+    chains: tuple[Chain, ...]
+    steps: int
+    speed: float
+    """Of the rotors at the start, norm over them [rad / time unit]."""
+    gravity: Gravity
+
+    def tasks(self) -> list[Callable[[], Any]]:
+        """The way of each chain."""
+        return [partial(self.errors, chain) for chain in self.chains]
+
+    def write(self, results: Sequence[Any], folder: Path) -> None:
+        """Write table and picture of the results of the tasks."""
+        caption = _CAPTION.format(steps=self.steps, rounding=_ROUNDING)
+        plate = Plate(Figure(figsize=(11, 4.8), layout='constrained'), caption)
+        panels = plate.figure.subplots(1, 2, sharex=True)
+        looks = zip(self.chains, results, chain_colours(self.chains), MARKERS, strict=False)
+        for chain, (taken, *errors), colour, marker in looks:
+            name = class_and_shape(chain)
+            for axes, values, what in zip(panels, errors, _QUANTITIES, strict=True):
+                shown = np.maximum(values, 0.01 * _ROUNDING)
+                axes.loglog(taken, shown, f'{marker}-', color=colour, markersize=4, label=name)
+                axes_names = ('steps [1]', f'relative error of the {what} [1]')
+                plate.note(what, name, axes_names, taken, values)
+                plate.compare(
+                    f'largest relative error of the {what} in {self.steps:,} steps, {name}',
+                    '',
+                    f'rounding, {_ROUNDING:.1e}',
+                    float(values.max()),
+                )
+        for axes, what in zip(panels, ('a  length of a bar', 'b  energy'), strict=True):
+            axes.axhline(_ROUNDING, color=GREY, linestyle='--', linewidth=0.8, label='rounding')
+            axes.set(xlabel='steps [1]', ylabel='relative error [1]')
+            axes.set_title(what, loc='left')
+        panels[0].legend()
+        plate.save(folder, 'rigid_steps')
+        write_table({'rigid_steps': plate.comparisons}, folder / 'rigid_steps.md', ['rigid_steps'])
+
+    def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
+        """Numbers of steps, and largest errors of lengths and energy since the one before."""
+        angles = chain.uniform_state(-1)
+        rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
+        period = _PERIOD * chain.time_unit
+        simulation = RigidSimulation(chain, angles, rates, period, gravity=self.gravity)
+        ends = np.unique(np.geomspace(10, self.steps, _POINTS).round().astype(np.int64))
+        taken, errors = 0, []
+        for end in ends.tolist():
+            largest = np.zeros(2)
+            while taken < end:
+                simulation.step()
+                taken += 1
+                while simulation.ready:
+                    simulation.advance()
+                stretched = np.abs(chain.spring_extensions(simulation.angles))
+                of_length = float((stretched / chain.rest_lengths).max())
+                largest = np.maximum(largest, [of_length, abs(simulation.energy_drift)])
+            errors.append(largest)
+        return (ends.astype(np.float64), *np.array(errors).T)
+
+
+def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
+    """Read the settings; raises ValueError for what cannot be studied."""
+    section.allow('chains', 'steps', 'speed', 'acceleration', 'tilt')
+    steps = section.whole_number('steps', 100, 100_000_000)
+    acceleration = section.number('acceleration', 0.0, 1e3)
+    chains = tuple(chain_from(each) for each in section.section('chains').sections().values())
+    return RigidSteps(
+        chains=chains[:1] if quick else chains,
+        steps=min(steps, _QUICK_STEPS) if quick else steps,
+        speed=section.number('speed', 0.0, 1e6),
+        gravity=Gravity(acceleration, section.number('tilt', -math.pi, math.pi)),
+    )

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A film of a chain, and the errors of the angles that are seen in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from soliton_linkage.linkage.chain import Array, Chain, wrapped
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.vision.angle_camera import AngleCamera
+from soliton_linkage.vision.films.footage import Shot, read_film, write_film
+from soliton_linkage.vision.films.renderer import FilmSettings, Hand, Motion, Renderer
+from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.lens.plane import ChainPlane, posed_plane
+from soliton_linkage.vision.opencv import opencv
+from soliton_linkage_studies.experiments import kicked
+
+CAMERA = Camera(
+    1280,
+    720,
+    (1100.0, 1100.0),
+    (641.3, 357.2),
+    (-0.12, 0.05, 5e-4, -3e-4, 0.0),
+    row_time=25e-6,
+    exposure=0.004,
+)
+"""A camera of 1280 x 720 pixels with the lens and the rolling shutter of a phone [pixels, s]."""
+PERIOD = 1 / 60
+"""Of the pictures [s]."""
+SIMULATED = 0.002
+"""Period of the simulated motion between whose frames cubics lead [s]."""
+_TILTS = (0.06, -0.09, 0.01)
+"""Of the camera, from looking squarely [rad]."""
+_FILLED = 1.12
+"""Width of the picture over that of chain and frame markers [1]."""
+_SWAPPED = 0.1
+"""Error that no dot of a rotor has [rad], but that of another one."""
+_SETTLING = 10
+"""Pictures after which the plane and the pivots are means [1]."""
+_HAND_EVERY, _HAND_FOR = 10.0, 0.7
+"""From one hand before the camera to the next, and for how long each is there [s]."""
+_TURN = 0.01
+"""By which all rotors are turned to see how pixels change with their angles [rad]."""
+
+
+@dataclass(frozen=True)
+class FilmedTask:
+    """A film to be made and looked at."""
+
+    chain: Chain
+    kick: float
+    """Speed of the masses, in units of a sqrt(k_e / M) [1]."""
+    frames: int
+    settings: FilmSettings
+    h264: int = 0
+    """Quality of a film of H.264, of which lower ones are better; 0 for pictures as they are."""
+
+    def __call__(self) -> FilmedRun:
+        """Make the film, picture by picture, and look at it."""
+        duration = PERIOD * (self.frames + 2)
+        frames = round(duration / SIMULATED)
+        whole = frames * SIMULATED / self.chain.time_unit
+        motion = motion_of(kicked(self.chain, self.kick, whole, frames))
+        layout = MarkerLayout(self.chain)
+        plane = plane_of(layout)
+        hands = _hands(duration)
+        film = Renderer(layout, plane, motion, self.settings, hands)
+        eye = AngleCamera(layout, CAMERA)
+        seen, truth, busy = [], [], 0.0
+        for taken, picture in self._pictures(film):
+            before = time.process_time()
+            seen.append(eye.look(taken, picture))
+            busy += time.process_time() - before
+            truth.append(motion(np.array([taken + seen[-1].delay]))[0][0])
+        angles = np.array([frame.angles for frame in seen])
+        stated = np.array([frame.deviations for frame in seen])
+        bound = _pixel_bound(self, layout, plane)
+        return FilmedRun(angles - np.array(truth), stated, bound, busy / self.frames)
+
+    def _pictures(self, film: Renderer) -> Iterator[Shot]:
+        begin = 2 * PERIOD
+        times = begin + PERIOD * np.arange(self.frames)
+        shots = (Shot(taken, film.picture(taken)) for taken in times.tolist())
+        if not self.h264:
+            yield from shots
+            return
+        with TemporaryDirectory() as folder:
+            path = Path(folder, 'film.mp4')
+            write_film(path, shots, self.h264)
+            for taken, picture in read_film(path).pictures:
+                yield Shot(begin + taken, picture)
+
+
+@dataclass(frozen=True)
+class FilmedRun:
+    """What was seen in a film of F pictures."""
+
+    errors: Array
+    """Of the angles, turns and all [rad], NaN where they were not seen, shape (F, N)."""
+    stated: Array
+    """Their standard deviations [rad], shape (F, N)."""
+    bound: float
+    """Least standard deviation that the pixels of a dot and its label allow [rad]."""
+    busy: float
+    """Time of one processor for a picture [s]."""
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """What `FIGURES` names."""
+        known = np.isfinite(self.errors[_SETTLING:])
+        errors, stated = self.errors[_SETTLING:], self.stated[_SETTLING:]
+        near = wrapped(errors)
+        swapped = known & (np.abs(near) > _SWAPPED)
+        right = np.where(swapped, np.nan, near)
+        own = right - np.nanmean(right, axis=0)
+        return (
+            len(self.errors),
+            known.size,
+            known.size - int(known.sum()),
+            int(swapped.sum()),
+            _changes(errors),
+            self.bound,
+            float(np.nanstd(own)),
+            float(np.sqrt(np.nanmean(stated**2))),
+            float(np.nanstd(own / stated)),
+            float(np.nanmean(right)),
+            self.busy,
+        )
+
+
+FIGURES = (
+    'pictures',
+    'angles',
+    'hidden',
+    'swapped',
+    'turns_lost',
+    'bound',
+    'noise',
+    'stated',
+    'normalised',
+    'bias',
+    'busy',
+)
+"""Of a film: counts; the bound of the pixels, noise and what is stated of it, bias [rad]; errors
+over what is stated, root mean square [1]; time of one processor for a picture [s]."""
+
+
+def _changes(errors: Array) -> int:
+    """How often a rotor has come back with another number of turns."""
+    turns = np.rint(errors / (2 * np.pi))
+    return sum(
+        int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
+    )
+
+
+def motion_of(recording: Recording) -> Motion:
+    """Motion of a recording, a cubic from frame to frame."""
+    angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
+    rates, accelerations = angles.derivative(1), angles.derivative(2)
+    return lambda times: (angles(times), rates(times), accelerations(times))
+
+
+def plane_of(layout: MarkerLayout) -> ChainPlane:
+    """Plane of a chain that fills the picture."""
+    length = float(layout.chain.pivots[-1])
+    distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width
+    return posed_plane(CAMERA, (length / 2, 0.0), distance, *_TILTS)
+
+
+def _hands(duration: float) -> tuple[Hand, ...]:
+    """Hands that cross the picture, each from another place."""
+    begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY)
+    return tuple(
+        Hand(
+            float(begin),
+            float(begin) + _HAND_FOR,
+            (150.0 + 370.0 * (number % 3), 250.0),
+            (150.0, 150.0),
+            (45.0, 90.0),
+        )
+        for number, begin in enumerate(begins)
+    )
+
+
+def _held(angles: Array, still: Array) -> Motion:
+    """Rotors that stay where they are."""
+    return lambda _times: (angles, still, still)
+
+
+def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
+    """Cramer-Rao bound of an angle by the pixels about its mass, the median of the rotors [rad].
+
+    sigma / sqrt(sum (dI / dphi)^2) over the grey levels I of the label of a rotor at rest, whose
+    noise sigma is that of a pixel, less where its three colours are averaged.
+    """
+    cv2 = opencv()
+    rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))
+    pictures = []
+    for turn in (_TURN, -_TURN):
+        clear = FilmSettings(light=task.settings.light, blur=task.settings.blur, noise=0.0)
+        angles = (rest + turn)[None]
+        film = Renderer(layout, plane, _held(angles, still), clear)
+        pictures.append(cv2.cvtColor(film.picture(0.0), cv2.COLOR_BGR2GRAY).astype(float))
+    change = (pictures[0] - pictures[1]) / (2 * _TURN)
+    lengths = task.chain.rotor_lengths[:, None]
+    arms = lengths * np.column_stack([np.sin(rest), np.cos(rest)])
+    places = plane.pixels(np.column_stack([task.chain.pivots, 0 * rest]) + arms)
+    radius = layout.label_radius * float(np.median(plane.pixels_per_metre(arms)))
+    rows, columns = np.indices(change.shape)
+    weights = np.array([0.299, 0.587, 0.114])
+    noise = task.settings.noise * float(np.sqrt(np.sum(weights**2)))
+    sums = [
+        np.sum(change[np.hypot(columns - x, rows - y) < radius] ** 2) for x, y in places.tolist()
+    ]
+    return noise / float(np.sqrt(np.median(sums)))

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of how walls part, against the speed at which they met."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from soliton_linkage_studies.collisions.findings import CRITICAL_SPEED, PHI4_SPEED, escaped_after
+from soliton_linkage_studies.collisions.study import Row, series_of
+from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
+from soliton_linkage_studies.plates import Plate
+
+_SPEEDS = """
+A kink and an anti-kink meet on a ring of springs, each at the speed v; v′ is half of the speed at
+which they go away from each other, c the speed of sound. A panel for each ring, named by its class
+and (r/a, θ̄), and for spinners by whether the rotors turn back in the second wall or onwards. Each
+dot is a collision, and its colour says how often the walls overlapped before they parted: never
+(pink), once (blue), twice (orange), three times (green) or more often (black). Ticks at the bottom
+are pairs that were captured (grey), and pairs whose anti-kink broke (red): rotors of a flipper
+turned over, or a spinner's wall kept less than half of the energy that it costs at rest in the
+continuum. The dashed line is v′ = v, of walls that lose nothing.
+"""
+_WINDOWS = """
+(a) Bounce windows of a flipper: half of the speed v′ at which walls go away from each other,
+against the speed v of each before, over the speed of sound c. Walls parted after one collision
+(blue), two (orange), three (green) or more (black), or were captured (grey ticks at the bottom).
+The dashed line is v′ = v. (b) The same collisions with one setting changed at a time: a row for
+each, a tick for each collision in the colour of its outcome, white where the pair was captured.
+(c) The speed above which walls part after one collision, against d = 2 r sin θ̄ / a, for two
+lengths of the rotors r; lines join the dots. The dashed line is that of phi⁴ theory, {phi4:g} c,
+the limit of small d.
+"""
+_OUTCOME_COLOURS = (PURPLE, BLUE, ORANGE, GREEN, BLACK)
+"""Of walls that overlapped never, once, twice, three times, and more often."""
+_NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
+_COLUMNS = 4
+"""Panels in a row [1]."""
+_SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
+
+
+def draw_speeds(rows: Sequence[Row]) -> Plate:
+    """Speed afterwards against speed before, a panel for each ring of the sweeps."""
+    series = series_of(rows, 'sweeps')
+    columns = min(_COLUMNS, len(series))
+    lines = -(-len(series) // columns)
+    figure = Figure(figsize=(4.1 * columns, 3.9 * lines + 0.5), layout='constrained')
+    plate = Plate(figure, _SPEEDS)
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, (name, each) in zip(panels, series.items(), strict=False):
+        _draw_speeds(plate, axes, name, each)
+        axes.set(title=name, xlabel='v / c [1]', xlim=(0, None), ylim=(0, None))
+    for axes in panels[len(series) :]:
+        axes.set_axis_off()
+    for axes in panels[::columns]:
+        axes.set_ylabel('v′ / c [1]')
+    figure.legend(handles=_handles(True), loc=ABOVE, ncols=8, frameon=False)
+    return plate
+
+
+def draw_windows(rows: Sequence[Row]) -> Plate:
+    """Bounce windows, what changes them, and the critical speed against d."""
+    figure = Figure(figsize=(13, 7), layout='constrained')
+    plate = Plate(figure, _WINDOWS.format(phi4=PHI4_SPEED))
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
+    above = figure.add_subplot(grid[0, 0])
+    below = figure.add_subplot(grid[1, 0], sharex=above)
+    aside = figure.add_subplot(grid[:, 1])
+    series = {
+        name: [row for row in each if not row.name]
+        for name, each in series_of(rows, 'variations').items()
+    }
+    whole = next(iter(series.values()))
+    _draw_speeds(plate, above, 'a', whole)
+    above.set(ylabel='v′ / c [1]', ylim=(0, None))
+    above.margins(x=0.01)
+    above.tick_params(labelbottom=False)
+    _draw_strips(plate, below, series)
+    _draw_critical(plate, aside, series_of(rows, 'critical_speeds'))
+    for panel, letter in zip((above, below, aside), 'abc', strict=True):
+        panel.set_title(letter, loc='left', fontweight='bold')
+    figure.legend(handles=_handles(False), loc=ABOVE, ncols=8, frameon=False)
+    return plate
+
+
+def _draw_speeds(plate: Plate, axes: Axes, name: str, rows: Sequence[Row]) -> None:
+    speeds = np.array([row.speed for row in rows])
+    bottom = axes.get_xaxis_transform()
+    ends = [speeds.min(), speeds.max()]
+    axes.plot(ends, ends, '--', color=GREY, linewidth=0.9, zorder=1)
+    for outcome, label in [*enumerate(_NAMES), (None, 'captured'), (-1, 'anti-kink broken')]:
+        chosen = [row for row in rows if row.run and _outcome(row) == outcome]
+        if not chosen:
+            continue
+        before = np.array([row.speed for row in chosen])
+        if outcome is None or outcome < 0:
+            colour = GREY if outcome is None else RED
+            axes.vlines(before, 0.0, 0.04, color=colour, linewidth=0.6, transform=bottom)
+            plate.note(name, label, (_SPEED, _SPEED_AFTER), before, np.zeros_like(before))
+        else:
+            after = np.array([row.run.speed_after for row in chosen if row.run])
+            colour = _OUTCOME_COLOURS[outcome]
+            axes.plot(before, after, '.', color=colour, markersize=3.5, zorder=2 + outcome)
+            plate.note(name, label, (_SPEED, _SPEED_AFTER), before, after)
+
+
+def _draw_strips(plate: Plate, axes: Axes, series: dict[str, list[Row]]) -> None:
+    for number, (name, rows) in enumerate(series.items()):
+        width = (rows[-1].speed - rows[0].speed) / max(len(rows) - 1, 1)
+        for outcome, label in enumerate(_NAMES):
+            speeds = [row.speed for row in rows if row.run and _outcome(row) == outcome]
+            bars = [(speed - width / 2, width) for speed in speeds]
+            axes.broken_barh(bars, (number - 0.4, 0.8), color=_OUTCOME_COLOURS[outcome])
+            plate.note('b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds))
+    axes.set_yticks(range(len(series)), list(series))
+    axes.set(xlabel='v / c [1]', ylim=(len(series) - 0.5, -0.5))
+
+
+def _draw_critical(plate: Plate, axes: Axes, series: dict[str, list[Row]]) -> None:
+    for (name, rows), colour in zip(series.items(), (BLUE, GREEN, SKY), strict=False):
+        found = [row for row in rows if row.run]
+        leans = [float(row.name) for row in found]
+        speeds = [row.speed for row in found]
+        axes.plot(leans, speeds, 'o-', color=colour, markersize=4, label=name)
+        plate.note('c', name, ('d [1]', CRITICAL_SPEED), leans, speeds)
+    axes.axhline(PHI4_SPEED, color=BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory')
+    axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=CRITICAL_SPEED)
+    axes.set(xlim=(0, None), ylim=(0, None))
+    axes.legend(frameon=False)
+
+
+def _outcome(row: Row) -> int | None:
+    """How often walls overlapped that parted, up to 4; None if captured, -1 if broken."""
+    after = escaped_after(row)
+    if row.run and row.run.broken:
+        return -1
+    return None if after is None else min(after, len(_NAMES) - 1)
+
+
+def _handles(whole: bool) -> list[Line2D]:
+    names = list(zip(_NAMES, _OUTCOME_COLOURS, strict=True))
+    dots = [
+        Line2D([], [], color=colour, marker='o', linestyle='', markersize=5, label=name)
+        for name, colour in (names if whole else names[1:])
+    ]
+    ticks = [('captured', GREY), ('anti-kink broken', RED)]
+    bars = [
+        Line2D([], [], color=colour, marker='|', linestyle='', markersize=9, label=name)
+        for name, colour in (ticks if whole else ticks[:1])
+    ]
+    return [*dots, *bars, Line2D([], [], color=GREY, linestyle='--', label='v′ = v')]

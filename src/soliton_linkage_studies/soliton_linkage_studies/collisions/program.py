@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Send kinks and anti-kinks against each other on rings of springs: what becomes of them.
+
+Writes tables as CSV and Markdown and pictures as PNG and PDF. An interrupted sweep goes on with
+the same command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from soliton_linkage_studies.collisions.findings import finding_lines
+from soliton_linkage_studies.collisions.pictures import draw_speeds, draw_windows
+from soliton_linkage_studies.collisions.spacetime import draw_pictures
+from soliton_linkage_studies.collisions.study import (
+    CollisionStudy,
+    Row,
+    read_collision_study,
+    read_row,
+)
+from soliton_linkage_studies.program import run_study, study_parser
+from soliton_linkage_studies.settings import load_settings
+from soliton_linkage_studies.sweep.program import GOES_ON, fill
+from soliton_linkage_studies.sweep.table import Table, read_rows
+from soliton_linkage_studies.sweep.workers import local_workers
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the collisions of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    parser = study_parser('collisions', __doc__, 'few speeds')
+    return run_study(parser, arguments, _collided, GOES_ON)
+
+
+def _collided(options: argparse.Namespace) -> str:
+    study = read_collision_study(load_settings(options.config), options.quick)
+    folder = options.output / ('quick' if options.quick else 'runs')
+    rows = _measured(study, folder, options.workers)
+    draw_speeds(rows).save(options.output, 'collisions')
+    draw_windows(rows).save(options.output, 'collision_windows')
+    draw_pictures(study.pictures).save(options.output, 'collision_pictures')
+    table = '\n'.join(finding_lines(rows)) + '\n'
+    (options.output / 'table.md').write_text(table, encoding='utf-8')
+    failed = sum(bool(row.failure) for row in rows)
+    remark = f'; {failed} of {len(rows)} collisions could not be made' if failed else ''
+    return f'{table}\ntables and pictures are in {options.output}{remark}'
+
+
+def _measured(study: CollisionStudy, folder: Path, workers: int) -> list[Row]:
+    """Rows of the table, those made that are not there yet."""
+    with Table(study, folder) as table:
+        missing = table.missing
+        if missing:
+            with local_workers(workers) as ready:
+                fill(study, table, missing, ready)
+        table.finish()
+    return [read_row(cells) for cells in read_rows(table.path)]
+
+
+if __name__ == '__main__':
+    sys.exit(main())

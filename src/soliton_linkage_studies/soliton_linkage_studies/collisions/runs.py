@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A kink and an anti-kink sent against each other on a ring, and what became of them.
+
+The kink (charge +1, free at rest) comes from the left and the anti-kink (charge -1, which costs
+energy) from the right, at the same speed. Around them the ring leans right, between them left;
+where the field has the sign of the right-leaning state everywhere they overlap, and every time
+that they do counts as a collision. Charges alternate along a ring, so that the kink stays on the
+left: that walls pass through each other is seen by the turns of the rotors between them alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.initial_states import State
+from soliton_linkage.dynamics.integrators import INTEGRATORS
+from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
+from soliton_linkage.linear.bands import band_edges, penetration_depth, speed_of_sound
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.solitons.continuum import wall_theory
+from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
+
+APART = 12.0
+"""Distance at the start in reaches [1]: the walls attract each other by e^(-24) of their mass."""
+ESCAPED = 8.0
+"""Distance in reaches [1] at which walls are free: slower than 0.001 c they would return."""
+_NEAR = 7.0
+"""Distance in reaches [1] until which the speed before a collision is measured."""
+_LEAVING = 5.0
+"""Distance in reaches [1] from which on the speed afterwards is measured."""
+_FRAMES = 10
+"""In the time in which sound passes a reach [1]; walls overlap for ten or more."""
+_CORE = 4.0
+"""Half of what counts as a wall in reaches [1]: it holds all of its energy but e^(-16)."""
+_LUMP = 8.0
+"""Half of what counts as a captured pair in reaches [1]: twice as far as its walls go."""
+_FEWEST = 5
+"""Frames that tell a speed [1]; walls that escape have thirty or more."""
+_TOLERANCE = 1e-10
+"""Of integrators that choose their steps, in an angle [rad]: energies are kept to 1e-9."""
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A collision to be made; called, it is."""
+
+    ring: Chain
+    speed: float
+    """Of each wall, over that of sound [1]."""
+    onwards: bool = False
+    """Whether a spinner's rotors turn on in the second wall, and not back."""
+    step: float = 1.0
+    """Longest of the integrator, over the period of the fastest phonon by 2 pi [1]."""
+    integrator: str = 'symplectic'
+    shift: float = 0.0
+    """Of both walls along the ring [rotor spacings]."""
+    patience: float = 120.0
+    """Times that sound takes for a reach, to wait for an escape, and such as walls take that go
+    on at half of their speed."""
+
+    def __call__(self) -> CollisionRun:
+        """Make the collision."""
+        return made(self)
+
+    @property
+    def reach(self) -> float:
+        """Of a wall, twice the penetration depth l [rotor spacings]: all decays as e^(-x / l).
+
+        It is the width w of a flipper's wall for d << 1, and 2 w of a spinner's.
+        """
+        return 2 * penetration_depth(self.ring) / self.ring.spacing
+
+    @property
+    def sound(self) -> float:
+        """Speed of sound [rotor spacings / s]."""
+        return speed_of_sound(self.ring) / self.ring.spacing
+
+    @property
+    def unit(self) -> float:
+        """Time in which sound passes a reach [s]."""
+        return self.reach / self.sound
+
+
+@dataclass(frozen=True)
+class CollisionRun:
+    """What became of a collision; speeds are over that of sound, lengths in reaches [1]."""
+
+    escaped: bool
+    """Whether two walls went away for good."""
+    collisions: int
+    """How often they overlapped."""
+    speed_before: float
+    """Half of that at which the walls came near each other."""
+    kink_speed: float
+    """Of the kink afterwards, away from the anti-kink; 0 where they are captured."""
+    anti_kink_speed: float
+    """Of the anti-kink afterwards, away from the kink."""
+    between: float
+    """Time between the first two collisions in reaches over c, NaN where there are fewer."""
+    closest: float
+    """Least distance of the walls, 0 where they overlapped."""
+    turns: int
+    """Of the rotors between the walls, beyond what they had turned before."""
+    broken: bool
+    """Whether what is left of the anti-kink is none: see `_broken`."""
+    radiated: float
+    """Share of the energy that is outside of the walls, or of the captured pair, at the end."""
+    drift: float
+    """Largest error of the energy, over the energy."""
+
+    @property
+    def speed_after(self) -> float:
+        """Half of that at which the walls go away from each other."""
+        return (self.kink_speed + self.anti_kink_speed) / 2
+
+
+@dataclass(frozen=True)
+class Path:
+    """The walls in frames: outermost where the field changes its sign, NaN where it does not."""
+
+    times: Array
+    """[s], shape (T,)."""
+    kinks: Array
+    """Places of the left wall [rotor spacings], shape (T,)."""
+    anti_kinks: Array
+    """Places of the right wall [rotor spacings], shape (T,)."""
+
+    @property
+    def distances(self) -> Array:
+        """Between the walls [rotor spacings], NaN where they overlap, shape (T,)."""
+        return np.asarray(self.anti_kinks - self.kinks)
+
+    def part(self, which: slice) -> Path:
+        """Some of the frames."""
+        return Path(self.times[which], self.kinks[which], self.anti_kinks[which])
+
+    def joined(self, later: Path) -> Path:
+        """This path and a later one."""
+        return Path(
+            np.append(self.times, later.times),
+            np.append(self.kinks, later.kinks),
+            np.append(self.anti_kinks, later.anti_kinks),
+        )
+
+    def speeds(self) -> Array:
+        """Slopes of lines through the places of kink and anti-kink [rotor spacings / s], (2,).
+
+        NaN where there are too few frames.
+        """
+        if len(self.times) < _FEWEST:
+            return np.full(2, np.nan)
+        both = np.stack([self.kinks, self.anti_kinks], axis=1)
+        return np.asarray(np.polyfit(self.times, both, 1)[0])
+
+
+def made(task: Collision) -> CollisionRun:
+    """Make a collision until the walls have escaped or the patience is over."""
+    path = Path(*np.empty((3, 0)))
+    energies: list[float] = []
+    for times, angles, rates in frames(task):
+        before = len(path.times)
+        path = path.joined(wall_path(task.ring, times, angles))
+        last = len(angles) - 1
+        end = _end(task, path)
+        if end is not None:
+            path, last = path.part(slice(end + 1)), end - before
+        state = State(angles[last], rates[last])
+        energies.append(float(_energies(task.ring, state).sum()))
+        if end is not None:
+            break
+    drift = float(np.ptp(energies)) / energies[0]
+    return _outcome(task, path, state, drift)
+
+
+def frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield times [s], (T,), angles [rad] and rates [rad/s], (T, N), of a few frames, for ever."""
+    start = started(task)
+    motion = EquationOfMotion(task.ring)
+    method = INTEGRATORS[task.integrator]
+    constant = issubclass(method, ChainSolver)
+    solver = method(
+        motion,
+        0.0,
+        motion.state(start.angles, start.rates),
+        np.inf,
+        rtol=0.0 if constant else _TOLERANCE,
+        # Where all errors are tolerated a chain's solver takes the longest step that it may.
+        atol=1e3 if constant else _TOLERANCE,
+        max_step=task.step / band_edges(task.ring)[1],
+    )
+    period, rotors = task.unit / _FRAMES, task.ring.number_of_rotors
+    yield np.zeros(1), start.angles[None], start.rates[None]
+    while True:
+        complaint = solver.step()
+        if complaint:
+            raise ArithmeticError(f'the ring could not be integrated: {complaint}')
+        first, last = (math.floor(time / period) for time in (solver.t_old, solver.t))
+        if last > first:
+            times = period * np.arange(first + 1, last + 1)
+            states = solver.dense_output()(times).T
+            yield times, states[:, :rotors], states[:, rotors:]
+
+
+def started(task: Collision) -> State:
+    """State with both walls on their way, about the middle of the ring.
+
+    Raises ArithmeticError where no wall is found that travels at this speed.
+    """
+    ring, velocity = task.ring, task.speed * speed_of_sound(task.ring)
+    rotors = np.arange(ring.number_of_rotors, dtype=np.int64)
+    kink = travelling_wall(ring, velocity, 1)
+    anti_kink = travelling_wall(ring, velocity, -1, -1 if task.onwards else 1)
+    middle = (ring.number_of_rotors - 1) / 2 + task.shift
+    half = APART * task.reach / 2
+    angles, slopes = kink.at(rotors, middle - half)
+    others, other_slopes = anti_kink.at(rotors, middle + half)
+    angles = angles + others - anti_kink.angles[rotors % 2, 0]
+    return State(angles, (other_slopes - slopes) * velocity / ring.spacing)
+
+
+def order(ring: Chain, angles: Array) -> Array:
+    """Order field of frames as of `order_field`, of spinners in the family +1, shape (..., N)."""
+    theta = staggered(angles)
+    if ring.motion is Motion.SPINNER:
+        return np.asarray(np.cos(theta - ring.rest_angle))
+    return np.asarray(np.sin(theta) / math.sin(ring.rest_angle))
+
+
+def wall_path(ring: Chain, times: Array, angles: Array) -> Path:
+    """Walls in frames of angles [rad], (T, N), placed by a line between two rotors."""
+    fields = order(ring, angles)
+    left = fields < 0
+    last = fields.shape[1] - 1
+    first = left.argmax(axis=1)
+    final = last - left[:, ::-1].argmax(axis=1)
+    apart = left.any(axis=1)
+    return Path(
+        times,
+        np.where(apart, _crossings(fields, np.clip(first - 1, 0, last)), np.nan),
+        np.where(apart, _crossings(fields, np.clip(final, 0, last - 1)), np.nan),
+    )
+
+
+def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
+    """Where lines through the fields of rotors and of the next ones cross 0, shape (T,)."""
+    frame = np.arange(len(fields))
+    before, after = fields[frame, rotors], fields[frame, rotors + 1]
+    change = np.where(before == after, 1.0, before - after)
+    return np.asarray(rotors + before / change)
+
+
+def _end(task: Collision, path: Path) -> int | None:
+    """Frame with which it is over, or None."""
+    distances = path.distances / task.reach
+    met = np.flatnonzero(~(distances > _NEAR))
+    if not met.size:
+        # A wall that is pinned never comes near.
+        late = path.times > (APART / task.speed + task.patience) * task.unit
+    else:
+        there_and_back = (_NEAR / 2 + ESCAPED) / task.speed
+        late = path.times - path.times[met[0]] > (task.patience + there_and_back) * task.unit
+        late |= (distances > ESCAPED) & (np.arange(len(distances)) > met[0])
+    return int(np.argmax(late)) if late.any() else None
+
+
+def _outcome(task: Collision, path: Path, state: State, drift: float) -> CollisionRun:
+    distances = path.distances / task.reach
+    near = np.flatnonzero(~(distances > _NEAR))
+    escaped = bool(near.size and distances[-1] > ESCAPED)
+    overlapping = np.isnan(distances).astype(int)
+    begins = np.flatnonzero(np.diff(overlapping, prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(overlapping, append=0) == -1)
+    middles = [(path.times[k] + path.times[m]) / 2 for k, m in zip(begins, ends, strict=False)]
+    before = path.part(slice(int(near[0]) if near.size else None)).speeds() / task.sound
+    after = np.zeros(2)
+    if escaped:
+        inside = np.flatnonzero(~(distances > _LEAVING))
+        left = int((inside if inside.size else near)[-1]) + 1
+        after = path.part(slice(left, None)).speeds() / task.sound
+    return CollisionRun(
+        escaped=escaped,
+        collisions=len(begins),
+        speed_before=float(before[0] - before[1]) / 2,
+        kink_speed=-float(after[0]),
+        anti_kink_speed=float(after[1]),
+        between=float(middles[1] - middles[0]) / task.unit if len(middles) > 1 else math.nan,
+        closest=0.0 if len(begins) else float(distances.min()),
+        turns=_turns(task.ring, path, state) if escaped else 0,
+        broken=_broken(task, path, state, escaped),
+        radiated=_radiated(task, path, state, escaped),
+        drift=drift,
+    )
+
+
+def _turns(ring: Chain, path: Path, state: State) -> int:
+    """Turns of the rotor in the middle between the walls of a spinner, beyond half a turn."""
+    if ring.motion is not Motion.SPINNER:
+        return 0
+    rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)
+    turned = float(state.angles[rotor] - ring.uniform_state(1)[rotor])
+    return round((turned - math.pi) / (2 * math.pi))
+
+
+def _broken(task: Collision, path: Path, state: State, escaped: bool) -> bool:
+    """Whether rotors of a flipper have turned over, or an anti-kink that left is none any more.
+
+    What costs less than half of an anti-kink of the continuum at rest is a defect of few rotors.
+    """
+    ring = task.ring
+    if ring.motion is not Motion.SPINNER:
+        return bool((np.cos(staggered(state.angles)) < 0).any())
+    near = np.abs(np.arange(ring.number_of_rotors) - path.anti_kinks[-1]) < _CORE * task.reach
+    left = float(_energies(ring, state)[near].sum())
+    return escaped and left < wall_theory(ring).energy(0.0, charge=-1) / 2
+
+
+def _radiated(task: Collision, path: Path, state: State, escaped: bool) -> float:
+    """Share of the energy beyond the cores of the walls, or beyond a captured pair."""
+    rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
+    places, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
+    if not escaped:
+        places, reach = [(len(rotors) - 1) / 2], _LUMP
+    outside = np.abs(rotors[:, None] - places).min(axis=1) > reach * task.reach
+    return float(energies[outside].sum() / energies.sum())
+
+
+def _energies(ring: Chain, state: State) -> Array:
+    """Energy of each rotor with half of both of its springs [J], shape (N,)."""
+    elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
+    kinetic = 0.5 * ring.moments_of_inertia * state.rates**2
+    return np.asarray(kinetic + (elastic + np.roll(elastic, 1)) / 2)

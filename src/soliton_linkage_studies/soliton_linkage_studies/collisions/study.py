@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which collisions a file of settings asks for, as rows of a table that go on where it was cut."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.dynamics.integrators import INTEGRATORS
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
+from soliton_linkage_studies.settings import Section
+
+TURNING = ('back', 'onwards')
+"""Ways in which a spinner's rotors turn in the second wall."""
+_SETTINGS = {
+    'length': (30.0, 1000.0),
+    'step': (1e-3, 2.0),
+    'patience': (10.0, 1e5),
+    'shift': (-1.0, 1.0),
+}
+"""Numbers of a collision with the range that they may be in."""
+_QUICK_EVERY = 40
+"""Of how many speeds a quick study takes one."""
+_QUICK_HALVINGS = 2
+"""Of the range of a speed that is looked for, in a quick study."""
+_HALVINGS = 13
+"""The same in a whole one: a range of 0.6 c is narrowed down to 1e-4 c."""
+_FASTEST = 2.0
+"""Speed over that of sound [1]; flippers with d near 1 outrun it, not by more."""
+
+
+@dataclass(frozen=True)
+class WindowEdge:
+    """A speed to be found: where walls cease to escape after so many collisions."""
+
+    collision: Collision
+    collisions: int
+    inside: float
+    """Speed at which they do, over that of sound [1]."""
+    outside: float
+    """Speed at which they do not, over that of sound [1]."""
+    halvings: int
+
+    def __call__(self) -> tuple[float, CollisionRun]:
+        """Return the edge and the collision next to it, on the inside.
+
+        Raises ValueError where the speed inside has another outcome, or that outside the same.
+        """
+        inside, outside = self.inside, self.outside
+        run = self._made(inside)
+        for speed, wanted in ((inside, True), (outside, False)):
+            if self._counts(run if wanted else self._made(outside)) is not wanted:
+                raise ValueError(
+                    f'at {speed:g} c walls {"do not" if wanted else "do"} escape after '
+                    f'{self.collisions} collisions; give a speed at which they '
+                    f'{"do" if wanted else "do not"}'
+                )
+        for _ in range(self.halvings):
+            middle = (inside + outside) / 2
+            tried = self._made(middle)
+            if self._counts(tried):
+                inside, run = middle, tried
+            else:
+                outside = middle
+        return (inside + outside) / 2, run
+
+    def _made(self, speed: float) -> CollisionRun:
+        return replace(self.collision, speed=speed)()
+
+    def _counts(self, run: CollisionRun) -> bool:
+        return run.escaped and run.collisions == self.collisions and not run.broken
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row of the table."""
+
+    part: str
+    """Of the study: a key of its settings."""
+    series: str
+    """What the row belongs to, a name from the settings."""
+    task: Collision | WindowEdge
+    name: str = ''
+    """Of an edge."""
+
+
+@dataclass(frozen=True)
+class CollisionStudy:
+    """All that a file of settings asks for; a table that is measured row by row."""
+
+    entries: tuple[Entry, ...]
+    pictures: dict[str, Collision]
+    """Collisions to be drawn in space and time, by their title."""
+    settings: dict[str, Any]
+    """What decides the entries, in the types of YAML."""
+    name: str = 'runs'
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of its table."""
+        run = (field.name for field in fields(CollisionRun))
+        return ('row', 'part', 'series', 'name', 'rotors', 'speed', *run, 'failure')
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of its table."""
+        return len(self.entries)
+
+    def cells(self, row: int) -> list[str]:
+        """Measure a row of the table, as text; where the physics fails it says why."""
+        entry = self.entries[row]
+        collision = entry.task if isinstance(entry.task, Collision) else entry.task.collision
+        speed, values, failure = collision.speed, [''] * len(fields(CollisionRun)), ''
+        try:
+            if isinstance(entry.task, WindowEdge):
+                speed, run = entry.task()
+            else:
+                run = entry.task()
+            values = [repr(value) for value in asdict(run).values()]
+        except (ArithmeticError, ValueError) as error:
+            failure = ' '.join(str(error).split())
+        rotors = str(collision.ring.number_of_rotors)
+        said = [entry.part, entry.series, entry.name, rotors, repr(speed)]
+        return [str(row), *said, *values, failure]
+
+    def described(self) -> dict[str, Any]:
+        """All that its rows depend on, in the types of YAML."""
+        return self.settings
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table as it was read."""
+
+    part: str
+    series: str
+    name: str
+    speed: float
+    """Of each wall, or of an edge, over that of sound [1]."""
+    run: CollisionRun | None
+    """None where the physics failed."""
+    failure: str
+
+
+def read_row(cells: Mapping[str, str]) -> Row:
+    """Row of a table of text."""
+    run = None
+    if not cells['failure']:
+        run = CollisionRun(
+            **{field.name: _value(field.type, cells[field.name]) for field in fields(CollisionRun)}
+        )
+    part, series, name = (cells[key] for key in ('part', 'series', 'name'))
+    return Row(part, series, name, float(cells['speed']), run, cells['failure'])
+
+
+def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
+    """Study of a file of settings; raises ValueError for what cannot be."""
+    settings.allow('collision', 'sweeps', 'variations', 'critical_speeds', 'pictures')
+    common = settings.section('collision')
+    common.allow(*_SETTINGS)
+    entries: list[Entry] = []
+    for name, section in _named(settings, 'sweeps').items():
+        section.allow('rotor_length_ratio', 'rest_angle', 'turning', 'speeds')
+        collision = _collision(section, common)
+        entries += [
+            Entry('sweeps', name, replace(collision, speed=speed))
+            for speed in _speeds(section, quick).tolist()
+        ]
+    entries += _variations(settings.section('variations'), common, quick)
+    entries += _critical_speeds(settings.section('critical_speeds'), common, quick)
+    pictures = {
+        name: _picture(section, common) for name, section in _named(settings, 'pictures').items()
+    }
+    decisive = {key: value for key, value in settings.values.items() if key != 'pictures'}
+    return CollisionStudy(tuple(entries), pictures, {**decisive, 'quick': quick})
+
+
+def _named(settings: Section, key: str) -> dict[str, Section]:
+    """Sections below a key, of which there must be one."""
+    found = settings.section(key).sections()
+    if not found:
+        raise settings.complaint(key, 'is empty; give one section or more, each with its name')
+    return found
+
+
+def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
+    """Sweeps of one ring with one setting changed, and edges found in each of them."""
+    section.allow('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
+    speeds = _speeds(section, quick).tolist()
+    entries = []
+    for name, change in _named(section, 'changes').items():
+        change.allow(*_SETTINGS, 'integrator')
+        collision = _collision(section, common, change)
+        entries += [Entry('variations', name, replace(collision, speed=speed)) for speed in speeds]
+        edges = {} if quick else section.section('edges').sections()
+        for title, edge in edges.items():
+            task = _edge(edge, collision, edge.whole_number('collisions', 1, 100), _HALVINGS)
+            entries.append(Entry('variations', name, task, title))
+    return entries
+
+
+def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Entry]:
+    """Speeds above which the walls part after one collision, of rings by their lean ratio d."""
+    section.allow('rings', 'inside', 'outside')
+    entries = []
+    for name, rings in _named(section, 'rings').items():
+        rings.allow('rotor_length_ratio', 'lean_ratios')
+        ratio = rings.number('rotor_length_ratio', 1e-3, 1e3)
+        wanted = rings.numbers('lean_ratios', 1e-3, min(2 * ratio, 1.0))
+        for lean_ratio in wanted[-1:] if quick else wanted:
+            angle = math.asin(lean_ratio / (2 * ratio))
+            collision = _task(common, ratio, angle)
+            halvings = _QUICK_HALVINGS if quick else _HALVINGS
+            task = _edge(section, collision, 1, halvings)
+            entries.append(Entry('critical_speeds', name, task, f'{lean_ratio:g}'))
+    return entries
+
+
+def _edge(section: Section, collision: Collision, collisions: int, halvings: int) -> WindowEdge:
+    inside, outside = (section.number(key, 1e-3, _FASTEST) for key in ('inside', 'outside'))
+    return WindowEdge(collision, collisions, inside, outside, halvings)
+
+
+def _picture(section: Section, common: Section) -> Collision:
+    section.allow('rotor_length_ratio', 'rest_angle', 'turning', 'speed')
+    return replace(_collision(section, common), speed=section.number('speed', 1e-3, _FASTEST))
+
+
+def _collision(section: Section, common: Section, change: Section | None = None) -> Collision:
+    """Collision of the ring of a section, at no speed yet."""
+    ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
+    rest_angle = section.number('rest_angle', 1e-3, 1.57)
+    onwards = section.text('turning', TURNING, TURNING[0]) == TURNING[1]
+    return replace(_task(common, ratio, rest_angle, change), onwards=onwards)
+
+
+def _task(
+    common: Section, ratio: float, rest_angle: float, change: Section | None = None
+) -> Collision:
+    def number(key: str, default: float | None = None) -> float:
+        value = common.number(key, *_SETTINGS[key], default)
+        return value if change is None else change.number(key, *_SETTINGS[key], value)
+
+    integrator = Collision.integrator
+    if change is not None:
+        integrator = change.text('integrator', tuple(INTEGRATORS), integrator)
+    chain = Chain(2, 1.0, ratio, rest_angle, 1.0, 1.0)
+    half = math.ceil(number('length') * penetration_depth(chain))
+    return Collision(
+        replace(chain, number_of_rotors=2 * half, periodic=True),
+        speed=0.0,
+        step=number('step'),
+        integrator=integrator,
+        shift=number('shift', 0.0),
+        patience=number('patience'),
+    )
+
+
+def _speeds(section: Section, quick: bool) -> Array:
+    """Speeds over that of sound, from a range with both ends."""
+    given = section.section('speeds')
+    given.allow('from', 'to', 'points')
+    first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
+    speeds = np.linspace(first, last, given.whole_number('points', 2, 100_000)).round(7)
+    return speeds[:: _QUICK_EVERY if quick else 1]
+
+
+def _value(kind: object, text: str) -> Any:
+    if kind == 'bool':
+        return text == 'True'
+    return int(text) if kind == 'int' else float(text)
+
+
+def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
+    """Rows of a part of the study by their series, in their order."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.part == part:
+            found.setdefault(row.series, []).append(row)
+    return found

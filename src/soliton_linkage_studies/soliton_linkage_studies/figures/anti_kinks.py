@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an anti-kink costs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.statics import balanced
+from soliton_linkage.linkage.chain import Chain, staggered
+from soliton_linkage.solitons.continuum import FlipperTheory, wall_theory
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import chain_formula
+from soliton_linkage_studies.palette import MEASURED, THEORY
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section
+
+_CAPTION = """
+Energy of an anti-kink at rest in a ring of springs, the wall of charge −1 that no chain has for
+nothing, over that of the continuum, (16/3) k_e a ū³ / l̄² with ū = r sin θ̄ and l̄ the rest length
+of the springs, against d = 2 r sin θ̄ / a. Blue dots are balanced rings with one kink and one
+anti-kink, joined by lines; the dashed line is the continuum, the limit of small d.
+"""
+
+
+@FIGURES.add('anti_kink_cost')
+def anti_kink_figure(section: Section, quick: bool) -> Plate:
+    """Energy of an anti-kink at rest, over that of the continuum, against d."""
+    section.allow('rotor_length_ratio', 'lean_ratios')
+    ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
+    wanted = section.numbers('lean_ratios', 1e-3, 1.0)
+    plate = Plate(Figure(figsize=(7, 4.8), layout='constrained'), _CAPTION)
+    axes = plate.figure.subplots()
+    shown = np.array(wanted[::3] if quick else wanted)
+    chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
+    costs = np.array([_anti_kink_cost(chain) for chain in chains])
+    shares = costs / np.array([wall_theory(chain).energy(0.0, charge=-1) for chain in chains])
+    axes.plot(shown, shares, 'o-', color=MEASURED, label='ring of springs')
+    axes.axhline(
+        1, color=THEORY, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
+    )
+    axes.set(
+        xlabel='d = 2 r sin θ̄ / a [1]',
+        ylabel='energy of an anti-kink over continuum [1]',
+        ylim=(0.6, 1.05),
+    )
+    axes.legend()
+    names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
+    plate.note('', 'anti-kink', names, shown, shares)
+    for chain, cost in zip(chains, costs, strict=True):
+        plate.compare(
+            f'energy of an anti-kink at rest / (kₑ a²), d = {chain.lean_ratio:.3g}',
+            'finite',
+            chain_formula('(16/3) ū³ / (a l̄²)', chain, 'for d ≪ 1'),
+            float(cost) / (chain.stiffness * chain.spacing**2),
+        )
+    return plate
+
+
+def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
+    """Chain with periodic ends, long enough for two walls that know nothing of each other."""
+    rest_angle = math.asin(lean_ratio / (2 * ratio))
+    depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
+    rotors = 4 * math.ceil(7 * depth + 5)
+    return Chain(rotors, 1.0, ratio, rest_angle, 1.0, 1.0, periodic=True)
+
+
+def _anti_kink_cost(ring: Chain) -> float:
+    """Energy of the balanced ring with an anti-kink and, for nothing, a kink [J]."""
+    rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
+    places = ring.spacing * np.arange(rotors)
+    kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))
+    first = theory.displacements(places, kink, charge=1)
+    second = theory.displacements(places, anti_kink, charge=-1)
+    lean = np.where(np.arange(rotors) < rotors // 2, first, second)
+    return float(
+        ring.elastic_energy(balanced(ring, staggered(np.arcsin(lean / ring.rotor_length))))
+    )

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Share of chains with deviations that a wall crosses and returns through."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.solitons.passage import blocked_bonds
+from soliton_linkage_studies.captions import parameters
+from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.measures import OUTCOMES, SweepTrial, measure_survival
+from soliton_linkage_studies.palette import MARKERS, chain_colours
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.shares import score_interval
+
+_CAPTION = """
+Share of chains whose wall crosses and returns, against the deviations of their rotor lengths,
+spacings and stiffnesses, all of which are drawn with the same relative standard deviation:
+(a) of rigid bars, (b) of springs. A marker and a colour for each class of chain; each point is the
+share of {count} drawn chains, and its bar the interval in which the probability is with 95 %
+(score interval of Wilson). Points at the same deviation stand beside each other so that their bars
+can be told apart. With rigid bars no wall passes a bond that is too short for its neighbours.
+"""
+_TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
+_QUICK_SEEDS = 3
+"""Most chains of each kind and deviation in a quick figure: fewer are no share."""
+_NORMAL = 1.959964
+"""Standard deviations of a normal distribution that hold 95 % of it [1]."""
+_ASIDE = 0.4
+"""By which the points of chains stand beside each other, so that bars do not overlap [%]."""
+
+
+@FIGURES.add('disorder_against_passage')
+def disorder_figure(section: Section, quick: bool) -> Plate:
+    """Share of chains that a wall crosses and returns through, against their deviations."""
+    section.allow('chains', 'fractions', 'seeds')
+    fractions = section.numbers('fractions', 0.0, 0.5)
+    seeds = section.whole_number('seeds', 1, 10_000)
+    shown = np.array(fractions[::4] if quick else fractions)
+    count = min(seeds, _QUICK_SEEDS) if quick else seeds
+    figure = Figure(figsize=(10, 4.6), layout='constrained')
+    plate = Plate(figure, _CAPTION.format(count=count))
+    panels = plate.figure.subplots(1, 2, sharey=True)
+    rigid: list[tuple[Array, Array]] = []
+    studied = section.section('chains').sections()
+    chains = [chain_from(each.section('chain')) for each in studied.values()]
+    looks = zip(studied.items(), chains, chain_colours(chains), MARKERS, strict=False)
+    for number, ((name, each), chain, colour, marker) in enumerate(looks):
+        each.allow('chain', 'kick')
+        kick = each.number('kick', 1e-6, 100.0)
+        drawn = [
+            [_deviating(chain, fraction, seed) for seed in range(count)] for fraction in shown
+        ]
+        open_ = np.array([[not blocked_bonds(one).any() for one in row] for row in drawn])
+        label = f'{name}: {parameters(chain)}, N = {chain.number_of_rotors}'
+        for axes, mechanics in zip(panels, _TITLES, strict=True):
+            passed = np.array([[_returns(one, kick, mechanics) for one in row] for row in drawn])
+            shares = passed.mean(axis=1)
+            ends = np.array(score_interval(shares, count, _NORMAL))
+            axes.errorbar(
+                100 * shown + _ASIDE * (number - 1),
+                shares,
+                np.abs(ends - shares),
+                fmt=marker + '-',
+                color=colour,
+                label=label,
+                capsize=3,
+                linewidth=1,
+            )
+            axes.set_title(_TITLES[mechanics], loc='left')
+            names = ('standard deviation of r, a and k_e, relative [1]', 'share that pass [1]')
+            plate.note(mechanics, label, names, shown, shares)
+            for series, end in zip(('lower', 'upper'), ends, strict=True):
+                plate.note(mechanics, f'{label}, {series} end of 95 %', names, shown, end)
+            if mechanics == 'rigid':
+                rigid.append((open_, passed))
+    for axes in panels:
+        axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
+    panels[0].set_ylabel(f'share whose wall crosses and returns [1],\n{count} chains each')
+    figure.legend(*panels[0].get_legend_handles_labels(), loc=ABOVE, ncols=len(chains))
+    _compare_passage(plate, shown, *np.concatenate(rigid, axis=2))
+    return plate
+
+
+def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
+    drawn = drawn_deviations(
+        chain.number_of_rotors, seed, rotor_length=fraction, spacing=fraction, stiffness=fraction
+    )
+    return replace(chain, deviations=drawn)
+
+
+def _compare_passage(plate: Plate, fractions: Array, free: Array, passed: Array) -> None:
+    """Share of rigid chains that a wall passes, shape (F, K) each: all, and those it must."""
+    for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
+        name = f'deviations of {100 * fraction:g} %, rigid'
+        met, count = int(sufficient.sum()), len(passes)
+        plate.compare(
+            f'share of all {count} chains that pass, {name}',
+            'robust against disorder',
+            'falls with the share of chains that have a blocked bond',
+            float(passes.mean()),
+        )
+        if met:
+            plate.compare(
+                f'share that pass of the {met} chains without a blocked bond, {name}',
+                'not given',
+                'all: l̄ₙ > aₙ + |rₙ − rₙ₊₁| on every bond suffices',
+                float(passes[sufficient].mean()),
+                1.0,
+            )
+
+
+def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
+    """Whether the wall crosses a chain and comes back; it does not where there is no rest."""
+    try:
+        found = measure_survival(chain, SweepTrial(kick=kick, mechanics=mechanics))
+    except (ArithmeticError, ValueError):
+        return False
+    return found['outcome'] == OUTCOMES[0]

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Energy of a moving wall, how it divides, and what it leaves behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.bands import largest_group_velocity, penetration_depth, speed_of_sound
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.continuum import WallTheory, wall_theory
+from soliton_linkage_studies.captions import parameters
+from soliton_linkage_studies.experiments import MIDDLE, moving_wall, wall_places
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import Formula
+from soliton_linkage_studies.palette import BLACK, MARKERS, THEORY, WHITE, chain_colours
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = """
+Energy of walls in chains of springs against their speed v over the speed of sound c, a marker and
+a colour for each chain; thin lines join its walls. Means over the frames with the wall in the
+middle of its chain. (a) The whole energy over E_s = M_eff c², half of what an anti-kink costs at
+rest in the continuum; dashed: the theory's (γ − 1) M_eff c² for the first chain,
+γ = 1 / √(1 − v²/c²). (b) Energy in the springs over that in motion; dashed: (γ − 1)/(γ + 1).
+(c) Share of the whole energy that a wall has left behind, eight penetration depths and three
+rotors or more from it. Hollow markers may hold phonons of the kick that were reflected at the far
+edge, and are an upper bound.
+"""
+_REACH = 8
+"""Penetration depths from a wall, at which its tail is down to e^-8 of the zero mode."""
+_CONTINUUM = 0.3
+"""Lean ratio d up to which the theory of the continuum is set beside a chain: it holds to d^2."""
+_ENERGIES = {
+    'a': 'whole energy over E_s [1]',
+    'b': 'elastic over kinetic energy [1]',
+    'c': 'energy behind the wall over whole energy [1]',
+}
+_SLOW = 0.87
+"""Speed over that of sound up to which walls have the energies of theory to a few per cent."""
+
+
+@FIGURES.add('energy_against_speed')
+def energy_figure(section: Section, quick: bool) -> Plate:
+    """Energy of a wall, how it divides, and what it leaves behind, against its speed."""
+    section.allow('chains')
+    plate = Plate(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
+    panels = plate.figure.subplots(1, 3)
+    theories = []
+    studied = section.section('chains').sections()
+    chains = [chain_from(each.section('chain')) for each in studied.values()]
+    for (name, each), chain, colour, marker in zip(
+        studied.items(), chains, chain_colours(chains), MARKERS, strict=False
+    ):
+        each.allow('chain', 'kicks')
+        kicks = each.numbers('kicks', 1e-6, 100.0)
+        label = f'{name}: {parameters(chain)}'
+        rows = [_energies(chain, kick) for kick in (kicks[::4] if quick else kicks)]
+        speed, kinetic, elastic, wake, echo = np.array(rows).T
+        whole = (kinetic + elastic) / wall_theory(chain).energy_scale
+        shares = elastic / kinetic
+        left = wake / (kinetic + elastic)
+        for axes, letter, values in zip(panels, 'abc', (whole, shares, left), strict=True):
+            plate.note(letter, label, ('v / c [1]', _ENERGIES[letter]), speed, values)
+            known = (echo == 0) | (letter != 'c')
+            axes.plot(
+                speed[known],
+                values[known],
+                marker + '-',
+                color=colour,
+                label=label,
+                linewidth=0.6,
+            )
+            axes.plot(speed[~known], values[~known], marker, color=colour, fillstyle='none')
+        if chain.lean_ratio < _CONTINUUM:
+            _compare_energies(plate, chain, speed, whole, shares)
+            theories.append(wall_theory(chain))
+    for theory in theories[:1]:
+        _draw_theory(panels, theory)
+    titles = ('whole energy of the wall', 'how it divides', 'what the wall leaves behind')
+    for axes, (letter, label), title in zip(panels, _ENERGIES.items(), titles, strict=True):
+        axes.set_title(f'{letter}  {title}', loc='left')
+        axes.set(xlabel='speed v / c [1]', ylabel=label.replace('E_s', '$E_s$'), yscale='log')
+    panels[2].plot(
+        [],
+        [],
+        'o',
+        color=BLACK,
+        markerfacecolor=WHITE,
+        label='may hold reflected phonons of the kick',
+    )
+    panels[0].legend(fontsize=8)
+    panels[1].legend(handles=panels[1].lines[-1:], fontsize=8, loc='lower right')
+    panels[2].legend(handles=panels[2].lines[-1:], fontsize=8, loc='lower right')
+    return plate
+
+
+def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
+    fine = np.linspace(0.05, 0.97, 300)
+    velocities = (fine * theory.speed_of_sound).tolist()
+    energies = np.array([theory.energy(velocity) for velocity in velocities])
+    shares = [theory.elastic_energy(each) / theory.kinetic_energy(each) for each in velocities]
+    whole = energies / theory.energy_scale
+    panels[0].plot(
+        fine, whole, '--', color=THEORY, label=r'theory: $(\gamma - 1)\,M_{eff}\,c^2 / E_s$'
+    )
+    panels[1].plot(fine, shares, '--', color=THEORY, label=r'theory: $(\gamma - 1)/(\gamma + 1)$')
+
+
+def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
+    """Speed over that of sound, kinetic and elastic energy [J], and energy behind [J].
+
+    Means over the frames with the wall first in the middle of the chain. The kick is sudden and
+    makes phonons of its own, which overtake a slow wall, come back from the first rotor and are
+    then behind it: where the fastest can be there in a frame, the last value is 1, else 0.
+    """
+    recording, speed = moving_wall(chain, kick)
+    places = wall_places(chain, recording)
+    middle = (chain.number_of_rotors - 1) / 2
+    inside = np.flatnonzero(np.abs(places - middle) < MIDDLE * middle)
+    # A fast wall is reflected and comes through once more.
+    inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
+    angles, rates = recording.angles[inside], recording.rates[inside]
+    stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
+    moving = 0.5 * chain.moments_of_inertia * rates**2
+    reach = _REACH * penetration_depth(chain) / chain.spacing + 3
+    behind = np.arange(chain.number_of_rotors) > places[inside, None] + reach
+    wake = np.where(behind, moving, 0).sum() + np.where(behind[:, :-1], stretched, 0).sum()
+    fastest = largest_group_velocity(chain) / chain.spacing
+    back = 2 * (chain.number_of_rotors - 1) / (fastest + speed)
+    sums = np.array([moving.sum(), stretched.sum(), wake]) / len(inside)
+    echo = float(recording.times[inside[-1]] > back)
+    return speed * chain.spacing / speed_of_sound(chain), *sums.tolist(), echo
+
+
+def _compare_energies(
+    plate: Plate, chain: Chain, speed: Array, whole: Array, share: Array
+) -> None:
+    slow, theory = speed < _SLOW, wall_theory(chain)
+    for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
+        gamma = {'γ': theory.lorentz_factor(float(v) * theory.speed_of_sound)}
+        scale = theory.effective_mass * theory.speed_of_sound**2 / theory.energy_scale
+        plate.compare(
+            f'energy of a wall / E_s at v = {v:.3f} c, {parameters(chain)}',
+            'cost-free at rest; no energy given',
+            Formula(
+                '(γ − 1) M_eff c²/E_s',
+                {**gamma, 'M_eff c²/E_s': scale},
+                'with the exact c; its limit is γ − 1',
+            ),
+            float(energy),
+        )
+        plate.compare(
+            f'elastic over kinetic energy at v = {v:.3f} c, {parameters(chain)}',
+            'not given',
+            Formula('(γ − 1) / (γ + 1)', gamma),
+            float(ratio),
+        )

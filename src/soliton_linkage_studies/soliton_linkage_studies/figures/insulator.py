@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain as an insulator: its zero mode, the depth that it reaches, and its phonons."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.bands import (
+    dispersion,
+    penetration_depth,
+    winding_number,
+)
+from soliton_linkage.linear.normal_modes import mode_frequencies
+from soliton_linkage.linear.rigidity import mode_centre, zero_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
+from soliton_linkage_studies.drawing import ChainPicture, add_legend, make_room
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import chain_formula
+from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = f"""
+The chain as a mechanical insulator (paper, Fig. 1). {LINKAGE}
+
+(a) The linkage of rigid bars (solid red) in its uniform state that leans right. (b) The same with
+springs (dashed red) and its zero mode, which stretches none of them: {MODE}; it sits at the last
+rotor. (c) A wall at rest between rotors that lean right and left, in a chain of rigid bars.
+(d) {PROJECTIONS}
+
+(e) Absolute components of the normalised zero mode of three chains, each in a colour of its own,
+against the distance from the last rotor; lines fall by e in each penetration depth
+ℓ = a / ln((1 + d)/|1 − d|). (f) Frequencies of phonons against the wave number of the staggered
+angles: lines are those of an infinite chain by theory, markers those of the finite chain with
+free ends. No phonon has a frequency below the gap, the lowest point of its line; the thin grey
+line is the frequency 0 of the zero mode.
+"""
+_LONG = 400
+"""Rotors of a chain whose lowest modes tell those of an infinite one to 1e-4."""
+
+
+@FIGURES.add('figure_1')
+def figure_1(section: Section, quick: bool) -> Plate:
+    """The uniform chain, its zero mode and its depth, a wall, and the phonons (paper, Fig. 1)."""
+    section.allow('chain', 'chains')
+    chain = chain_from(section.section('chain'))
+    others = [chain_from(each) for each in section.section('chains').sections().values()]
+    figure = Figure(figsize=(10, 9.5), layout='constrained')
+    grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
+    top = [figure.add_subplot(grid[row, :]) for row in range(3)]
+    plate = Plate(figure, _CAPTION)
+    rest = chain.uniform_state(1)
+    uniform = ChainPicture(top[0], chain, rest, rigid=True)
+    wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
+    moving = ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
+    waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
+    make_room([uniform, moving])
+    waiting.axes.set_xlim(moving.axes.get_xlim())
+    for arrows in (moving.arrows, waiting.projections):
+        if arrows is not None:
+            arrows.set_in_layout(False)
+    for axes, title in zip(
+        top,
+        (
+            'a  the linkage of rigid bars (red), leaning right',
+            'b  springs (dashed) and the zero mode (green), which sits at the last rotor',
+            'c  a wall at rest,   d  the horizontal projections of its rotors',
+        ),
+        strict=True,
+    ):
+        axes.set_title(title, loc='left')
+    names = ('rotor n', 'phi [rad]')
+    plate.note('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
+    plate.note('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
+    add_legend(figure)
+    _draw_depths(plate, figure.add_subplot(grid[3, 0]), [chain, *others])
+    _draw_bands(plate, figure.add_subplot(grid[3, 1]), [chain, *others])
+    for each in [chain, *others]:
+        _compare(plate, each, 100 if quick else _LONG)
+    return plate
+
+
+def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
+    """The zero mode of each chain on a logarithmic scale, over the decay of theory."""
+    for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
+        mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
+        from_edge = np.arange(chain.number_of_rotors)[::-1]
+        depth = penetration_depth(chain) / chain.spacing
+        axes.plot(from_edge, mode, marker, color=colour, label=parameters(chain))
+        axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
+        names = ('rotors from the last', 'zero mode |t| [1]')
+        plate.note('e', parameters(chain), names, from_edge, mode)
+    axes.set(
+        yscale='log',
+        ylim=(1e-7, 2),
+        xlabel='distance from the last rotor [rotor spacings]',
+        ylabel='component of the zero mode |t| [1]',
+        title='e  the zero mode decays with its depth ℓ',
+    )
+    axes.plot([], [], '-', color=GREY, label=r'$e^{-n a / \ell}$, theory')
+    axes.legend()
+
+
+def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
+    """Frequencies of the phonons: lines of theory, dots of a finite chain with free ends."""
+    for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
+        numbers = np.linspace(0, math.pi, 200)
+        line = dispersion(chain, numbers / chain.spacing) * chain.time_unit
+        axes.plot(numbers, line, '-', color=colour)
+        rotors = chain.number_of_rotors
+        found = mode_frequencies(chain, chain.uniform_state(1))[1:] * chain.time_unit
+        steps = np.arange(1, rotors) * math.pi / rotors
+        ascending = np.argsort(dispersion(chain, steps / chain.spacing))
+        placed = np.empty(rotors - 1)
+        placed[ascending] = found
+        axes.plot(steps, placed, marker, color=colour, label=parameters(chain), markersize=4)
+        names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
+        plate.note('f', parameters(chain), names, steps, placed)
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    axes.set(
+        xlabel='wave number k a of the staggered angles [rad]',
+        ylabel=r'frequency $\omega\,\sqrt{M/k_e}$ [1]',
+        title='f  no phonon below the gap',
+    )
+    axes.plot([], [], '-', color=GREY, label='infinite chain, theory')
+    axes.legend()
+
+
+def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
+    """Set the numbers of linear theory beside those of the modes of a long chain."""
+    name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
+    long_chain = Chain(
+        rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness
+    )
+    frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
+    mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
+    plate.compare(
+        f'gap ω₀ √(M/kₑ), {name}',
+        chain_formula('r² sin(2 θ̄) / (l̄ a)', chain),
+        chain_formula('||q₊| − |q₋|| / r', chain),
+        _extrapolated_gap(frequencies),
+    )
+    plate.compare(
+        f'speed of sound c √(M/kₑ) / a, {name}',
+        'cos θ̄ √|4 r² sin² θ̄ − a²| / l̄',
+        chain_formula('√|q₊ q₋| / r', chain, 'the same, about the lowest frequency'),
+        _curvature(frequencies),
+    )
+    plate.compare(
+        f'largest group velocity √(M/kₑ) / a, {name}',
+        'c, as if without a gap',
+        chain_formula('min(|q₊|, |q₋|) / r', chain),
+        float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
+    )
+    plate.compare(
+        f'penetration depth ℓ / a, {name}',
+        'the same',
+        chain_formula('1 / ln((1 + d) / |1 − d|)', chain, 'd is 2 r sin θ̄ / a'),
+        -1 / float(np.log(mode[-2] / mode[-1])),
+    )
+    centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))
+    plate.compare(
+        f'zero mode of the right-leaning state, {name} (0 first edge, 1 last)',
+        'winding number 0: right edge (but ℓ > 0 said to be left)',
+        f'winding number {winding_number(chain, 1)}: last edge',
+        float(centre > rotors / 2),
+        1.0,
+    )
+
+
+def _extrapolated_gap(frequencies: Array) -> float:
+    """Gap of an infinite chain, from the two lowest modes of a finite one.
+
+    omega_j^2 = gap^2 + curvature j^2 + O(j^4) for the lowest modes j = 1, 2.
+    """
+    squares = np.sort(frequencies)[:2] ** 2
+    return math.sqrt((4 * squares[0] - squares[1]) / 3)
+
+
+def _curvature(frequencies: Array) -> float:
+    """Speed of sound [spacings], from the same two modes of N rotors, k a = pi j / N."""
+    squares = np.sort(frequencies)[:2] ** 2
+    return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi

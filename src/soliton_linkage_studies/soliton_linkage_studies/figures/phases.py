@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage_studies.drawing import ChainPicture, draw_torus, mass_points, pivot_points
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import chain_formula
+from soliton_linkage_studies.palette import (
+    BLACK,
+    CURVE_COLOURS,
+    GREY,
+    LEANS_LEFT,
+    LEANS_RIGHT,
+    MOTION_COLOURS,
+    tint,
+)
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.unit_cell import (
+    component_of,
+    configuration_curves,
+    flipper_limit,
+    ground_states,
+    spinner_limit,
+    windings,
+)
+
+_FINE = 40_000
+"""Steps of the curves that are measured, whose slope is then right to 1e-7."""
+_SHAPE = 1.9
+"""Width over height of a panel of the cells, as the rows of the figure have it."""
+_REGIONS = {
+    Motion.FLIPPER: (0.22, 0.85),
+    Motion.WOBBLING_FLIPPER: (1.75, 0.55),
+    Motion.SPINNER: (4.5, 1.1),
+}
+"""Where the names of the phases stand: r/a and rest angle [rad]."""
+_TINT = 0.2
+"""How much of the colour of its class a phase has [1], so that lines and words show on it."""
+_RADIUS = 2.2
+"""Of the axis of a torus in space, over that of its tube [1]."""
+_ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
+"""Of the eye that looks at a torus [rad]."""
+_CAPTION = """
+The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4).
+
+(a) The way in which a wall moves, over the length of the rotors r/a and the angle of rest θ̄:
+flippers (pale blue) below d = 2 r sin θ̄ / a = 1 (solid line), spinners (pale green) above
+d = d_c = 2 / sin θ̄ (dashed line), wobbling flippers (pale orange) in between. Dots are the cells
+of (b), (c) and (d), a column for each. (b) The four uniform states of two rotors (black, the
+second grey where they overlap) on their pivots (crosses), joined by a rigid bar (red): masses are
+purple where the cell leans right, orange where it leans left, and the lower row is the upper one
+upside down.
+
+(c) All configurations of the cell that keep the length of its bar, over its staggered angles
+θ₁ and θ₂, which are angles: opposite sides of the square are one. Each component is a curve of
+its own colour, the first blue, the second pink; triangles are the four states of (b).
+(d) The same curves on a torus in space (grey), around whose axis θ₁ goes and around whose tube
+θ₂; what is behind the torus is dotted and pale. One component bounds a disc; the two of a
+spinner go through each other's hole: they are linked.
+"""
+
+
+@FIGURES.add('figure_4')
+def figure_4(section: Section, quick: bool) -> Plate:
+    """The phase diagram, and of a cell of each phase its pictures, its curves and its torus."""
+    section.allow('chains', 'points')
+    chains = [chain_from(each) for each in section.section('chains').sections().values()]
+    points = section.whole_number('points', 100, 100_000)
+    plate = Plate(Figure(figsize=(11, 14), layout='constrained'), _CAPTION)
+    grid = plate.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
+    rows = [plate.figure.add_subfigure(grid[row]) for row in range(4)]
+    _draw_diagram(plate, rows[0].subplots(), chains, 200)
+    for number, chain in enumerate(chains):
+        curves = configuration_curves(chain, points // 10 if quick else points)
+        cells = rows[1].add_subplot(1, len(chains), number + 1)
+        torus = rows[2].add_subplot(1, len(chains), number + 1)
+        solid = rows[3].add_subplot(1, len(chains), number + 1, projection='3d')
+        _draw_cells(cells, chain, letter='b' if number == 0 else '')
+        _draw_curves(plate, torus, chain, curves, letter='c' if number == 0 else '')
+        _draw_solid_torus(solid, curves, letter='d' if number == 0 else '')
+        _compare(plate, chain, configuration_curves(chain, 1000 if quick else _FINE))
+    _compare_limits(plate, chains[0])
+    return plate
+
+
+def _draw_diagram(plate: Plate, axes: Axes, chains: list[Chain], points: int) -> None:
+    """Classes of motion over r/a and the rest angle, with the lines where they change."""
+    low, high = 0.1, 10.0
+    rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
+    borders = [
+        np.full(points, low),
+        np.clip(flipper_limit(rest_angles), low, high),
+        np.clip(spinner_limit(rest_angles), low, high),
+        np.full(points, high),
+    ]
+    for (motion, place), left, right in zip(
+        _REGIONS.items(), borders[:-1], borders[1:], strict=True
+    ):
+        colour = tint(MOTION_COLOURS[motion], _TINT)
+        axes.fill_betweenx(rest_angles, left, right, color=colour, linewidth=0)
+        axes.text(*place, f'{motion.value}s', ha='center', va='center', fontsize=13)
+    axes.plot(flipper_limit(rest_angles), rest_angles, '-', color=BLACK, label='$d = 1$')
+    axes.plot(
+        spinner_limit(rest_angles),
+        rest_angles,
+        '--',
+        color=BLACK,
+        label=r'$d = d_c = 2 / \sin\bar\theta$',
+    )
+    names = ('r/a [1]', 'theta_bar [rad]')
+    plate.note('a', 'd = 1', names, flipper_limit(rest_angles), rest_angles)
+    plate.note('a', 'd = d_c', names, spinner_limit(rest_angles), rest_angles)
+    for chain in chains:
+        place = chain.rotor_length / chain.spacing, chain.rest_angle
+        axes.plot(*place, 'o', color=BLACK)
+    axes.plot([], [], 'o', color=BLACK, label='cells of b, c and d')
+    axes.set(
+        xscale='log',
+        xlim=(low, high),
+        ylim=(0.02, math.pi / 2 - 0.02),
+        xlabel='length of the rotors r / a [1]',
+        ylabel='rest angle θ̄ [rad]',
+    )
+    axes.set_title('a  phases of motion', loc='left')
+    axes.legend(loc='lower left')
+
+
+def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
+    """The four uniform states of two rotors: leaning right and left, and upside down beneath."""
+    cell = Chain(2, chain.spacing, chain.rotor_length, chain.rest_angle)
+    across = 2 * chain.rotor_length + 2 * chain.spacing
+    down = 2.2 * chain.rotor_length * math.cos(chain.rest_angle) + 0.9 * chain.spacing
+    for number, state in enumerate(ground_states(cell)):
+        picture = ChainPicture(axes, cell, staggered(state), rigid=True)
+        aside = np.array([across * (number % 2), -down * (number // 2)])
+        for bars in (picture.springs, picture.rotors):
+            bars.set_segments([np.asarray(segment) + aside for segment in bars.get_segments()])
+        picture.pivots.set_data(*(pivot_points(cell) + aside).T)
+        picture.masses.set_data(*(mass_points(cell, staggered(state)) + aside).T)
+        picture.masses.set_color(LEANS_LEFT if number % 2 else LEANS_RIGHT)
+    high = chain.rotor_length * math.cos(chain.rest_angle) + 0.4 * chain.spacing
+    half = max(0.85 * across, _SHAPE * (down / 2 + high))
+    middle = (across + chain.spacing) / 2
+    axes.set(xlim=(middle - half, middle + half))
+    axes.set(ylim=(-down / 2 - half / _SHAPE, -down / 2 + half / _SHAPE))
+    ratio = chain.rotor_length / chain.spacing
+    title = f'{letter}  {chain.motion.value}, r/a = {ratio:g}, θ̄ = {chain.rest_angle:g}'
+    axes.set_title(title.lstrip(), loc='left', fontsize=10)
+
+
+def _draw_curves(
+    plate: Plate, axes: Axes, chain: Chain, curves: tuple[Array, ...], letter: str
+) -> None:
+    draw_torus(axes, chain, curves)
+    ratios = f'$d = {chain.lean_ratio:.2f}$, $d_c = {chain.critical_lean_ratio:.2f}$'
+    axes.set_title(f'{letter}  configurations, {ratios}'.lstrip(), loc='left', fontsize=10)
+    if letter:
+        axes.legend(loc='upper left', title='b, c: states', fontsize=9, markerscale=0.8)
+    for number, curve in enumerate(curves):
+        names = ('theta_1 [rad]', 'theta_2 [rad]')
+        series = f'component {number + 1} of {chain.motion.value}'
+        plate.note('c', series, names, curve[:, 0], curve[:, 1])
+
+
+def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
+    """The same curves on a torus in space: theta_1 round its axis, theta_2 round its tube."""
+    around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
+    axes.computed_zorder = False
+    axes.plot_surface(
+        *on_torus(around, across), color=GREY, alpha=0.12, linewidth=0, rasterized=True
+    )
+    for curve, colour in zip(curves, CURVE_COLOURS, strict=False):
+        points = np.array(on_torus(curve[:, 0], curve[:, 1]))
+        behind = hidden(points)
+        for shown, style in (
+            (behind, {'linestyle': ':', 'linewidth': 1.5, 'alpha': 0.6, 'zorder': 2}),
+            (np.logical_not(behind), {'linestyle': '-', 'linewidth': 2.5, 'zorder': 3}),
+        ):
+            axes.plot(*np.where(shown, points, np.nan), color=colour, **style)
+    title = f'{letter}  {len(curves)} component{"s" if len(curves) > 1 else ""} on the torus'
+    axes.set_title(title.lstrip(), loc='left', fontsize=10)
+    wide = _RADIUS + 1
+    axes.set(xlim=(-wide, wide), ylim=(-wide, wide), zlim=(-1, 1))
+    axes.set_box_aspect((wide, wide, 1), zoom=1.3)
+    axes.set_proj_type('ortho')
+    axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(_AZIMUTH))
+    axes.set_axis_off()
+
+
+def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
+    """Points of a torus in space whose tube has the radius 1, by two angles [rad]."""
+    radius = _RADIUS + np.cos(across)
+    return radius * np.cos(around), radius * np.sin(around), np.sin(across)
+
+
+def hidden(points: Array) -> NDArray[np.bool_]:
+    """Whether the torus is between its points, shape (3, K), and the eye, shape (K,)."""
+    eye = np.array(
+        [
+            math.cos(_ELEVATION) * math.cos(_AZIMUTH),
+            math.cos(_ELEVATION) * math.sin(_AZIMUTH),
+            math.sin(_ELEVATION),
+        ]
+    )
+    steps = np.linspace(0.02, 2 * (_RADIUS + 1), 400)
+    x, y, z = points[:, :, None] + eye[:, None, None] * steps
+    inside = (np.hypot(x, y) - _RADIUS) ** 2 + z**2 < 1
+    return np.asarray(inside.any(axis=-1), dtype=np.bool_)
+
+
+def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
+    spinner = chain.motion is Motion.SPINNER
+    name = chain.motion.value
+    plate.compare(
+        f'components of the configuration space, {name}',
+        'two' if spinner else 'one',
+        'two beyond d_c' if spinner else 'one below d_c',
+        float(len(curves)),
+        2.0 if spinner else 1.0,
+    )
+    for number, curve in enumerate(curves):
+        expected = (1, -1) if spinner else (0, 0)
+        for angle, turns, wanted in zip('₁₂', windings(curve), expected, strict=True):
+            plate.compare(
+                f'turns of θ{angle} along component {number + 1}, {name}',
+                'linked rings' if spinner else 'bounds a disc',
+                'once about both, in opposite senses' if spinner else 'none',
+                float(turns),
+                float(wanted),
+            )
+    states = component_of(chain, ground_states(chain))
+    plate.compare(
+        f'uniform states on the first component, {name}',
+        'a pair ±θ̄' if spinner else 'all four',
+        'θ̄ and π + θ̄' if spinner else 'all four',
+        float(np.count_nonzero(states == 0)),
+        2.0 if spinner else 4.0,
+    )
+    nearest = int(np.argmin(np.linalg.norm(curves[0] - chain.rest_angle, axis=1)))
+    step = curves[0][nearest + 1] - curves[0][nearest - 1]
+    plate.compare(
+        f'slope dθ₂/dθ₁ at the right-leaning state, {name}',
+        'changes sign at d = 1',
+        chain_formula('−q₊ / q₋', chain),
+        float(step[1] / step[0]),
+    )
+
+
+def _compare_limits(plate: Plate, chain: Chain) -> None:
+    """Measure where the number of components changes, by halving the interval of r/a."""
+    low, high = 0.1, 100.0
+    while high - low > 1e-9 * high:
+        ratio = (low + high) / 2
+        cell = Chain(2, 1.0, ratio, chain.rest_angle)
+        both = component_of(cell, ground_states(cell)).any()
+        low, high = (low, ratio) if both else (ratio, high)
+    plate.compare(
+        f'r/a where flippers become spinners, θ̄ = {chain.rest_angle:g}',
+        'd_c = 2 / sin θ̄, l̄ = 2r − a',
+        chain_formula('1 / sin² θ̄', chain),
+        low,
+    )

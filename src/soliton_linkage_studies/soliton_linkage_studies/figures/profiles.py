@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Profiles of moving walls against the continuum, and their widths (paper, Figs. 5 and 6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.bands import penetration_depth, speed_of_sound
+from soliton_linkage.linkage.chain import Chain, Motion, staggered
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
+from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage_studies.captions import shape
+from soliton_linkage_studies.experiments import (
+    PLACE,
+    SNAPSHOTS,
+    Snapshots,
+    arctanh_width,
+    moving_wall,
+    snapshots,
+    static_snapshots,
+)
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import Formula, chain_formula
+from soliton_linkage_studies.palette import (
+    BLACK,
+    GREY,
+    MEASURED,
+    PAPER,
+    THEORY,
+    WHITE,
+    scale_colours,
+)
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = """
+Profiles of {kind} in a chain of springs, N = {rotors}, {shape} (paper, Fig. {number}).
+
+(a) The order field {field} of the rotors against their distance from the wall, {count} snapshots
+of a wall while it is in the middle of the chain: a colour for each of {profiles} speeds v, over
+the speed of sound c. Dashed lines are the continuum's −tanh(x γ / w₀), γ = 1 / √(1 − v²/c²), with
+w₀ the width at rest.
+
+(b) {inset}
+
+(c) Width of the walls over that of the continuum at rest against their speed. Dots are walls of
+the chain (slope of arctanh of the field over the place), the hollow one its wall at rest; the red
+line is the contraction √(1 − v²/c²) of the paper, the dashed one the same from the width of the
+chain's own wall at rest.
+"""
+_WOBBLER_INSET = """
+A wall at rest of a chain of wobbling flippers, {shape}, at ten places a rotor spacing (blue dots).
+The solid grey line is the tanh of flippers of the same d; the others are envelopes of the
+oscillation beside the wall, with the decay of the paper (red, r sin θ̄) and with the exact
+penetration depth ℓ of the zero mode (black, dashed): here they are the same to a few per cent.
+"""
+_ANGLE_INSET = """
+Actual angles φ of the rotors in one snapshot of the slowest wall: those of even rotors (filled
+blue) and of odd ones (hollow blue) are a constant π − 2 θ̄ apart but for the wall.
+"""
+_FAR = 5
+"""Rotors at the far edge of a chain, whose angles a wall in the middle does not reach."""
+_PROFILES = 4
+"""Walls whose profiles are drawn, the slowest ones: more hide each other."""
+
+
+@dataclass(frozen=True)
+class WallAtSpeed:
+    """A wall at one speed: ten snapshots of one chain, its speed over that of sound, its width."""
+
+    kick: float
+    snapshots: Snapshots
+    relative_speed: float
+    width: float
+    """By the slope of arctanh, over that of a wall at rest in the continuum [1]."""
+    fitted_width: float
+    """By fits of tanh to each snapshot, over the same [1]."""
+
+
+@dataclass(frozen=True)
+class Inset:
+    """What is drawn beside the profiles."""
+
+    draw: Callable[[Plate, Axes, Chain, WallAtSpeed], None]
+    """Takes the chain and its slowest wall."""
+    caption: str
+
+
+@FIGURES.add('figure_5')
+def figure_5(section: Section, quick: bool) -> Plate:
+    """Profiles of flippers at several speeds, their widths, and a wobbler (paper, Fig. 5)."""
+    section.allow('chain', 'kicks', 'wobbler')
+    wobbler = chain_from(section.section('wobbler'))
+
+    def draw_inset(plate: Plate, axes: Axes, _chain: Chain, _slowest: WallAtSpeed) -> None:
+        _draw_wobbler(plate, axes, wobbler)
+
+    inset = Inset(draw_inset, _WOBBLER_INSET.format(shape=shape(wobbler)))
+    return _profile_figure(section, quick, 'u / ū', (-45, 75), inset)
+
+
+@FIGURES.add('figure_6')
+def figure_6(section: Section, quick: bool) -> Plate:
+    """Profiles of spinners at several speeds, their widths, and the angles (paper, Fig. 6)."""
+    section.allow('chain', 'kicks')
+    inset = Inset(_draw_offset, _ANGLE_INSET)
+    return _profile_figure(section, quick, 'cos(θ − θ̄)', (-15, 25), inset)
+
+
+def _profile_figure(
+    section: Section, quick: bool, field: str, shown: tuple[float, float], inset: Inset
+) -> Plate:
+    """Profiles with the name of their field in a range of places, an inset, and the widths."""
+    chain = chain_from(section.section('chain'))
+    walls = _moving_walls(chain, section, quick)
+    profiles = walls[:: 1 if quick else 2][:_PROFILES]
+    caption = _CAPTION.format(
+        kind=_kind(chain),
+        rotors=chain.number_of_rotors,
+        shape=shape(chain),
+        number=section.name[-1],
+        field=field,
+        count=SNAPSHOTS,
+        profiles=len(profiles),
+        inset=inset.caption.strip(),
+    )
+    plate = Plate(Figure(figsize=(12, 6.5), layout='constrained'), caption)
+    main, above, below = _panels(plate.figure)
+    _draw_profiles(plate, main, chain, profiles)
+    main.set(ylabel=f'{field} [1]', xlim=shown)
+    main.set_title(f'a  {_title(chain)}', loc='left')
+    inset.draw(plate, above, chain, walls[0])
+    _draw_widths(plate, below, chain, walls)
+    _compare_walls(plate, chain, walls)
+    return plate
+
+
+def _panels(figure: Figure) -> tuple[Axes, Axes, Axes]:
+    """A wide panel, and beside it the two that the paper has as insets."""
+    grid = figure.add_gridspec(2, 3)
+    main = figure.add_subplot(grid[:, :2])
+    main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
+    return main, figure.add_subplot(grid[0, 2]), figure.add_subplot(grid[1, 2])
+
+
+def _moving_walls(chain: Chain, section: Section, quick: bool) -> list[WallAtSpeed]:
+    kicks = section.numbers('kicks', 1e-6, 100.0)
+    return [_moving_wall(chain, kick) for kick in (kicks[::3] if quick else kicks)]
+
+
+def _moving_wall(chain: Chain, kick: float) -> WallAtSpeed:
+    recording, _ = moving_wall(chain, kick)
+    seen = snapshots(chain, recording, SNAPSHOTS)
+    unit = chain.wall_width / chain.spacing
+    width = arctanh_width(seen.places[:, 1:-1], seen.fields[:, 1:-1]) / unit
+    fits = [find_solitons(chain, angles)[0].width / chain.wall_width for angles in seen.angles]
+    speed = seen.speed * chain.spacing / speed_of_sound(chain)
+    return WallAtSpeed(kick, seen, speed, width, float(np.mean(fits)))
+
+
+def _draw_profiles(plate: Plate, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
+    """Snapshots of each wall over the boosted profile of the continuum."""
+    fine = np.linspace(-80, 80, 1601)
+    for colour, wall in zip(scale_colours(len(walls)), walls, strict=True):
+        label = f'v = {wall.relative_speed:.2f} c'
+        seen = wall.snapshots
+        axes.plot(
+            seen.places.ravel(), seen.fields.ravel(), '.', color=colour, markersize=3, label=label
+        )
+        series = f'v0 = {wall.kick:g}, v = {wall.relative_speed:.4g} c'
+        plate.note('main', series, (PLACE, 'order field [1]'), seen.places, seen.fields)
+        if wall.relative_speed < 1:
+            width = chain.wall_width / chain.spacing * math.sqrt(1 - wall.relative_speed**2)
+            axes.plot(fine, -np.tanh(fine / width), '--', color=BLACK, linewidth=0.8, zorder=3)
+    axes.plot([], [], '--', color=BLACK, linewidth=0.8, label='continuum, theory')
+    axes.legend(loc='upper right', title='chain of springs, dots', markerscale=4)
+
+
+def _draw_widths(plate: Plate, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
+    """Width against speed, beside the contraction of Lorentz, also from the width at rest."""
+    at_rest = _width_at_rest(chain)
+    speeds = np.array([wall.relative_speed for wall in walls])
+    widths = np.array([wall.width for wall in walls])
+    fine = np.linspace(0, 1, 200)
+    contraction = np.sqrt(1 - fine**2)
+    axes.plot(fine, contraction, '-', color=PAPER, label=r'$\sqrt{1 - v^2/c^2}$ (paper)')
+    label = rf'${at_rest:.3f}\,\sqrt{{1 - v^2/c^2}}$, from the chain at rest'
+    axes.plot(fine, at_rest * contraction, '--', color=THEORY, linewidth=1, label=label)
+    axes.plot(
+        0,
+        at_rest,
+        'o',
+        color=MEASURED,
+        markerfacecolor=WHITE,
+        markersize=5,
+        clip_on=False,
+        label='chain at rest',
+    )
+    axes.plot(speeds, widths, 'o', color=MEASURED, markersize=4, label='chain')
+    axes.set(xlabel='v / c [1]', ylabel='$w / w_0$ [1]', xlim=(0, 1.02), ylim=(0, 1.1))
+    axes.set_title('c  width against speed', loc='left')
+    axes.legend(loc='lower left', fontsize=9)
+    names = ('v / c [1]', 'w / w0 of the continuum at rest [1]')
+    plate.note('width', 'chain, slope of arctanh', names, speeds, widths)
+    plate.note('width', 'chain, fit of tanh', names, speeds, [wall.fitted_width for wall in walls])
+    plate.note('width', 'chain at rest, slope of arctanh', names, 0.0, at_rest)
+
+
+def _compare_walls(plate: Plate, chain: Chain, walls: list[WallAtSpeed]) -> None:
+    """Speed of each wall by its kick, and its width by two estimators."""
+    unit = chain.spacing / chain.time_unit
+    for wall in walls:
+        plate.compare(
+            f'v / c after a kick of v₀ = {wall.kick:g}',
+            'not given',
+            chain_formula(
+                '√(1 − 1 / (1 + (v₀ a / (Λ r c))² / 2)²)',
+                chain,
+                'exact Λ',
+                **{'v₀': wall.kick, 'Λ': site_arc(chain), 'c': speed_of_sound(chain) / unit},
+            ),
+            wall.relative_speed,
+        )
+    for wall in walls:
+        if wall.relative_speed < 1:
+            law = Formula(
+                '√(1 − (v/c)²)', {'v/c': wall.relative_speed}, 'near d ≪ 1 and d ≫ 1 only'
+            )
+            name = f'at v = {wall.relative_speed:.3f} c (v₀ = {wall.kick:g})'
+            for estimator, width in (
+                ("slope of arctanh, the paper's estimator", wall.width),
+                ('fit of tanh with a free width', wall.fitted_width),
+            ):
+                plate.compare(
+                    f'w / w₀ {name}, {estimator}',
+                    '√(1 − v²/c²)',
+                    law,
+                    width,
+                )
+    plate.compare(
+        'w / w₀ of the wall of the chain at rest, slope of arctanh',
+        '1',
+        '1 for d ≪ 1 and d ≫ 1',
+        _width_at_rest(chain),
+        1.0,
+    )
+
+
+def _draw_wobbler(plate: Plate, axes: Axes, chain: Chain) -> None:
+    """A wobbling wall at rest, tanh with the width of flippers, and the envelopes."""
+    middle = (chain.number_of_rotors - 1) / 2
+    places, fields = static_snapshots(chain, middle)
+    near = np.abs(places) < 7
+    fine = np.linspace(-7, 7, 400)
+    axes.plot(places[near], fields[near], '.', color=MEASURED, markersize=4, label='chain')
+    axes.plot(fine, -np.tanh(fine * chain.lean_ratio), '-', color=GREY, label='tanh')
+    beyond = fine < -1
+    overshoot = float(fields.max() - 1)
+    for lengths, style, colour, label in (
+        (chain.lean_ratio / 2, '-', PAPER, 'envelope: r sin θ̄ (paper)'),
+        (penetration_depth(chain) / chain.spacing, '--', THEORY, 'envelope: exact ℓ'),
+    ):
+        envelope = overshoot * np.exp(-(-fine[beyond] - 1) / lengths)
+        axes.plot(fine[beyond], 1 + envelope, style, color=colour, linewidth=1.5, label=label)
+        axes.plot(-fine[beyond], -1 - envelope, style, color=colour, linewidth=1.5)
+    axes.set(xlabel='n − X [rotor spacings]', ylabel='u / ū [1]', ylim=(-1.9, 1.5))
+    axes.set_title(f'b  wobbler at rest, {shape(chain)}', loc='left', fontsize=10)
+    axes.legend(fontsize=8, loc='lower left')
+    plate.note('wobbler', 'chain', (PLACE, 'u / ub [1]'), places[near], fields[near])
+
+
+def _draw_offset(plate: Plate, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
+    """Staggered angles of even and odd rotors in one snapshot, which a constant sets apart."""
+    places = wall.snapshots.places[len(wall.snapshots.places) // 2]
+    angles = wall.snapshots.angles[len(wall.snapshots.places) // 2]
+    theta = staggered(angles)
+    even, odd = theta[::2], np.pi - theta[1::2]
+    axes.plot(places[::2], even, 'o', color=MEASURED, markersize=4, label='φ, even rotors')
+    (hollow,) = axes.plot(places[1::2], odd, 'o', color=MEASURED, markersize=4)
+    hollow.set(markerfacecolor=WHITE, label='φ, odd rotors')
+    axes.set(xlabel='n − X [rotor spacings]', ylabel='actual angle φ [rad]')
+    axes.set_title('b  angles of the rotors in one snapshot', loc='left', fontsize=10)
+    axes.legend()
+    names = (PLACE, 'phi [rad]')
+    plate.note('angles', 'even rotors', names, places[::2], even)
+    plate.note('angles', 'odd rotors', names, places[1::2], odd)
+    long_side = slice(-_FAR, None) if places[-1] > -places[0] else slice(_FAR)
+    offset = float(np.abs(np.median(odd[long_side]) - np.median(even[long_side])))
+    plate.compare(
+        'angle between neighbours far from the wall [rad]',
+        'π − 2θ̄, everywhere',
+        chain_formula('π − 2 θ̄', chain, 'in the ground states'),
+        offset,
+    )
+    rest = static_wall(chain, (chain.number_of_rotors - 1) / 2)
+    apart = np.abs(np.diff(rest))
+    plate.compare(
+        'largest departure from it in a wall at rest [rad]',
+        '0',
+        chain_formula('1.4 a / r', chain, 'about'),
+        float(np.abs(apart - (math.pi - 2 * chain.rest_angle)).max()),
+    )
+
+
+def _width_at_rest(chain: Chain) -> float:
+    """Width of a wall of the chain at rest over that of the continuum, by arctanh [1]."""
+    found = arctanh_width(*static_snapshots(chain, (chain.number_of_rotors - 1) / 2))
+    return found * chain.spacing / chain.wall_width
+
+
+def _kind(chain: Chain) -> str:
+    return 'spinners' if chain.motion is Motion.SPINNER else 'flippers'
+
+
+def _title(chain: Chain) -> str:
+    return f'{_kind(chain)}, {chain.number_of_rotors} rotors, {shape(chain)}'

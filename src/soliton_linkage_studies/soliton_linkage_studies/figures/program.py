@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Draw the figures of the paper, and some of our own, with their data and a table.
+
+Every figure is written as PNG and PDF with its data as CSV, and table.md sets side by side what
+the paper says, what the corrected theory says and what the simulated chain does. Figures that
+are not drawn again keep their rows in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from soliton_linkage_studies.figures.registry import FIGURES, DrawFigure
+from soliton_linkage_studies.plates import Comparison, write_table
+from soliton_linkage_studies.program import chosen, run_study, side_by_side, study_parser
+from soliton_linkage_studies.settings import Section, load_settings
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the figures of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    parser = study_parser('figures', __doc__, 'fewer points', selective=True)
+    return run_study(parser, arguments, _drawn, 'the figures that were finished stay')
+
+
+def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> list[Comparison]:
+    """Draw one figure into a folder, by the name of its section; return its lines of the table."""
+    plate = figure(section, quick)
+    plate.save(output, section.name)
+    return plate.comparisons
+
+
+def _drawn(options: argparse.Namespace) -> str:
+    settings = load_settings(options.config)
+    settings.allow(*FIGURES)
+    names = chosen(list(settings.values), options.only)
+    tasks = {
+        name: partial(draw, FIGURES[name], settings.section(name), options.output, options.quick)
+        for name in names
+    }
+    options.output.mkdir(parents=True, exist_ok=True)
+    lines = side_by_side('figures', tasks, options.workers)
+    write_table(lines, options.output / 'table.md', list(settings.values))
+    return f'{len(names)} figures and table.md are in {options.output}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Springs that get stiffer move as rigid bars do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.solitons.track import follow
+from soliton_linkage_studies.bars import convergence_order, draw_convergence
+from soliton_linkage_studies.experiments import kick_rates
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.palette import MECHANICS_COLOURS, scale_colours
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = """
+Springs that get stiffer move as rigid bars do, after the same kick. (a) Path of the wall in
+chains whose stiffness is that of the first, k_e, times 1 and more (solid lines, from dark to
+light), and in one of rigid bars (dashed red); unit of time is √(M/k_e) of the first. (b) Largest
+distance of an angle from that of the chain of rigid bars, over all rotors and times, against the
+stiffness (dots), with a line of slope −1 through the last dot (dashed).
+"""
+_TRACKED = 3
+"""Stiffnesses of which the wall's path is drawn: those of stiffer ones hide each other."""
+_PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
+
+
+@FIGURES.add('elastic_against_rigid')
+def rigid_limit_figure(section: Section, quick: bool) -> Plate:
+    """Springs that get stiffer move as rigid bars do: paths, and distance against k_e."""
+    section.allow('chain', 'kick', 'duration', 'factors')
+    chain = chain_from(section.section('chain'))
+    factors = section.numbers('factors', 1.0, 1e9)
+    duration = section.number('duration', 0.0, 1e6) * chain.time_unit
+    rest = chain.uniform_state(1)
+    rates = kick_rates(chain, rest, section.number('kick', 1e-6, 100.0))
+    period = duration / 200
+    rigid = RigidSimulation(chain, rest, rates, period).record(duration)
+    plate = Plate(Figure(figsize=(11, 4.8), layout='constrained'), _CAPTION)
+    paths, distances = plate.figure.subplots(1, 2)
+    apart = []
+    colours = scale_colours(_TRACKED)
+    shown = factors[:3] if quick else factors
+    for number, factor in enumerate(shown):
+        stiff = replace(chain, stiffness=chain.stiffness * factor)
+        elastic = simulate(stiff, rest, rates, duration, period)
+        apart.append(float(np.abs(elastic.angles - rigid.angles).max()))
+        times = elastic.times / chain.time_unit
+        if number < _TRACKED:
+            track = follow(stiff, elastic)
+            label, colour = f'$k_e \\times {factor:g}$', colours[number]
+            paths.plot(times, track.rotors, color=colour, label=label, linewidth=1.5)
+            plate.note('a', f'k_e times {factor:g}', _PATH, times, track.rotors)
+    track = follow(chain, rigid)
+    times = rigid.times / chain.time_unit
+    rigid_colour = MECHANICS_COLOURS['rigid']
+    paths.plot(times, track.rotors, '--', color=rigid_colour, label='rigid bars')
+    plate.note('a', 'rigid bars', _PATH, times, track.rotors)
+    paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='place of the wall [rotor spacings]')
+    paths.set_title('a  paths of the wall', loc='left')
+    paths.legend()
+    _draw_order(plate, distances, np.array(shown), np.array(apart))
+    return plate
+
+
+def _draw_order(plate: Plate, axes: Axes, factors: Array, apart: Array) -> None:
+    """Largest distance of an angle against stiffness, with a line of order 1."""
+    draw_convergence(axes, factors, apart, 'springs from bars')
+    axes.set(xlabel='stiffness over that of the chain [1]')
+    axes.set_title('b  distance from rigid bars', loc='left')
+    names = ('stiffness, times that of the chain [1]', 'largest distance of an angle [rad]')
+    plate.note('b', 'springs from bars', names, factors, apart)
+    plate.compare(
+        'order in 1/kₑ of the distance of springs from rigid bars',
+        'the linkage is the limit kₑ → ∞',
+        'first order at fixed speed',
+        convergence_order(factors, apart),
+        1.0,
+    )

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Snapshots of a wall that runs to and fro, with projections and zero mode (paper, Figs. 2, 3)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.static_wall import site_arc
+from soliton_linkage.solitons.tanh_fit import order_field
+from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
+from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
+from soliton_linkage_studies.closed_orbit import closed_orbit
+from soliton_linkage_studies.drawing import ChainPicture, add_legend, make_room
+from soliton_linkage_studies.experiments import kicked
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import chain_formula
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+
+_CAPTION = f"""
+A wall that runs to and fro in a chain of springs of {{chain}}, kicked along its zero mode with
+v₀ = {{kick:g}} a√(kₑ/M) (paper, Figs. 2 and 3): (a) before the kick, (b) with the wall half way on
+its first crossing, (c) after one round trip, when it is at the last rotor again.{{lowered}}
+
+{LINKAGE} Dashed red lines are springs. In each state {MODE}. {PROJECTIONS}
+"""
+_LOWERED = (
+    ' Odd rotors, grey, are drawn lower than they are, so that none hides another: their springs '
+    'look longer than they are.'
+)
+_APART = 1.6
+"""How much lower odd rotors are drawn that would hide even ones, over the length of a rotor."""
+_WIDTH = 9.0
+"""Of the figure [inches]."""
+_TITLE = 0.4
+"""Height of a title above a panel [inches], with some room."""
+_LEGEND = 0.3
+"""Height of the legend beneath all panels [inches]."""
+
+
+@FIGURES.add('figure_2')
+@FIGURES.add('figure_3')
+def snapshot_figure(section: Section, quick: bool) -> Plate:
+    """The chain of springs before the kick, with its wall half way, and after a reflection."""
+    section.allow('chain', 'kick', 'duration', 'frames')
+    chain = chain_from(section.section('chain'))
+    kick = section.number('kick', 0.0, 100.0)
+    duration = section.number('duration', 0.0, 1e6)
+    frames = section.whole_number('frames', 10, 100_000)
+    recording = kicked(chain, kick, duration, frames // 2 if quick else frames)
+    track = follow(chain, recording)
+    crossings = find_crossings(chain, track)
+    if len(crossings) < 2:
+        raise section.complaint(
+            'duration', f'is too short: {len(crossings)} crossings of 2; record for longer'
+        )
+    chosen = [0, *_turning_points(chain, recording, track, crossings)]
+    lowered = _APART * chain.rotor_length if chain.rotor_length > chain.spacing else 0.0
+    caption = _CAPTION.format(
+        chain=description(chain), kick=kick, lowered=_LOWERED if lowered else ''
+    )
+    plate = Plate(Figure(layout='constrained'), caption)
+    panels = plate.figure.subplots(3, 1)
+    states = ('before the kick', 'the wall half way to the first rotor', 'after one round trip')
+    pictures = [
+        draw_snapshot(axes, chain, recording.angles[frame], lowered)
+        for axes, frame in zip(panels, chosen, strict=True)
+    ]
+    width, height = make_room(pictures)
+    plate.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
+    add_legend(plate.figure)
+    for axes, frame, letter, state in zip(panels, chosen, 'abc', states, strict=True):
+        angles = recording.angles[frame]
+        time = recording.times[frame] / chain.time_unit
+        axes.set_title(rf'{letter}  {state}, $t = {time:.0f}\,\sqrt{{M/k_e}}$', loc='left')
+        plate.note(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
+    _compare(plate, chain, recording, kick, crossings[0].place_rate)
+    return plate
+
+
+def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
+    """Draw a chain of springs with its zero mode, and its projections beneath."""
+    mode = zero_mode(chain, angles)
+    picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
+    for arrows in (picture.arrows, picture.projections):
+        if arrows is not None:
+            arrows.set_in_layout(False)
+    return picture
+
+
+def _turning_points(
+    chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
+) -> list[int]:
+    """Frames with the wall half way on its first crossing, and at the last edge again."""
+    halfway = (crossings[0].start + crossings[0].end) / 2
+    back = recording.times >= crossings[1].end
+    back &= recording.times <= 2 * crossings[1].end - crossings[1].start
+    fields, _ = order_field(chain, recording.angles)
+    rightmost = np.where(back, fields.mean(axis=1), -math.inf)
+    return [int(np.searchsorted(track.times, halfway)), int(np.argmax(rightmost))]
+
+
+def _compare(plate: Plate, chain: Chain, recording: Recording, kick: float, speed: float) -> None:
+    orbit = closed_orbit(chain, chain.uniform_state(-1))
+    trips = len(orbit.reflections) / 2
+    spinner = chain.motion is Motion.SPINNER
+    plate.compare(
+        f'round trips of the wall in a cycle, {chain.motion.value}',
+        'one' if spinner else 'two',
+        'half the reflections of the closed orbit',
+        trips,
+        1.0 if spinner else 2.0,
+    )
+    plate.compare(
+        f'turns of each rotor in a cycle, {chain.motion.value}',
+        'edge rotors by 2π, all by π a passage' if spinner else 'none',
+        'closed orbit',
+        float(np.abs(orbit.turns).mean()),
+        1.0 if spinner else 0.0,
+    )
+    plate.compare(
+        f'speed of the wall after a kick of {kick:g}, rotors / √(M/kₑ), {chain.motion.value}',
+        'not given',
+        chain_formula('v₀ a / (Λ r)', chain, 'slow limit', **{'v₀': kick, 'Λ': site_arc(chain)}),
+        speed * chain.time_unit,
+    )
+    plate.compare(
+        f'energy at the end over that at the start, {chain.motion.value}',
+        '1',
+        '1',
+        _energy(chain, recording, -1) / _energy(chain, recording, 0),
+        1.0,
+    )
+
+
+def _energy(chain: Chain, recording: Recording, frame: int) -> float:
+    angles: Array = recording.angles[frame]
+    return float(chain.elastic_energy(angles) + chain.kinetic_energy(recording.rates[frame]))

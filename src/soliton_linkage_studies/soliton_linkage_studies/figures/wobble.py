@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Overshoot and oscillations beside wobbling walls (paper, Figs. S1 and S2)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
+from soliton_linkage_studies.captions import shape
+from soliton_linkage_studies.experiments import (
+    PLACE,
+    SNAPSHOTS,
+    Snapshots,
+    snapshots,
+    static_snapshots,
+)
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.formulas import Formula, chain_formula
+from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.settings import Section, chain_from
+
+_PROFILES = """
+Profiles of walls of wobbling flippers (paper, Fig. S1): displacements u = r sin φ of the rotors,
+over ū = r sin θ̄ at rest, against their distance from the wall, in {count} snapshots each of a slow
+motion of rigid bars while the wall goes on by one rotor spacing. A marker and a shade for each
+chain; the grey lines are the uniform states ±ū, beyond which the rotors swing on both sides of the
+wall, the further the larger d = 2 r sin θ̄ / a is.
+"""
+_TAILS = """
+Oscillations beside walls of wobbling flippers, a row for each chain (paper, Fig. S2). Dots are
+{count} snapshots each of a slow motion of rigid bars. (a) What u has more than the tanh of
+flippers, over the rotor spacing a. (b) Its distance from the uniform state ū = r sin θ̄, on a
+logarithmic scale. Lines are an oscillation that changes sign from rotor to rotor and decays, by
+the exact penetration depth ℓ of the zero mode (black) and by the r sin θ̄ of the paper (dashed
+red), each fitted to the dots beyond 1.5 rotor spacings; in (b) they are its envelopes.
+"""
+_BEYOND = 'rotors from the wall [rotor spacings]'
+_QUICK_SNAPSHOTS = 4
+"""Of each chain in a quick figure."""
+_BESIDE = 10
+"""How far from a wall its oscillation is drawn [rotor spacings]."""
+_NEAR = 1.5
+"""Within which a wall is no oscillation about the state at rest [rotor spacings]."""
+
+
+@FIGURES.add('figure_s1')
+def figure_s1(section: Section, quick: bool) -> Plate:
+    """Profiles of wobbling flippers, from snapshots of a slow motion (paper, Fig. S1)."""
+    section.allow('chains')
+    chains = [chain_from(each) for each in section.section('chains').sections().values()]
+    count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
+    figure = Figure(figsize=(9, 5.5), layout='constrained')
+    plate = Plate(figure, _PROFILES.format(count=count))
+    axes = plate.figure.subplots()
+    for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
+        seen = _slow_snapshots(chain, count)
+        near = np.abs(seen.places) < 9
+        name = shape(chain)
+        axes.plot(
+            seen.places[near], seen.fields[near], marker, color=colour, markersize=4, label=name
+        )
+        plate.note('', name, (PLACE, 'u / ub [1]'), seen.places[near], seen.fields[near])
+        _compare_overshoot(plate, chain)
+    for side, label in ((1, 'uniform states ±ū'), (-1, None)):
+        axes.axhline(side, color=GREY, linewidth=0.8, label=label)
+    axes.set(
+        xlabel='distance from the wall n − X [rotor spacings]',
+        ylabel='u / ū [1]',
+        title=f'wobbling flippers overshoot: {count} snapshots of each chain',
+    )
+    axes.legend()
+    return plate
+
+
+@FIGURES.add('figure_s2')
+def figure_s2(section: Section, quick: bool) -> Plate:
+    """Oscillations beside wobbling walls, over the decay of theory (paper, Fig. S2)."""
+    section.allow('chains')
+    chains = [chain_from(each) for each in section.section('chains').sections().values()]
+    count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
+    figure = Figure(figsize=(12, 3 * len(chains)), layout='constrained')
+    plate = Plate(figure, _TAILS.format(count=count))
+    panels = plate.figure.subplots(len(chains), 2, sharex=True, squeeze=False)
+    for (linear, logarithmic), chain in zip(panels, chains, strict=True):
+        seen = _slow_snapshots(chain, count)
+        beyond = (seen.places < 0) & (seen.places > -_BESIDE)
+        places = -seen.places[beyond]
+        lean = chain.lean_ratio / 2
+        from_tanh = lean * (seen.fields[beyond] - np.tanh(places * 2 * lean))
+        from_rest = lean * (seen.fields[beyond] - 1)
+        for axes, values in ((linear, from_tanh), (logarithmic, np.abs(from_rest))):
+            axes.plot(places, values, 'o', color=MEASURED, markersize=4, label='chain')
+        _draw_decays(plate, linear, logarithmic, chain, places, from_rest)
+        name = shape(chain)
+        plate.note(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), places, from_tanh)
+        plate.note(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), places, from_rest)
+        linear.set(ylabel=r'$(u - u_{\tanh}) / a$ [1]')
+        linear.set_title(f'a  beside tanh, {name}', loc='left')
+        logarithmic.set(ylabel=r'$|u - \bar u| / a$ [1]', yscale='log', ylim=(1e-9, 3))
+        logarithmic.set_title(f'b  decay, {name}', loc='left')
+        _compare_tail(plate, chain)
+    for axes in panels[-1]:
+        axes.set(xlabel='distance from the wall [rotor spacings]')
+    for axes in panels[0]:
+        axes.legend()
+    return plate
+
+
+def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
+    """Frames of the rigid chain with its wall at as many places of one rotor spacing."""
+    start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
+    period = site_arc(chain) / count
+    simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)
+    return snapshots(chain, simulation.record((count - 1) * period), count)
+
+
+def _draw_decays(
+    plate: Plate, linear: Axes, logarithmic: Axes, chain: Chain, places: Array, from_rest: Array
+) -> None:
+    """U = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
+
+    A and B are fitted beyond one and a half spacings from the wall, each point by its size.
+    """
+    fine = np.linspace(1.0, _BESIDE, 400)
+    far = places > _NEAR
+    beside_tanh = chain.lean_ratio / 2 * (1 - np.tanh(fine * chain.lean_ratio))
+    for depth, style, colour, label in (
+        (penetration_depth(chain) / chain.spacing, '-', THEORY, 'decay exact, ℓ'),
+        (chain.lean_ratio / 2, '--', PAPER, 'decay r sin θ̄ (paper)'),
+    ):
+        waves = np.stack([np.cos(np.pi * places[far]), np.sin(np.pi * places[far])], axis=1)
+        strengths = np.linalg.lstsq(waves, from_rest[far] * np.exp(places[far] / depth))[0]
+        wave = strengths @ np.stack([np.cos(np.pi * fine), np.sin(np.pi * fine)])
+        decay = np.exp(-fine / depth)
+        linear.plot(fine, wave * decay + beside_tanh, style, color=colour, label=label)
+        logarithmic.plot(
+            fine, np.hypot(*strengths) * decay, style, color=colour, label=f'{label}, envelope'
+        )
+        plate.note(shape(chain), label, (_BEYOND, '(u - ub) / a [1]'), fine, wave * decay)
+
+
+def _compare_overshoot(plate: Plate, chain: Chain) -> None:
+    places, fields = static_snapshots(chain, (chain.number_of_rotors - 1) / 2)
+    lean_ratio = chain.lean_ratio
+    from_tanh = lean_ratio / 2 * (fields + np.tanh(places * lean_ratio))
+    plate.compare(
+        f'max |u − u_tanh| / (a d³), {shape(chain)}',
+        'a constant: the deviation is ∝ d³',
+        'no closed form',
+        float(np.abs(from_tanh).max()) / lean_ratio**3,
+    )
+    plate.compare(
+        f'overshoot of u above ū, in units of ū, {shape(chain)}',
+        '∝ d³',
+        'no closed form; 0 for d ≤ 1',
+        float(fields.max() - 1),
+    )
+
+
+def _compare_tail(plate: Plate, chain: Chain) -> None:
+    """Decay length and wave number of a wall at rest, from successive rotors far from it."""
+    depth = penetration_depth(chain) / chain.spacing
+    middle = chain.number_of_rotors // 2
+    tail = np.sin(static_wall(chain, middle + 0.5))[middle - int(12 * depth) - 6 : middle - 5]
+    deviation = tail - math.sin(chain.rest_angle)
+    ratios = deviation[:-1] / deviation[1:]
+    name = shape(chain)
+    plate.compare(
+        f'decay length of the oscillation / a, {name}',
+        chain_formula('r sin θ̄ / a', chain),
+        chain_formula('1 / ln((d + 1) / (d − 1))', chain),
+        -1 / math.log(abs(ratios[0])),
+    )
+    plate.compare(
+        f'wavelength of the oscillation / a, {name}',
+        Formula('2 π / √8', {}, 'linearised; 2 is seen'),
+        'two rotors, a change of sign at every one',
+        wavelength(deviation),
+        2.0,
+    )
+
+
+def wavelength(deviation: Array) -> float:
+    """Twice the mean distance of zeros, each on a line between two rotors [rotor spacings]."""
+    before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
+    if len(before) < 2:
+        return math.inf
+    size = np.abs(deviation)
+    zeros = before + size[before] / (size[before] + size[before + 1])
+    return 2 * float(zeros[-1] - zeros[0]) / (len(zeros) - 1)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Films of a unit cell beside its configuration space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+
+from soliton_linkage.linkage.chain import Array, Chain, staggered
+from soliton_linkage_studies.captions import LINKAGE, description
+from soliton_linkage_studies.drawing import ChainPicture, broken_at_turns, draw_torus, pivot_points
+from soliton_linkage_studies.films.registry import film_kind
+from soliton_linkage_studies.films.scenes import (
+    BOTTOM,
+    TOP,
+    Format,
+    Scene,
+)
+from soliton_linkage_studies.palette import BLACK, DARK, GREY, PALE
+from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.unit_cell import configuration_curves
+
+_SMOOTH = 800
+"""Steps of a curve that is seen: none is larger than a pixel of it."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Two rotors and the bar between them, in motion along their configuration space."""
+
+    chain: Chain
+    kick: float
+    """Speed r |phi_dot| in units of a sqrt(k_e / M)."""
+
+    @staticmethod
+    def read(section: Section) -> Cell:
+        """Read the settings; the chain must have two rotors."""
+        section.allow('chain', 'kick')
+        chain = chain_from(section.section('chain'))
+        if chain.number_of_rotors != 2:
+            raise section.section('chain').complaint(
+                'number_of_rotors', 'must be 2, those of a unit cell; film a cycle for more'
+            )
+        return Cell(chain, section.number('kick', 1e-6, 100.0))
+
+
+@film_kind('unit_cell', Cell.read)
+class CellScene(Scene):
+    """One cycle of a unit cell of a rigid bar, beside its place on the torus of both angles."""
+
+    caption = f"""
+    {LINKAGE} The red line is a rigid bar; pale circles are the ways of the masses.
+
+    To the right all configurations that keep the length of the bar, over both staggered angles,
+    opposite sides of the square being one: a colour for each component, blue the one that the cell
+    is on, pink the other. Triangles are the uniform states, the black dot is the configuration
+    shown to the left, and the wide grey line the way that it has gone.
+    """
+
+    def __init__(self, title: str, motion: Cell, shape: Format) -> None:
+        """Trace the configuration space and draw the first frame."""
+        chain = motion.chain
+        curves = configuration_curves(chain, _SMOOTH)
+        arc = float(np.linalg.norm(np.diff(curves[0], axis=0), axis=1).sum())
+        rate = motion.kick * chain.spacing / (chain.rotor_length * chain.time_unit)
+        subtitle = f'{description(chain)}, rigid bar, v₀ = {motion.kick:g} a√(kₑ/M)'
+        super().__init__(title, subtitle, shape, arc / rate, chain.time_unit)
+        shares = np.linspace(0, _SMOOTH, shape.frames)
+        self.cell = np.column_stack(
+            [np.interp(shares, np.arange(_SMOOTH + 1), angles) for angles in curves[0].T]
+        )
+        high = TOP - BOTTOM - 0.02
+        left = self.figure.add_axes((0.03, BOTTOM, 0.44, high))
+        right = self.figure.add_axes((0.53, BOTTOM, 0.45, high - 0.02))
+        self._picture = _cell_picture(left, chain, staggered(self.cell[0]))
+        draw_torus(right, chain, curves)
+        right.set(xlabel='θ₁ = φ₁ [rad]', ylabel='θ₂ = π − φ₂ [rad]')
+        self.figure.legend(loc='lower center', bbox_to_anchor=(0.25, 0.05), ncols=2, frameon=False)
+        right.set_title('configurations that keep the length of the bar')
+        (self._trail,) = right.plot([], [], color=GREY, linewidth=7, alpha=0.45, zorder=1)
+        (self._point,) = right.plot(
+            [], [], 'o', color=BLACK, markersize=14, clip_on=False, zorder=6
+        )
+        self.add_moving([*self._picture.artists, self._trail, self._point])
+        self.show(0)
+
+    def _move(self, frame: int) -> None:
+        angles = self.cell[frame]
+        self._picture.update(staggered(angles))
+        self._trail.set_data(*broken_at_turns(self.cell[: frame + 1]).T)
+        self._point.set_data(*broken_at_turns(angles[None]).T)
+
+
+def _cell_picture(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:
+    """Draw two rotors, a rigid bar and the circles that the masses keep to."""
+    for number, (x, _) in enumerate(pivot_points(chain), start=1):
+        circle = Circle((x, 0), chain.rotor_length, fill=False, edgecolor=PALE, linewidth=1.5)
+        axes.add_patch(circle)
+        below = -chain.rotor_length - 0.06 * chain.spacing
+        axes.text(x, below, f'rotor {number}', ha='center', va='top', color=DARK)
+    return ChainPicture(axes, chain, angles, rigid=True)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Films of small motions, which stay at the edge of a chain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.linear.bands import gap, penetration_depth
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linear.statics import stiffness_matrix
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.captions import LINKAGE, MODE, description
+from soliton_linkage_studies.drawing import ChainPicture, limits, pivot_points
+from soliton_linkage_studies.films.registry import film_kind
+from soliton_linkage_studies.films.scenes import (
+    BOTTOM,
+    LEFT,
+    TOP,
+    WIDTH,
+    Format,
+    Scene,
+)
+from soliton_linkage_studies.palette import BLUE, GREEN, RED
+from soliton_linkage_studies.settings import Section, chain_from
+
+_SMALLEST_SWING = 1e-5
+"""Lower end of the scale of swings [rad]."""
+_WAYS = 4
+"""To and fro that the zero mode is shown in a film."""
+
+
+@dataclass(frozen=True)
+class Insulation:
+    """Small motions of a chain: its zero mode, and an edge that is driven."""
+
+    chain: Chain
+    swing: float
+    """Of the rotor that moves most [rad]."""
+    drives: tuple[float, ...]
+    """Angular frequencies of the drives, in units of the gap."""
+    duration: float
+    """Of the motion [s]."""
+
+    @staticmethod
+    def read(section: Section) -> Insulation:
+        """Read the settings, the duration in time units sqrt(M / k_e)."""
+        section.allow('chain', 'swing', 'drives', 'duration')
+        chain = chain_from(section.section('chain'))
+        drives = section.numbers('drives', 0.01, 100.0)
+        if len(drives) != 2:
+            raise section.complaint('drives', 'must be two numbers; give one each side of 1')
+        duration = section.number('duration', 1e-3, 1e6)
+        swing = section.number('swing', 1e-3, 0.5)
+        return Insulation(chain, swing, drives, duration * chain.time_unit)
+
+
+@film_kind('insulator', Insulation.read)
+class InsulatorScene(Scene):
+    """Three copies of the right-leaning chain: the zero mode, a drive in the gap, one above."""
+
+    caption = f"""
+    {LINKAGE} Dashed red lines are springs; {MODE}.
+
+    Beneath, how far each rotor swings to both sides in each of the three motions, over its place,
+    on a logarithmic scale; the green line falls by e in each penetration depth ℓ from the last
+    rotor.
+    """
+
+    def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
+        """Solve the linear motion and draw its first frame."""
+        chain = motion.chain
+        super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
+        mode = zero_mode(chain, chain.uniform_state(1))
+        mode *= motion.swing / mode[np.argmax(np.abs(mode))]
+        self._frequencies = [2 * math.pi * _WAYS / motion.duration]
+        self._frequencies += [drive * gap(chain) for drive in motion.drives]
+        self._swings = [mode.astype(complex)]
+        self._swings += [
+            motion.swing * driven(chain, frequency) for frequency in self._frequencies[1:]
+        ]
+        below, above = (f'{drive:g} of the gap frequency' for drive in motion.drives)
+        texts = (
+            'the zero mode, at the right edge, stretches no spring and needs no force: '
+            'arrows show where it moves the masses',
+            f'first rotor driven at {below}: no wave has this frequency, the motion dies out',
+            f'first rotor driven at {above}: a wave carries the motion along the chain',
+        )
+        self._pictures = self._add_chains(chain, mode, texts)
+        self._add_swings(chain, motion)
+        for picture in self._pictures:
+            self.add_moving(picture.artists)
+        self.show(0)
+
+    def _move(self, frame: int) -> None:
+        chain = self._pictures[0].chain
+        rest = chain.uniform_state(1)
+        time = self.times[frame]
+        for place, picture in enumerate(self._pictures):
+            turn = np.exp(1j * self._frequencies[place] * time)
+            angles = rest + np.imag(self._swings[place] * turn)
+            picture.update(angles, zero_mode(chain, rest) if place == 0 else None)
+
+    def _add_chains(self, chain: Chain, mode: Array, texts: tuple[str, ...]) -> list[ChainPicture]:
+        rest = chain.uniform_state(1)
+        pictures = []
+        height = 0.135
+        for row, text in enumerate(texts):
+            low = TOP - 0.04 - (row + 1) * height - row * 0.04
+            axes = self.figure.add_axes((LEFT, low, WIDTH, height))
+            axes.set_title(f'{row + 1}  {text}', y=0.97)
+            pictures.append(
+                ChainPicture(axes, chain, rest, None if row else mode, arrow_length=chain.spacing)
+            )
+        return pictures
+
+    def _add_swings(self, chain: Chain, motion: Insulation) -> None:
+        left, right, *_ = limits(chain)
+        axes = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.2))
+        places = pivot_points(chain)[:, 0]
+        names = ('1  zero mode', '2  driven in the gap', '3  driven above it')
+        for swings, name, colour, marker in zip(
+            self._swings, names, (GREEN, RED, BLUE), 'o^s', strict=True
+        ):
+            axes.semilogy(places, np.abs(swings), marker, color=colour, label=name)
+        decay = np.exp((places - places[-1]) / penetration_depth(chain))
+        axes.semilogy(places, motion.swing * decay, '-', color=GREEN, label='exp(−distance/ℓ)')
+        axes.set(xlim=(left, right), ylim=(_SMALLEST_SWING, 3 * motion.swing))
+        axes.set(xlabel='x [m]', ylabel='swing [rad]')
+        axes.legend(loc='lower center', bbox_to_anchor=(0.5, 0.98), ncols=4, frameon=False)
+
+
+def driven(chain: Chain, frequency: float) -> Array:
+    """Steady small motion about the right-leaning state, its first rotor driven, shape (N,).
+
+    (K - omega^2 I + i omega damping) x = torque on rotor 0, of the angular frequency omega
+    [rad/s]; complex, in units of the motion of rotor 0.
+    """
+    stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
+    inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)
+    motion = np.linalg.solve(stiffness + inertia, np.eye(chain.number_of_rotors)[0])
+    return np.asarray(motion / motion[0])

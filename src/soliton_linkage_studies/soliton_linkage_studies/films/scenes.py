@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a film shows: a figure whose artists are moved from frame to frame."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage_studies.drawing import displacement, lean_norm, limits, pivot_points
+from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, LEAN_COLOURS, PALE, WHITE
+
+INCHES_HIGH = 7.2
+"""Height of every figure, in which letters have their size."""
+STYLE: Any = {
+    'font.size': 12.5,
+    'axes.titlesize': 12.5,
+    'axes.titlelocation': 'left',
+    'text.hinting': 'no_hinting',
+}
+"""Of matplotlib, in which scenes are made and drawn: letters of a size do not depend on pixels."""
+LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
+"""Part of the figure that pictures may fill, beneath the title."""
+
+TOLERANCE = 1e-9
+"""Error of the angles in a time unit [rad], so that a film of a cycle ends where it began."""
+
+SPACE_TIME = (
+    'The picture of space and time has a row for each frame up to now and a column for each '
+    'rotor, in the colours of u: darker than at rest where a rotor swings beyond it.'
+)
+"""What the picture of space and time shows."""
+_GAP = 0.06
+"""Between axes one above the other, over the height of the figure."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """Number, rate and size of the frames of a film."""
+
+    frames: int
+    frame_rate: float
+    """Frames per second."""
+    width: int
+    """Pixels, even."""
+    height: int
+    """Pixels, even."""
+
+    @property
+    def resolution(self) -> float:
+        """Pixels per inch."""
+        return self.height / INCHES_HIGH
+
+
+class Scene(ABC):
+    """A figure with a title and a clock; `show` moves it to a frame, `paint` to pixels as well."""
+
+    caption: ClassVar[str] = ''
+    """Symbols, lines and colours that no words in the film name."""
+
+    def __init__(
+        self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
+    ) -> None:
+        """Prepare frames from 0 to a duration of the motion [s], both ends included.
+
+        The clock shows seconds and, beside them, time units sqrt(M / k_e) [s].
+        """
+        self._time_unit = time_unit
+        self.headline = f'{title}: {subtitle}.'
+        """What the film is of, in one line."""
+        self.times = np.linspace(0.0, duration, shape.frames)
+        size = (shape.width / shape.resolution, INCHES_HIGH)
+        self.figure = Figure(figsize=size, dpi=shape.resolution, facecolor=WHITE)
+        self._canvas: Any = FigureCanvasAgg(self.figure)
+        self.figure.text(0.02, 0.95, title, fontsize=18, fontweight='bold')
+        pace = duration * shape.frame_rate / (shape.frames - 1)
+        speed = f'{pace:.3g} × faster' if pace > 1 else f'{1 / pace:.3g} × slower'
+        self.figure.text(0.02, 0.912, f'{subtitle}, shown {speed}', color=DARK)
+        self._clock = self.figure.text(0.98, 0.912, '', color=DARK, ha='right')
+        self._moving: list[Artist] = [self._clock]
+        self._still: Any = None
+
+    @property
+    def period(self) -> float:
+        """Time of the motion from frame to frame [s]."""
+        return float(self.times[1])
+
+    def show(self, frame: int) -> None:
+        """Move everything to a frame, 0 being the first."""
+        time = self.times[frame]
+        self._clock.set_text(f't = {time:.2f} s = {time / self._time_unit:.1f} √(M/kₑ)')
+        self._move(frame)
+
+    def paint(self, frame: int) -> memoryview:
+        """Return the pixels of a frame, RGBA in rows from the top; what never moves is kept."""
+        self.show(frame)
+        if self._still is None:
+            for artist in self._moving:
+                artist.set_animated(True)
+            self._canvas.draw()
+            self._still = self._canvas.copy_from_bbox(self.figure.bbox)
+        self._canvas.restore_region(self._still)
+        for artist in self._moving:
+            self.figure.draw_artist(artist)
+        return memoryview(self._canvas.buffer_rgba())
+
+    def add_moving(self, artists: Iterable[Artist]) -> None:
+        """Tell which artists `_move` changes, from back to front."""
+        self._moving.extend(artists)
+
+    @abstractmethod
+    def _move(self, frame: int) -> None:
+        """Move the artists to a frame."""
+
+
+class SpaceTime:
+    """The space-time picture of u, whose future is covered."""
+
+    def __init__(self, axes: Axes, chain: Chain, angles: Array, duration: float) -> None:
+        """Draw angles [rad], shape (frames, N), over a duration [s]."""
+        leans = displacement(chain, angles)
+        half, last = chain.spacing / 2, float(pivot_points(chain)[-1, 0])
+        axes.imshow(
+            leans,
+            origin='lower',
+            aspect='auto',
+            interpolation='nearest',
+            cmap=LEAN_COLOURS,
+            norm=lean_norm(chain),
+            extent=(-half, last + half, 0, duration),
+        )
+        self.cover = Rectangle((-half, 0), last + 2 * half, duration, color=WHITE, zorder=2)
+        axes.add_patch(self.cover)
+        self._duration, self._frames = duration, len(angles)
+        axes.set(
+            xlabel='x [m]',
+            ylabel='t [s]',
+            title='u in space and time: purple leans right, orange leans left',
+        )
+        self.moving = [self.cover, *axes.spines.values()]
+
+    def show(self, frame: int) -> None:
+        """Uncover what happened up to a frame."""
+        now = self._duration * (frame + 1) / self._frames
+        self.cover.set(y=now, height=self._duration - now)
+
+
+class ProfilePanel:
+    """The profile u(x) of a chain, and that of the theory of a slow wall at the same place."""
+
+    def __init__(self, axes: Axes, chain: Chain) -> None:
+        """Prepare for a chain that was started in its right-leaning state."""
+        self._chain = chain
+        self._places = pivot_points(chain)[:, 0]
+        self._fine = np.linspace(self._places[0], self._places[-1], 400)
+        spinner = chain.motion is Motion.SPINNER
+        names = ('theory, even', 'theory, odd') if spinner else ('theory', '')
+        lines = ('-', '--')
+        self.theory = [
+            axes.plot([], [], line, color=colour, linewidth=2, label=name)[0]
+            for line, colour, name in zip(lines, (BLACK, GREY), names, strict=True)
+            if name
+        ]
+        face = ('even rotors', 'odd') if spinner else ('rotors', '')
+        self.rotors = [
+            axes.plot(
+                [], [], 'o', color=BLUE, markerfacecolor=fill, markersize=7, label=name or None
+            )[0]
+            for fill, name in zip((BLUE, 'white' if spinner else BLUE), face, strict=True)
+        ]
+        most = 110 * chain.rotor_length
+        axes.axhline(0, color=PALE, zorder=0)
+        title = 'u = r sin φ of each rotor, and in theory for a wall at rest'
+        axes.set(ylim=(-most, most), ylabel='u [cm]', title=title)
+        axes.tick_params(labelbottom=False)
+        axes.legend(
+            loc='lower right', bbox_to_anchor=(1.0, 0.98), ncols=4, frameon=False, fontsize=11.5
+        )
+        self.moving = [*self.theory, *self.rotors]
+
+    def show(self, angles: Array) -> None:
+        """Show a configuration [rad], shape (N,), and the theory where there is one wall."""
+        lean = displacement(self._chain, angles)
+        for parity, markers in enumerate(self.rotors):
+            markers.set_data(self._places[parity::2], 100 * lean[parity::2])
+        walls = find_solitons(self._chain, angles)
+        for parity, line in enumerate(self.theory):
+            profile = np.full_like(self._fine, np.nan)
+            if len(walls) == 1:
+                profile = 100 * static_profile(
+                    self._chain, angles, walls[0].position, self._fine, parity
+                )
+            line.set_data(self._fine, profile)
+
+
+def static_profile(
+    chain: Chain, angles: Array, wall: float, places: Array, parity: int = 0
+) -> Array:
+    """Return u [m] at places [m] in the continuum theory of a wall at rest, shape of places.
+
+    Flippers have u = -r sin(theta_bar) tanh((x - X) / w). The staggered angles of a spinner that
+    started leaning right leave theta_bar by s (even rotors, parity 0) or -s (odd ones, 1) times
+    arccos(-tanh((x - X) / w)); which of both signs s is, the angles [rad] tell, shape (N,).
+    """
+    order = -np.tanh((places - wall) / chain.wall_width)
+    rest = chain.rest_angle
+    if chain.motion is not Motion.SPINNER:
+        return np.asarray(chain.rotor_length * math.sin(rest) * order)
+    turned = np.sin(staggered(angles) - rest)
+    sense = 1 if turned[0::2].sum() >= turned[1::2].sum() else -1
+    theta = rest + (-1) ** parity * sense * np.arccos(order)
+    return np.asarray(chain.rotor_length * np.sin(theta))
+
+
+def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
+    """Axes one above the other with the same x: the chain in its proportions, then the others.
+
+    The others divide what is left of the height as their shares say.
+    """
+    left, right, bottom, top = limits(chain, projections=True)
+    wide, high = (float(length) for length in figure.get_size_inches())
+    height = (top - bottom) / (right - left) * WIDTH * wide / high
+    most = 0.42 * (TOP - BOTTOM)
+    spare = max(height / most - 1, 0) * (right - left) / 2
+    height = min(height, most)
+    axes = [figure.add_axes((LEFT, TOP - height, WIDTH, height))]
+    edge = TOP - height
+    free = edge - BOTTOM - _GAP * len(shares)
+    for share in shares:
+        part = free * share / sum(shares)
+        edge -= _GAP + part
+        axes.append(figure.add_axes((LEFT, edge, WIDTH, part)))
+        axes[-1].set_xlim(left - spare, right + spare)
+    return axes

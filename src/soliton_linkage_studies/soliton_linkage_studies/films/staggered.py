@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Films of a linkage that can be built: rotors and bars one behind the other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.drawing import limits, mass_points, pivot_points
+from soliton_linkage_studies.experiments import kick_rates
+from soliton_linkage_studies.films.cycle import KickedWall
+from soliton_linkage_studies.films.registry import film_kind
+from soliton_linkage_studies.films.scenes import (
+    BOTTOM,
+    LEFT,
+    SPACE_TIME,
+    TOLERANCE,
+    WIDTH,
+    Format,
+    Scene,
+    SpaceTime,
+)
+from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
+from soliton_linkage_studies.settings import Section
+
+_AZIMUTH = math.radians(-75)
+"""Of the camera at the start: nearly in front of the rotors, so that none hides its bar [rad]."""
+_ELEVATION = math.radians(22)
+"""Of the camera above the axles [rad]."""
+_ZOOM = 1.9
+"""Of the box of the linkage, which is long and thin, over that of matplotlib."""
+_BODIES = (
+    ('rotors', BLACK, 6.0),
+    ('axles on the frame', GREY, 5.0),
+    ('pins, the masses', BLUE, 8.0),
+    ('bars', RED, 4.0),
+)
+"""Names, colours and line widths [points] of what `layered` returns."""
+
+
+@dataclass(frozen=True)
+class Staggering:
+    """A kicked linkage whose rotors lie in planes one behind the other."""
+
+    motion: KickedWall
+    depth: float
+    """From each rotor to the bar behind it, in units of a."""
+    turn: float
+    """Of the camera during the film [rad]."""
+
+    @staticmethod
+    def read(section: Section) -> Staggering:
+        """Read the settings, the duration in time units sqrt(M / k_e)."""
+        section.allow('chain', 'kick', 'duration', 'depth', 'turn')
+        depth = section.number('depth', 0.01, 10.0)
+        turn = section.number('turn', -10.0, 10.0)
+        rest = {key: section.values[key] for key in section.values if key not in ('depth', 'turn')}
+        return Staggering(KickedWall.read(replace(section, values=rest)), depth, turn)
+
+
+@film_kind('staggered', Staggering.read)
+class StaggeredScene(Scene):
+    """Rigid bars and rotors that turn past each other, seen by a camera that turns as well.
+
+    Beneath them is their space-time picture.
+    """
+
+    caption = f"""
+    Each rotor and each bar is in a plane of its own; a white border shows which of two that cross
+    is nearer. The colours are named in the film. {SPACE_TIME}
+    """
+
+    def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
+        """Simulate the motion and draw its first frame."""
+        motion = settings.motion
+        chain = motion.chain
+        subtitle = f'{motion.describe()}, rigid bars'
+        super().__init__(title, subtitle, shape, motion.duration, chain.time_unit)
+        rest = chain.uniform_state(1)
+        rates = kick_rates(chain, rest, motion.kick)
+        simulation = RigidSimulation(chain, rest, rates, self.period, TOLERANCE)
+        self.angles = simulation.record(motion.duration).angles
+        self._chain, self._layer = chain, settings.depth * chain.spacing
+        self._azimuths = _AZIMUTH + np.linspace(0, settings.turn, shape.frames)
+        self._axes = self._add_axes()
+        self._add_legend()
+        self._bodies = LineCollection([[(0, 0), (0, 0)]], capstyle='round')
+        self._bodies.set_clip_on(False)
+        self._axes.add_collection3d(self._bodies)
+        below = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.19))
+        self._space_time = SpaceTime(below, chain, self.angles, motion.duration)
+        self.add_moving([self._axes, *self._space_time.moving])
+        self.show(0)
+
+    def _move(self, frame: int) -> None:
+        azimuth = float(self._azimuths[frame])
+        bodies = layered(self._chain, self.angles[frame], self._layer)
+        order = from_behind(bodies, azimuth, _ELEVATION)
+        widths, colours = self._looks()
+        # A white border beneath each body shows which of two that cross is nearer.
+        self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
+        thicknesses = np.column_stack([widths[order] + 3, widths[order]])
+        self._bodies.set_linewidth(thicknesses.ravel().tolist())
+        shown = [shade for body in order for shade in (WHITE, colours[body])]
+        self._bodies.set_color(shown)
+        self._axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(azimuth))
+        self._space_time.show(frame)
+
+    def _looks(self) -> tuple[Array, list[str]]:
+        """Line widths [points] and colours of the bodies, in the order of `layered`."""
+        rotors, bars = self._chain.number_of_rotors, self._chain.number_of_springs
+        counts = [rotors, rotors, rotors, bars]
+        widths = np.repeat([width for _, _, width in _BODIES], counts)
+        colours = [
+            colour
+            for (_, colour, _), count in zip(_BODIES, counts, strict=True)
+            for _ in range(count)
+        ]
+        return widths, colours
+
+    def _add_legend(self) -> None:
+        lines = [Line2D([], [], color=colour, linewidth=width) for _, colour, width in _BODIES]
+        names = [name for name, _, _ in _BODIES]
+        self.figure.legend(
+            lines,
+            names,
+            loc='upper right',
+            bbox_to_anchor=(0.99, 0.905),
+            ncols=len(names),
+            frameon=False,
+        )
+
+    def _add_axes(self) -> Any:
+        axes: Any = self.figure.add_axes((0.0, 0.17, 1.0, 0.9), projection='3d')
+        left, right, bottom, top = limits(self._chain)
+        deep = 2 * self._layer * self._chain.number_of_rotors
+        axes.set(xlim=(left, right), ylim=(-self._layer, deep), zlim=(bottom, top))
+        axes.set_box_aspect((right - left, deep + self._layer, top - bottom), zoom=_ZOOM)
+        axes.set_proj_type('ortho')
+        axes.set_axis_off()
+        axes.patch.set_visible(False)
+        return axes
+
+
+def layered(chain: Chain, angles: Array, layer: float) -> Array:
+    """Ends of rotors, axles, pins and bars [m], shape (3 N + springs, 2, 3), in that order.
+
+    Rotor n is in the plane y = 2 n layer, and the bar from it to the next in that half way
+    between both; the pins reach from plane to plane. No two bodies share a plane but where they
+    are joined, so that no angles make them collide.
+    """
+    pivots, masses = pivot_points(chain), mass_points(chain, angles)
+    planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
+
+    def points(flat: Array, depths: Array) -> Array:
+        return np.column_stack([flat[:, 0], depths, flat[:, 1]])
+
+    between = planes[:-1] + layer
+    starts_and_ends = (
+        (points(pivots, planes), points(masses, planes)),
+        (points(pivots, planes - layer / 2), points(pivots, planes + layer / 2)),
+        (points(masses, planes - layer), points(masses, planes + layer)),
+        (points(masses[:-1], between), points(masses[1:], between)),
+    )
+    return np.concatenate([np.stack(pair, axis=1) for pair in starts_and_ends])
+
+
+def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
+    """Order in which to paint bodies, shape (K, 2, 3), for a camera at two angles [rad]."""
+    towards = np.array(
+        [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    return [int(body) for body in np.argsort(bodies.mean(axis=1) @ towards, kind='stable')]

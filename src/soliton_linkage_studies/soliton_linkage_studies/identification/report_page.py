@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report page of a chain that was identified: its lengths, and what bonds leave open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from soliton_linkage.identification.identification import Identification
+from soliton_linkage_studies.captions import description
+from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, PALE, RED
+from soliton_linkage_studies.plates import save_caption, save_figure
+
+_WORST = 3
+"""Bonds that are named as the worst [1]."""
+_CAPTION = """
+At the top by how much the length of each rotor (blue), the distance from its pivot to the next
+(green) and the length of the spring or bar between them (red) differ from their means, with one
+standard deviation on both sides. In the middle what each encoder reads too much. At the bottom the
+noise of a reading as each bond leaves it open; the black line is the noise from frame to frame,
+which knows of no chain, and bonds far above it are worst. Springs and bars stand between the two
+rotors that they join.
+"""
+
+
+def report_page(found: Identification) -> Figure:
+    """Page with the lengths, the offsets and the residuals of each bond."""
+    figure = Figure(figsize=(8, 9), layout='constrained')
+    lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
+    _draw_lengths(lengths, found)
+    rotors = np.arange(found.chain.number_of_rotors)
+    offsets.errorbar(rotors, found.offsets, found.offset_deviations, fmt='o', ms=3, color=BLUE)
+    offsets.axhline(0, color=PALE, linewidth=0.8, zorder=0)
+    offsets.set(ylabel='offset of the encoder [rad]')
+    _draw_bonds(bonds, found)
+    figure.suptitle(description(found.chain), fontsize=10)
+    return figure
+
+
+def save_report(found: Identification, folder: Path) -> None:
+    """Write identification.png, identification.pdf and their caption into a folder."""
+    page = report_page(found)
+    for suffix in ('png', 'pdf'):
+        save_figure(page, folder / f'identification.{suffix}')
+    words = [f'The chain: {description(found.chain)}.', *found.warnings]
+    save_caption('\n\n'.join([_CAPTION, *words]), folder / 'identification.txt')
+
+
+def _draw_lengths(axes: Axes, found: Identification) -> None:
+    for name, label, colour in (
+        ('rotor_length', 'rotor r', BLUE),
+        ('spacing', 'distance of pivots a', GREEN),
+        ('rest_length', 'spring or bar l', RED),
+    ):
+        fractions = np.array(getattr(found.chain.deviations, name))
+        places = np.arange(len(fractions)) + (0.0 if name == 'rotor_length' else 0.5)
+        spreads = 100 * found.deviations[name] * (1 + fractions)
+        shift = {'spacing': -0.1, 'rest_length': 0.1}.get(name, 0.0)
+        axes.errorbar(
+            places + shift, 100 * fractions, spreads, fmt='o', ms=3, color=colour, label=label
+        )
+    axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
+    axes.set(ylabel='from the mean [%]')
+    axes.legend(ncols=3, fontsize=8)
+
+
+def _draw_bonds(axes: Axes, found: Identification) -> None:
+    places = np.arange(len(found.bond_noise)) + 0.5
+    axes.bar(places, found.bond_noise, color=BLUE, width=0.7)
+    axes.axhline(found.reading_noise, color=BLACK, linewidth=0.8)
+    top = float(np.max(found.bond_noise))
+    for bond in found.worst_bonds[:_WORST]:
+        axes.text(bond + 0.5, found.bond_noise[bond] + 0.02 * top, f'{bond}', ha='center')
+    axes.set(xlabel='rotor n [1]', ylabel='noise by bond [rad]', ylim=(0, 1.15 * top))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

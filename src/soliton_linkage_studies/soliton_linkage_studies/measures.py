@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a sweep measures on one chain: numbers and classes that make a row of its table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage.linear.statics import rest_state
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.passage import blocked_bonds, motion_of_bonds
+from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
+from soliton_linkage_studies.experiments import kick_rates
+from soliton_linkage_studies.traversal import follow_wall
+
+BLOCKED = 'blocked'
+MECHANICS = ('elastic', 'rigid')
+OUTCOMES = ('returns', 'crosses', 'lost')
+_PIECE = 20
+"""Time units that are recorded before it is seen whether the wall has come back."""
+_WALL_REACH = 4
+"""Widths of a wall, or depths of the zero mode, that belong to it: beyond is 2 % at most."""
+_JUMP = 5
+"""Rotors from frame to frame that no wall goes: the fastest go two."""
+
+Value = float | int | str
+
+
+@dataclass(frozen=True)
+class SweepTrial:
+    """How a wall is sent through a chain; raises ValueError for what is out of range."""
+
+    kick: float = quantity(
+        0.1, 'speed r |phi_dot| of the kick, norm over rotors', 'a sqrt(k_e / M)', 1e-9, 1e3
+    )
+    mechanics: str = quantity('elastic', 'what joins rotors', choices=MECHANICS)
+    time_limit: float = quantity(
+        2000.0, 'time after which a wall is lost', 'sqrt(M / k_e)', 1.0, 1e6
+    )
+    tolerance: float = quantity(1e-7, 'error of the angles in a time unit', 'rad', 1e-13, 1e-2)
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of their range."""
+        check_quantities(self)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A way to measure a chain, and what its picture shows."""
+
+    take: Callable[[Chain, SweepTrial], dict[str, Value]]
+    columns: tuple[str, ...]
+    """What it returns, by name."""
+    shown: str
+    """The column that is drawn."""
+    label: str
+    classes: tuple[str, ...] = ()
+    """Values of that column, the best first; empty where it is a number."""
+
+
+def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
+    """Class of motion by the bonds of a chain, and the number of those that may stop a wall."""
+    motion = motion_of_bonds(chain)
+    return {
+        'motion': motion.value if motion else BLOCKED,
+        'obstacles': int(blocked_bonds(chain).sum()),
+    }
+
+
+def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
+    """Speed [a sqrt(k_e / M)] of a wall kicked from the right edge, and what becomes of it.
+
+    The speed is the slope of the wall's path between the outer fifths of the chain; the share
+    of phonons that of the energy further than a few widths from the wall when it is half way.
+    Both are NaN where there is nothing to measure.
+    """
+    recording, track, crossings = send_wall(chain, trial)
+    return {
+        'outcome': _outcome(len(crossings)),
+        'speed': crossings[0].place_rate * chain.time_unit if crossings else math.nan,
+        'phonons': phonon_share(chain, recording, track, crossings[0]) if crossings else math.nan,
+    }
+
+
+def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
+    """Whether a wall crosses the chain and returns, with springs or with rigid bars."""
+    if trial.mechanics == 'elastic':
+        crossed = len(send_wall(chain, trial)[2])
+    else:
+        crossed = sum(leg.crossed for leg in follow_wall(chain, Edge.LAST))
+    return {'outcome': _outcome(crossed), 'obstacles': int(blocked_bonds(chain).sum())}
+
+
+def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
+    """Kick the wall of a chain of springs off its right edge until it has come back.
+
+    Frames are a time unit apart, in which no wall goes further than a spacing or two. A path
+    that jumps has gone over to another wall, of a pair, and counts for no crossing. It ends with
+    the time limit where the wall does not return.
+    """
+    angles = rest_state(chain, 1)
+    rates = kick_rates(chain, angles, trial.kick, anywhere=True)
+    simulation = ElasticSimulation(chain, angles, rates, chain.time_unit, trial.tolerance)
+    recording = simulation.record(0)
+    track = follow(chain, recording)
+    crossings: tuple[Crossing, ...] = ()
+    while len(crossings) < 2 and simulation.frame < trial.time_limit:
+        piece = simulation.record(_PIECE * chain.time_unit)
+        later = follow(chain, piece)
+        recording = Recording(*_joined(recording, piece, ('times', 'angles', 'rates')))
+        track = Track(*_joined(track, later, ('times', 'rotors', 'place_rates')))
+        crossings = tuple(
+            crossing for crossing in find_crossings(chain, track) if _unbroken(track, crossing)
+        )
+    return recording, track, crossings
+
+
+def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
+    """Share of the energy that is not at the wall when it is half way through a crossing [1].
+
+    Kinetic energy of the rotors and elastic energy of the springs further from the wall than
+    a few times its width or the penetration depth, whichever is larger; NaN where that leaves
+    less than half of the rotors.
+    """
+    under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
+    half_way = np.abs(track.rotors - (chain.number_of_rotors - 1) / 2)
+    frame = int(np.nanargmin(np.where(under_way, half_way, np.nan)))
+    angles, rates = recording.angles[frame], recording.rates[frame]
+    kinetic = 0.5 * chain.moments_of_inertia * rates**2
+    elastic = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
+    reach = _WALL_REACH * max(chain.wall_width, penetration_depth(chain)) / chain.spacing
+    if 2 * reach > chain.number_of_rotors / 2:
+        return math.nan
+    distances = np.abs(np.arange(chain.number_of_rotors) - track.rotors[frame])
+    outside = float(kinetic[distances > reach].sum())
+    outside += float(elastic[distances[:-1] > reach].sum())
+    return outside / float(kinetic.sum() + elastic.sum())
+
+
+def _unbroken(track: Track, crossing: Crossing) -> bool:
+    """Whether the path of a crossing is that of one wall."""
+    passage = (track.times >= crossing.start) & (track.times <= crossing.end)
+    places = track.rotors[passage]
+    steps = np.diff(places[np.isfinite(places)])
+    return bool((np.abs(steps) < _JUMP).all())
+
+
+def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
+    """Arrays of two recordings or tracks, of which the second starts with the last frame."""
+    return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
+
+
+def _outcome(crossings: int) -> str:
+    return OUTCOMES[2 - min(crossings, 2)]
+
+
+MEASURES = {
+    'motion': Measure(
+        measure_motion,
+        ('motion', 'obstacles'),
+        'motion',
+        'way of motion',
+        (*(motion.value for motion in Motion), BLOCKED),
+    ),
+    'speed': Measure(
+        measure_speed,
+        ('outcome', 'speed', 'phonons'),
+        'speed',
+        'speed of the wall [$a\\sqrt{k_e/M}$]',
+    ),
+    'survival': Measure(
+        measure_survival, ('outcome', 'obstacles'), 'outcome', 'what becomes of the wall', OUTCOMES
+    ),
+}

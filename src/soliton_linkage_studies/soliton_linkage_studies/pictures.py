@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording on axes: its space-time picture and the path of its soliton."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.solitons.track import Crossing, Track
+from soliton_linkage_studies.captions import description
+from soliton_linkage_studies.drawing import displacement, lean_norm
+from soliton_linkage_studies.palette import (
+    BLACK,
+    LEAN_COLOURS,
+    MEASURED,
+    PALE,
+    SKY,
+    WHITE,
+    lean_marks,
+)
+from soliton_linkage_studies.plates import save_caption, save_figure
+
+_KYMOGRAPH = """
+Horizontal displacement u = r sin φ of the mass of each rotor over time: purple where rotors lean
+right, orange where they lean left, white where they stand upright. The scale goes from −r to r,
+the length of the rotors, stretched about the two states of rest, so that swings of a few per cent
+are seen: what is darker than a state of rest swings beyond it, as the rotors beside the wall of a
+wobbling flipper do. The
+black line with a white border is the path of the soliton, where one is seen.
+
+An edge rotor has two angles at which its only spring has its rest length: after a reflection it
+waits at the other one, so that its row may have another colour than those of its neighbours.
+"""
+_TRACK = """
+At the top the place of the soliton, in the middle its velocity, positive towards the last rotor.
+Thin blue lines are what was measured frame by frame, with a band (pale blue) of twice its standard
+deviation on both sides, which may be thinner than the line; at the bottom are these standard
+deviations, of the place (blue) and of the velocity (dotted black), on a logarithmic scale. Dashed
+black lines are the mean velocities of crossings, slopes of straight lines through the places
+between the outer fifths of the chain. The thin grey line is a velocity of 0. There is no line
+where no soliton is seen, as at its reflections.
+"""
+_NOTE = (
+    'An edge rotor has two angles of rest, so that its row may be paler. '
+    'Darker than at rest: a rotor swings beyond its rest.'
+)
+_MOST_COLUMNS = 2000
+"""Frames of a kymograph, of which more would not be pixels of their own."""
+
+
+def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
+    """Draw u_n(t) as a picture of rotors against time, with the soliton's track over it."""
+    every = max(1, len(recording.times) // _MOST_COLUMNS)
+    image = axes.imshow(
+        displacement(chain, recording.angles[::every]).T,
+        origin='lower',
+        aspect='auto',
+        interpolation='nearest',
+        cmap=LEAN_COLOURS,
+        norm=lean_norm(chain),
+        extent=(*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5),
+    )
+    border = [withStroke(linewidth=3.5, foreground=WHITE)]
+    axes.plot(track.times, track.rotors, color=BLACK, label='soliton', path_effects=border)
+    axes.legend(loc='upper right')
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
+    marks = lean_marks(chain)
+    names = ('left, −r', 'at rest', 'upright', 'at rest', 'right, r')
+    words = [f'{mark:.3g}  {name}' for mark, name in zip(marks, names, strict=True)]
+    bar = axes.figure.colorbar(image, ax=axes, ticks=marks)
+    bar.ax.set_yticks(marks, words, fontsize=8)
+    bar.ax.minorticks_off()
+    bar.set_label('displacement u = r sin φ [m]')
+    return axes
+
+
+def track_places(axes: Axes, chain: Chain, track: Track) -> Axes:
+    """Draw the soliton's place over time, with a band of twice its standard deviation."""
+    axes.plot(track.times, track.rotors, color=MEASURED, linewidth=0.8, label='measured')
+    _draw_band(axes, track.times, track.rotors, track.rotor_deviations)
+    axes.set(ylabel='place [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))
+    axes.set(xlabel='time [s]', title=description(chain))
+    return axes
+
+
+def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
+    """Draw the soliton's velocity over time, its band, and the mean of each crossing over it."""
+    axes.plot(track.times, track.place_rates, color=MEASURED, linewidth=0.8, label='measured')
+    _draw_band(axes, track.times, track.place_rates, track.rate_deviations)
+    for number, crossing in enumerate(crossings):
+        axes.plot(
+            [crossing.start, crossing.end],
+            [crossing.direction * crossing.place_rate] * 2,
+            '--',
+            color=BLACK,
+            linewidth=1,
+            zorder=3,
+            label=None if number else 'mean of a crossing',
+        )
+    axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
+    axes.set(xlabel='time [s]', ylabel='velocity [rotor spacings/s]')
+    axes.legend(loc='center', ncols=3, fontsize=8)
+    if crossings:
+        fastest = max(crossing.place_rate for crossing in crossings)
+        axes.set_ylim(-1.4 * fastest, 1.4 * fastest)
+    return axes
+
+
+def track_deviations(axes: Axes, track: Track) -> Axes:
+    """Draw the standard deviations of place and velocity over time."""
+    axes.semilogy(
+        track.times, track.rotor_deviations, color=MEASURED, label='place [rotor spacings]'
+    )
+    axes.semilogy(
+        track.times, track.rate_deviations, ':', color=BLACK, label='velocity [rotor spacings/s]'
+    )
+    axes.set(xlabel='time [s]', ylabel='std [as named]')
+    axes.legend(loc='best', ncols=2, fontsize=8)
+    return axes
+
+
+def _draw_band(axes: Axes, times: Array, middle: Array, deviations: Array) -> None:
+    if len(deviations):
+        low, high = middle - 2 * deviations, middle + 2 * deviations
+        label = '± 2 standard deviations'
+        axes.fill_between(times, low, high, color=SKY, alpha=0.5, linewidth=0, label=label)
+
+
+def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure:
+    """Return a figure of its own for `kymograph`."""
+    figure = Figure(figsize=(8, 4.2), layout='constrained')
+    kymograph(figure.subplots(), chain, recording, track)
+    figure.supxlabel(_NOTE, fontsize=8)
+    return figure
+
+
+def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
+    """Return a figure with the soliton's place, its velocity, and how well they are known."""
+    known = len(track.rotor_deviations) > 0
+    figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
+    ratios = [2, 2, 1][: 3 if known else 2]
+    above, below, *last = figure.subplots(len(ratios), sharex=True, height_ratios=ratios)
+    track_places(above, chain, track).label_outer()
+    track_velocities(below, track, crossings)
+    if known:
+        below.label_outer()
+        track_deviations(last[0], track)
+    return figure
+
+
+def save_run(
+    chain: Chain,
+    recording: Recording,
+    track: Track,
+    crossings: tuple[Crossing, ...],
+    folder: Path,
+) -> None:
+    """Draw kymograph.png and track.png into a folder, each with its caption beside it."""
+    for name, figure, caption in (
+        ('kymograph', kymograph_figure(chain, recording, track), _KYMOGRAPH),
+        ('track', track_figure(chain, track, crossings), _TRACK),
+    ):
+        save_figure(figure, folder / f'{name}.png')
+        save_caption(f'{caption}\n\nThe chain: {description(chain)}.', folder / f'{name}.txt')
+
+
+def _edges(times: Array) -> tuple[float, float]:
+    period = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1.0
+    return float(times[0] - period / 2), float(times[-1] + period / 2)

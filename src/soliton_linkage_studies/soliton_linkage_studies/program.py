@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the programs of the studies share: their command line, their progress, and their end."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from soliton_linkage.command_line import PlainParser
+from soliton_linkage.completion import complete
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_studies.workers import local_processes, process_count
+
+Key = TypeVar('Key')
+Result = TypeVar('Result')
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C or SIGTERM: 128 + SIGINT, as shells have it."""
+
+_FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.SubprocessError)
+
+
+def study_parser(
+    name: str,
+    description: str | None,
+    quick: str,
+    output: str = '',
+    *,
+    config: str = '',
+    selective: bool = False,
+    scheduler: bool = False,
+) -> PlainParser:
+    """Command line of a study, whose help says what `--quick` is.
+
+    `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
+    chooses its folder itself, where none is given, says in `output` which. Where no settings are
+    given, it takes those that came with the suite under its name, or that of `config`.
+    """
+    parser = PlainParser(
+        prog=f'soliton-linkage {name}',
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    default = installed_settings(config or name)
+    shown = default.name if default else 'none is installed'
+    parser.add_argument(
+        'config',
+        type=Path,
+        nargs='?' if default else None,
+        default=default,
+        help=f'settings, as those in config/studies [{shown}]',
+    )
+    folder = None if output else Path('out') / name
+    parser.add_argument('--output', type=Path, default=folder, help=f'folder [{output or folder}]')
+    parser.add_argument('--quick', action='store_true', help=f'{quick}, to try it out')
+    if selective:
+        help_only = 'by name, or by what comes before its first _ [all]'
+        parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help=help_only)
+    where = parser.add_mutually_exclusive_group()
+    cores = os.cpu_count() or 1
+    where.add_argument(
+        '--workers', type=process_count, default=cores, help='processes here [one a core]'
+    )
+    if scheduler:
+        where.add_argument('--scheduler', help='address of a Dask cluster, tcp://host:8786')
+    return parser
+
+
+def run_study(
+    parser: PlainParser,
+    arguments: Sequence[str] | None,
+    study: Callable[[argparse.Namespace], str],
+    left: str,
+) -> int:
+    """Run a study, which returns its last words; return the exit status of its program.
+
+    That is 1 where it fails, and 130 after Ctrl-C or SIGTERM, when it is said what is `left`.
+    """
+    complete(parser)
+    options = parser.parse_args(arguments)
+    name = parser.prog.rpartition(' ')[2]
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        print(study(options))
+    except KeyboardInterrupt:
+        print(f'\n{name}: stopped; {left}', file=sys.stderr)
+        return INTERRUPTED
+    except _FAILURES as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return 1
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    return 0
+
+
+def installed_settings(name: str) -> Path | None:
+    """File of settings that came with the suite: installed beside it, or in its source tree."""
+    for folder in Path(__file__).resolve().parents:
+        for place in ('share/soliton_linkage_studies/settings', 'config/studies'):
+            path = folder / place / f'{name}.yaml'
+            if path.is_file():
+                return path
+    return None
+
+
+def chosen(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
+    """Names that an option asks for, all if it is empty; what comes before _ is enough."""
+    for name in asked:
+        if not any(name in _spoken(one) for one in known):
+            names = ', '.join(known)
+            raise ValueError(f'{option} {name}: there is no such name; there are {names}')
+    return [name for name in known if not asked or not _spoken(name).isdisjoint(asked)]
+
+
+def side_by_side(
+    title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
+) -> dict[Key, Result]:
+    """Results of tasks by their keys, in the same order, from processes side by side.
+
+    The tasks, which must go through `pickle`, are begun in that order.
+    """
+    progress = ProgressLine(title, len(tasks))
+    begin = time.monotonic()
+    done: dict[Key, Result] = {}
+    with local_processes(min(workers, len(tasks))) as processes:
+        futures = {processes.submit(task): key for key, task in tasks.items()}
+        progress.show(0, f'0 of {len(tasks)}')
+        for future in processes.finished():
+            done[futures[future]] = future.result()
+            left = (time.monotonic() - begin) * (len(tasks) / len(done) - 1)
+            progress.show(len(done), f'{len(done)} of {len(tasks)}, {left:.0f} s left')
+    progress.end(f'{title}: {len(done)} done in {time.monotonic() - begin:.0f} s')
+    return {key: done[key] for key in tasks}
+
+
+def _spoken(name: str) -> set[str]:
+    return {name, name.split('_')[0]}

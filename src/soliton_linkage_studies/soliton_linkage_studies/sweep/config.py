@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a sweep runs over, as its YAML file says it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
+from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage_studies.measures import MEASURES, MECHANICS, Measure, SweepTrial, Value
+from soliton_linkage_studies.settings import Section, load_settings
+
+_SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
+_DEVIATIONS = tuple(f.name for f in fields(Deviations))
+_FRACTIONS = (*_DEVIATIONS, 'scale')
+_MOST_POINTS = 10_000
+"""Of an axis; more are a typing error."""
+_MOST_ROWS = 10_000_000
+"""Of a table, which takes a gigabyte then."""
+_QUICK_POINTS = 8
+"""Most points of an axis in a quick look."""
+_QUICK_SEEDS = 2
+"""Most seeds in a quick look."""
+
+
+def _limits() -> dict[str, tuple[float, float]]:
+    """Least and largest value of each parameter that is a number."""
+    described = {**described_fields(Chain), **described_fields(SweepTrial)}
+    limits = {
+        name: (one.minimum, one.maximum)
+        for name, one in described.items()
+        if one.minimum is not None and one.maximum is not None
+    }
+    limits |= {'damping': (0.0, 1e6), 'rotor_length_ratio': (1e-3, 1e3)}
+    limits |= {f'deviations.{name}': (0.0, 1.0) for name in _DEVIATIONS}
+    return {**limits, 'deviations.scale': (0.0, 1e3)}
+
+
+_LIMITS = _limits()
+_CHAIN = tuple(name for name in described_fields(Chain) if name != 'periodic')
+_TRIAL = tuple(described_fields(SweepTrial))
+_LENGTHS = {'rotor_length', 'rotor_length_ratio'}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter that is swept."""
+
+    name: str
+    values: tuple[Value, ...]
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class SweepStudy:
+    """A measure, taken at each point of a grid of parameters and with each seed.
+
+    Its rows are numbered in the order of the grid: the seed changes fastest, then the last axis.
+    """
+
+    name: str
+    measure_name: str
+    parameters: dict[str, Value]
+    """Those of every point, by name; an axis goes before them."""
+    axes: tuple[Axis, ...]
+    seeds: tuple[int, ...]
+
+    @property
+    def measure(self) -> Measure:
+        """The measure that it takes."""
+        return MEASURES[self.measure_name]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of its table."""
+        axes = (axis.name for axis in self.axes)
+        return ('row', *axes, 'seed', *self.measure.columns, 'failure')
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of its table."""
+        return math.prod(len(axis.values) for axis in self.axes) * len(self.seeds)
+
+    def place(self, row: int) -> tuple[dict[str, Value], int]:
+        """Values of the axes, by name, and the seed of a row."""
+        rest, seed = divmod(row, len(self.seeds))
+        values: dict[str, Value] = {}
+        for axis in reversed(self.axes):
+            rest, number = divmod(rest, len(axis.values))
+            values[axis.name] = axis.values[number]
+        return {axis.name: values[axis.name] for axis in self.axes}, self.seeds[seed]
+
+    def cells(self, row: int) -> list[str]:
+        """Measure a row of the table, as text; where the physics fails it says why."""
+        values, seed = self.place(row)
+        measured, failure = [''] * len(self.measure.columns), ''
+        try:
+            taken = self.measure.take(*trial_of({**self.parameters, **values}, seed))
+            measured = [_text(taken[name]) for name in self.measure.columns]
+        except (ArithmeticError, ValueError) as error:
+            failure = ' '.join(str(error).split())
+        return [str(row), *map(_text, values.values()), str(seed), *measured, failure]
+
+    def described(self) -> dict[str, Any]:
+        """All that its rows depend on, in the types of YAML."""
+        return {
+            'measure': self.measure_name,
+            'parameters': dict(sorted(self.parameters.items())),
+            'sweep': {axis.name: list(axis.values) for axis in self.axes},
+            'seeds': list(self.seeds),
+        }
+
+
+def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
+    """Build a chain with the deviations that a seed draws, and the trial of its wall.
+
+    Parameters are fields of `Chain` and `SweepTrial`, `rotor_length_ratio` for r / a in place of
+    `rotor_length`, for fields of `Deviations` standard deviations `deviations.<field>` as
+    fractions of the parameter, and `deviations.scale`, a factor of all of these. Raises
+    ValueError for parameters and deviations that no chain has.
+    """
+    given: dict[str, Any] = {name: parameters[name] for name in _CHAIN if name in parameters}
+    if 'rotor_length_ratio' in parameters:
+        spacing = float(given.get('spacing', Chain.spacing))
+        given['rotor_length'] = float(parameters['rotor_length_ratio']) * spacing
+    trial: dict[str, Any] = {name: parameters[name] for name in _TRIAL if name in parameters}
+    scale = float(parameters.get('deviations.scale', 1.0))
+    fractions: dict[str, Any] = {
+        name: scale * float(parameters.get(f'deviations.{name}', 0.0)) for name in _DEVIATIONS
+    }
+    drawn = {name: fraction for name, fraction in fractions.items() if fraction}
+    rotors = given.get('number_of_rotors', Chain.number_of_rotors)
+    deviations = drawn_deviations(rotors, seed, **drawn)
+    return Chain(**given, deviations=deviations), SweepTrial(**trial)
+
+
+def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
+    """Read a sweep from a YAML file; quick thins its grid to a few points an axis.
+
+    Raises ValueError that names the file, the key, its value and what it must be.
+    """
+    settings = load_settings(path)
+    settings.allow(*_SECTIONS)
+    parameters = _parameters(settings)
+    if not isinstance(settings.values.get('sweep'), Mapping) or not settings.values['sweep']:
+        raise settings.complaint('sweep', 'must name one parameter or more, each with its values')
+    axes = _axes(settings.section('sweep'))
+    swept = _LENGTHS & {axis.name for axis in axes}
+    if swept == _LENGTHS or parameters.keys() >= _LENGTHS:
+        section = 'sweep' if swept else 'chain'
+        raise settings.complaint(section, 'gives rotor_length and its ratio; give one of them')
+    if swept:
+        parameters = {key: parameters[key] for key in parameters.keys() - _LENGTHS}
+    seeds = _seeds(settings)
+    name = path.stem
+    if quick:
+        name, axes, seeds = f'{name}-quick', tuple(map(_thinned, axes)), seeds[:_QUICK_SEEDS]
+    study = SweepStudy(name, settings.text('measure', tuple(MEASURES)), parameters, axes, seeds)
+    _check(settings, study)
+    return study
+
+
+def _parameters(settings: Section) -> dict[str, Value]:
+    parameters: dict[str, Value] = {}
+    for name, allowed, prefix in (
+        ('chain', (*_CHAIN, 'rotor_length_ratio'), ''),
+        ('deviations', _FRACTIONS, 'deviations.'),
+        ('trial', _TRIAL, ''),
+    ):
+        if name not in settings.values:
+            continue
+        section = settings.section(name)
+        if 'periodic' in section.values:
+            raise section.complaint(
+                'periodic', 'is not known; sweeps are of chains with free ends, leave it out'
+            )
+        section.allow(*allowed)
+        for key in section.values:
+            parameters[prefix + key] = _value(section, key, prefix + key)
+    return parameters
+
+
+def _value(section: Section, key: str, parameter: str) -> Value:
+    if parameter == 'mechanics':
+        return section.text(key, MECHANICS)
+    low, high = _LIMITS[parameter]
+    if parameter == 'number_of_rotors':
+        return section.whole_number(key, int(low), int(high))
+    return section.number(key, low, high)
+
+
+def _axes(section: Section) -> tuple[Axis, ...]:
+    section.allow(*_LIMITS, 'mechanics')
+    return tuple(_axis(section, name) for name in section.values)
+
+
+def _axis(section: Section, name: str) -> Axis:
+    """Read values listed, or a range with both ends and as many points as it says."""
+    content = section.values[name]
+    if isinstance(content, Mapping):
+        axis = _range(section.section(name), name)
+    elif isinstance(content, list) and 0 < len(content) <= _MOST_POINTS:
+        each = Section(section.file, f'{section.name}.{name}', dict(_numbered(content)))
+        axis = Axis(name, tuple(_value(each, key, name) for key in each.values))
+    else:
+        raise section.complaint(
+            name,
+            f'must be a list of 1 to {_MOST_POINTS} values, or a range; write '
+            '{from: 0.1, to: 1.0, points: 10, scale: linear}',
+        )
+    if len(set(axis.values)) < len(axis.values):
+        raise section.complaint(name, 'has the same value twice; give each once, or fewer points')
+    return axis
+
+
+def _range(section: Section, name: str) -> Axis:
+    section.allow('from', 'to', 'points', 'scale')
+    if name == 'mechanics':
+        raise section.complaint('from', f'must be a list; write [{", ".join(MECHANICS)}]')
+    low, high = _LIMITS[name]
+    first, last = (section.number(end, low, high) for end in ('from', 'to'))
+    points = section.whole_number('points', 2, _MOST_POINTS)
+    logarithmic = section.text('scale', ('linear', 'log'), 'linear') == 'log'
+    if logarithmic and min(first, last) <= 0:
+        end = 'from' if first <= 0 else 'to'
+        raise section.complaint(end, 'must be above 0 on a log scale; write scale: linear')
+    spaced = np.geomspace if logarithmic else np.linspace
+    values: list[Value] = spaced(first, last, points).tolist()
+    if name == 'number_of_rotors':
+        values = [round(float(value)) for value in values]
+    return Axis(name, tuple(values), logarithmic)
+
+
+def _numbered(content: list[Any]) -> list[tuple[str, Any]]:
+    """Return the values of a list with their numbers as keys."""
+    return [(str(number), value) for number, value in enumerate(content)]
+
+
+def _thinned(axis: Axis) -> Axis:
+    points = len(axis.values)
+    kept = np.unique(np.linspace(0, points - 1, min(points, _QUICK_POINTS)).round().astype(int))
+    return Axis(axis.name, tuple(axis.values[place] for place in kept), axis.logarithmic)
+
+
+def _seeds(settings: Section) -> tuple[int, ...]:
+    """Read the seeds, listed, or so many from 0 on."""
+    content = settings.values.get('seeds', 1)
+    if not isinstance(content, list):
+        return tuple(range(settings.whole_number('seeds', 1, _MOST_POINTS, 1)))
+    section = Section(settings.file, 'seeds', dict(_numbered(content)))
+    seeds = tuple(section.whole_number(key, 0, 2**32) for key in section.values)
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise settings.complaint('seeds', 'must be one seed or more, each once; or their number')
+    return seeds
+
+
+def _check(settings: Section, study: SweepStudy) -> None:
+    """Refuse more rows than make sense, and values that go with no chain, axis by axis."""
+    if study.rows > _MOST_ROWS:
+        raise settings.complaint(
+            'sweep', f'makes {study.rows} rows, over {_MOST_ROWS}; take fewer points or seeds'
+        )
+    first = {axis.name: axis.values[0] for axis in study.axes}
+    for axis in study.axes:
+        for value in axis.values:
+            point = {**study.parameters, **first, axis.name: value, 'deviations.scale': 0.0}
+            try:
+                trial_of(point, 0)
+            except ValueError as error:
+                where = f'{settings.file}: sweep.{axis.name} = {value!r}'
+                raise ValueError(f'{where} gives {error}; change one of them') from None
+
+
+def _text(value: Value) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

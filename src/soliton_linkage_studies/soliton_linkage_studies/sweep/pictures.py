@@ -1,0 +1,362 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a sweep: a map of two parameters, or curves over one."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_studies.measures import BLOCKED, Value
+from soliton_linkage_studies.palette import (
+    BLACK,
+    COLOURS,
+    DARK,
+    MARKERS,
+    MECHANICS_COLOURS,
+    MOTION_COLOURS,
+    OUTCOME_COLOURS,
+    WHITE,
+    scale_colours,
+    tint,
+)
+from soliton_linkage_studies.shares import score_interval
+from soliton_linkage_studies.sweep.config import Axis, SweepStudy
+from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
+
+_MOST_CURVES = 5
+"""Values of an axis that make curves beside each other; more make a map."""
+CLASS_COLOURS = {
+    **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
+    BLOCKED: DARK,
+    **OUTCOME_COLOURS,
+}
+"""By the value that a measure has."""
+_SAID = {
+    BLOCKED: 'blocked: a bond may stop the wall',
+    'returns': 'crosses and returns',
+    'crosses': 'crosses, does not return',
+    'lost': 'does not cross',
+}
+"""Classes whose names do not say what they are."""
+_ASIDE = 0.16
+"""From curve to curve [of the least distance of two points], so that bars do not hide bars."""
+_NAMES = {
+    'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$ [1]'),
+    'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
+    'spacing': ('$a$ [m]', 'spacing $a$ [m]'),
+    'rest_angle': (r'$\bar\theta$ [rad]', r'rest angle $\bar\theta$ [rad]'),
+    'number_of_rotors': ('$N$', 'number of rotors $N$ [1]'),
+    'mass': ('$M$ [kg]', 'mass $M$ [kg]'),
+    'stiffness': ('$k_e$ [N/m]', 'stiffness $k_e$ [N/m]'),
+    'damping': ('damping [N m s/rad]', 'damping [N m s/rad]'),
+    'kick': (
+        r'kick [$a\sqrt{k_e/M}$]',
+        r'speed of the kick, $r|\dot\phi|$ [$a\sqrt{k_e/M}$]',
+    ),
+    'deviations.scale': ('scale', 'scale of the deviations [1]'),
+}
+"""Short and long name of a parameter, with its unit."""
+
+
+def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
+    """Return a figure of its own for `draw_sweep`; none for more than two axes."""
+    if len(study.axes) > 2:
+        return None
+    figure = Figure(figsize=(7.5, 5.2), layout='constrained')
+    draw_sweep(figure.subplots(), study, rows)
+    return figure
+
+
+def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> Axes:
+    """Draw a table of one or two axes.
+
+    Two axes of many values make a map, one makes curves, as does one more of few values.
+    """
+    if is_map(study.axes):
+        _draw_map(axes, study, rows)
+    else:
+        _draw_curves(axes, study, rows)
+    axes.set_title(title(study), fontsize=10)
+    return axes
+
+
+def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
+    """Share of the seeds in each class at each point, shape (*axes, classes).
+
+    Rows with a failure count in none.
+    """
+    shown = np.array([row[study.measure.shown] for row in rows])
+    each = np.stack([shown == name for name in study.measure.classes], axis=-1)
+    return np.asarray(each.reshape(*_shape(study), -1).mean(axis=-2))
+
+
+def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
+    """Numbers of each point and seed, NaN where there is none, shape (*axes, seeds)."""
+    shown = [float(row[study.measure.shown] or 'nan') for row in rows]
+    return np.array(shown).reshape(_shape(study))
+
+
+def is_map(axes: Sequence[Axis]) -> bool:
+    """Whether two of the axes of a sweep are long enough for a map."""
+    return sum(len(axis.values) > _MOST_CURVES for axis in axes) == 2
+
+
+def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
+    """Return the longest axis, along which curves are drawn, and those that make many of them."""
+    along = max(axes, key=lambda axis: len(axis.values))
+    return along, [axis for axis in axes if axis is not along]
+
+
+def shows_limits(axes: Sequence[Axis]) -> bool:
+    """Whether the limits of the classes can be drawn over a map."""
+    return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
+
+
+def said_of(name: str) -> str:
+    """Return what a class or another value is called where people read it."""
+    return _SAID.get(name, name)
+
+
+def _shape(study: SweepStudy) -> tuple[int, ...]:
+    return (*(len(axis.values) for axis in study.axes), len(study.seeds))
+
+
+def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
+    """Draw the first axis across and the second upwards, with what theory says over it."""
+    across, up = study.axes
+    edges = _edges(across), _edges(up)
+    if study.measure.classes:
+        classes = study.measure.classes
+        colours = _blended(shares(study, rows), classes).swapaxes(0, 1)
+        axes.pcolormesh(*edges, colours, rasterized=True)
+        _label_classes(axes, classes, len(study.seeds))
+    else:
+        values = numbers(study, rows)
+        counted = np.isfinite(values).sum(axis=-1)
+        means = np.where(counted, np.nansum(values, axis=-1), np.nan) / np.maximum(counted, 1)
+        image = axes.pcolormesh(*edges, means.T, cmap='cividis', rasterized=True)
+        axes.figure.colorbar(image, ax=axes, label=study.measure.label)
+    _scale_axes(axes, across, up)
+    _draw_limits(axes, across, up)
+
+
+def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
+    """Draw d = 1 and d = d_c = 2 / sin(theta_bar) where the map is over r / a and theta_bar."""
+    if not shows_limits((across, up)):
+        return
+    limits = axes.get_xlim(), axes.get_ylim()
+    angles = np.linspace(*(limits[1] if up.name == 'rest_angle' else limits[0]), 400)
+    angles = angles[(angles > 0) & (angles < np.pi / 2)]
+    for ratios, style, words in (
+        (flipper_limit(angles), '-', '$d = 1$'),
+        (spinner_limit(angles), '--', r'$d = d_c = 2/\sin\bar\theta$'),
+    ):
+        line = (ratios, angles) if up.name == 'rest_angle' else (angles, ratios)
+        effects = [withStroke(linewidth=4, foreground=WHITE)]
+        axes.plot(*line, style, color=BLACK, label=words, path_effects=effects)
+    axes.set(xlim=limits[0], ylim=limits[1])
+    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.28), ncols=2, frameon=False)
+
+
+def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
+    """Draw shares of classes, or medians of numbers with all seeds, over the longest axis."""
+    along, families = curve_axes(study.axes)
+    of_classes = bool(study.measure.classes)
+    values = shares(study, rows) if of_classes else numbers(study, rows)
+    values = np.moveaxis(values, study.axes.index(along), 0)
+    if families and of_classes:
+        values = values[..., :1]
+    if families:
+        names = [_said(families[0].name, value) for value in families[0].values]
+        curves = [values[:, number] for number in range(len(names))]
+    elif of_classes:
+        names = list(study.measure.classes)
+        curves = [values[:, number, None] for number in range(len(names))]
+    else:
+        names, curves = [''], [values]
+    colours = _curve_colours(families[0] if families else None, names)
+    for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
+        looks = {
+            'color': colours[number],
+            'marker': MARKERS[number % len(MARKERS)],
+            'label': said_of(name),
+        }
+        if of_classes:
+            aside = _ASIDE * (number - (len(curves) - 1) / 2)
+            _draw_shares(axes, along, curve[:, 0], len(study.seeds), aside, looks)
+        else:
+            _draw_curve(axes, along, curve, looks)
+    if of_classes:
+        axes.set_ylim(-0.02, 1.02)
+    axes.set_ylabel(_curve_label(study, bool(families)))
+    _scale_axes(axes, along, None)
+    if along.name == 'deviations.scale' and _scale_is_fraction(study):
+        axes.set_xlabel('standard deviation, as a fraction of the parameter [1]')
+    if names != ['']:
+        axes.legend(frameon=False)
+
+
+def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
+    """Colours of curves: those of their classes or mechanics, or of numbers in their order."""
+    if family is not None and _numeric(family):
+        return scale_colours(len(names))
+    known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
+    return [known.get(name, COLOURS[number % len(COLOURS)]) for number, name in enumerate(names)]
+
+
+def _draw_shares(
+    axes: Axes, along: Axis, share: Array, seeds: int, aside: float, looks: Mapping[str, Any]
+) -> None:
+    """Draw a share of the seeds as a line, and its statistical error as bars, a bit aside."""
+    places = _beside(along, aside)
+    axes.vlines(places, *score_interval(share, seeds), color=looks['color'], linewidth=1.5)
+    axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **looks)
+
+
+def _draw_curve(axes: Axes, along: Axis, curve: Array, looks: Mapping[str, Any]) -> None:
+    """Draw the median over the last axis as a line, its spread as a band, and all as dots."""
+    places, colour = _places(along), looks['color']
+    seen = np.isfinite(curve).any(axis=-1)
+    middle, low, high = (
+        np.array([quantile(one[np.isfinite(one)]) for one in curve[seen]])
+        for quantile in (np.median, np.min, np.max)
+    )
+    axes.fill_between(places[seen], low, high, color=colour, alpha=0.25, linewidth=0)
+    if curve.shape[-1] > 1:
+        axes.plot(places, curve, '.', color=colour, markersize=3)
+    axes.plot(places[seen], middle, '-', markersize=4, **looks)
+
+
+def _scale_is_fraction(study: SweepStudy) -> bool:
+    """Whether the scale of the deviations is their standard deviation."""
+    names = (key for key in study.parameters if key.startswith('deviations.'))
+    return all(study.parameters[name] == 1 for name in names)
+
+
+def _curve_label(study: SweepStudy, families: bool) -> str:
+    measure = study.measure
+    if not measure.classes:
+        return measure.label
+    best = said_of(measure.classes[0])
+    share = f'share of walls: {best}' if families else f'share, {measure.label}'
+    return f'{share} [1] (bars: standard error)'
+
+
+def _blended(each: Array, classes: Sequence[str]) -> Array:
+    """Colours of the commonest class, the paler the fewer seeds are in it, shape (..., 3)."""
+    colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
+    share = each.max(axis=-1, keepdims=True)
+    commonest = colours[each.argmax(axis=-1)]
+    return np.asarray(share * commonest + (1 - share))
+
+
+def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
+    handles = [Patch(color=CLASS_COLOURS[name], label=said_of(name)) for name in classes]
+    if seeds > 1:
+        half = tint(CLASS_COLOURS[classes[0]], 0.5)
+        handles.append(Patch(color=half, label='paler: of fewer seeds'))
+    legend = axes.legend(
+        handles=handles,
+        loc='upper center',
+        bbox_to_anchor=(0.5, -0.12),
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
+    axes.add_artist(legend)
+
+
+def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
+    axes.set_xlabel(_label(across.name))
+    if across.logarithmic:
+        axes.set_xscale('log')
+        _tick_plainly(axes.xaxis)
+    if not _numeric(across):
+        axes.set_xticks(range(len(across.values)), [str(value) for value in across.values])
+    if up is not None:
+        axes.set_ylabel(_label(up.name))
+        if up.logarithmic:
+            axes.set_yscale('log')
+            _tick_plainly(axes.yaxis)
+
+
+def _tick_plainly(axis: XAxis | YAxis) -> None:
+    """Label 1, 2 and 5 of each decade of a logarithmic axis, as numbers without powers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter('{x:g}')
+    axis.set_minor_formatter('')
+
+
+def _edges(axis: Axis) -> Array:
+    """Bounds of the pixels around the values of an axis, half way on its scale.
+
+    No parameter is below 0, and no rest angle beyond pi / 2.
+    """
+    values = np.array(axis.values, dtype=np.float64)
+    if axis.logarithmic:
+        values = np.log(values)
+    middles = (values[1:] + values[:-1]) / 2
+    first, last = 2 * values[0] - middles[0], 2 * values[-1] - middles[-1]
+    edges = np.concatenate([[first], middles, [last]])
+    highest = np.pi / 2 if axis.name == 'rest_angle' else np.inf
+    return np.asarray(np.clip(np.exp(edges) if axis.logarithmic else edges, 0, highest))
+
+
+def _places(axis: Axis) -> Array:
+    """Where the values of an axis are drawn."""
+    return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
+
+
+def _beside(axis: Axis, aside: float) -> Array:
+    """Where values of an axis are drawn that stand aside, by a share of the least distance."""
+    scaled = np.log(_places(axis)) if axis.logarithmic else _places(axis)
+    least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
+    moved = scaled + aside * least
+    return np.asarray(np.exp(moved) if axis.logarithmic else moved)
+
+
+def _numeric(axis: Axis) -> bool:
+    return not isinstance(axis.values[0], str)
+
+
+def _label(name: str) -> str:
+    if name in _NAMES:
+        return _NAMES[name][1]
+    unit = ' [1]' if name.startswith('deviations.') else ''
+    return name.replace('deviations.', 'deviation of ').replace('_', ' ') + unit
+
+
+def _said(name: str, value: Value) -> str:
+    if isinstance(value, str):
+        return value
+    short = _NAMES.get(name, (_label(name),))[0]
+    symbol, _, unit = short.partition(' [')
+    return f'{symbol} = {value:g} {unit.rstrip("]")}'.rstrip()
+
+
+def title(study: SweepStudy) -> str:
+    """Say what is the same at all points, in as many lines as it takes."""
+    unsaid = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
+    deviating: dict[Value, list[str]] = {}
+    said = []
+    for key, value in study.parameters.items():
+        if key.startswith('deviations.') and key != 'deviations.scale':
+            name = key.removeprefix('deviations.').replace('_', ' ')
+            deviating.setdefault(value, []).append(name)
+        elif key not in unsaid:
+            said.append(_said(key, value))
+    for value, names in deviating.items():
+        share = '' if value == 1 and 'deviations.scale' in unsaid else f' by {value:g}'
+        said.append(f'deviations{share} of {", ".join(sorted(names))}')
+    return '\n'.join(textwrap.wrap('; '.join([*said, f'{len(study.seeds)} seeds']), 95))

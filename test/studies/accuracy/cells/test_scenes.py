@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes show walls that are where and as fast as they are said to be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+
+from soliton_linkage.linear.bands import speed_of_sound
+from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage_studies.accuracy.cells.cells import AccuracyCell
+from soliton_linkage_studies.accuracy.cells.scenes import scene_of
+
+FRAMES = 60
+CHAIN_OF = {example: chain_of(example, 12) for example in (FLIPPER, WOBBLER, SPINNER)}
+
+
+def cell_of(example: tuple[float, float], rotors: int, **others: object) -> AccuracyCell:
+    cell = AccuracyCell('mine', chain_of(example, rotors), 0.01, 0.15, 0.2, FRAMES)
+    return replace(cell, **others)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_wall_without_phonons_goes_steadily_and_as_fast_as_asked_for(
+    example: tuple[float, float],
+) -> None:
+    cell = cell_of(example, 30)
+    scene = scene_of(cell, FRAMES, np.random.default_rng(4))
+    assert scene.angles.shape == (FRAMES, 30)
+    assert scene.places.shape == scene.instants.shape == scene.place_rates.shape == (FRAMES, 1)
+    sound = speed_of_sound(cell.chain) / cell.chain.spacing
+    inner = scene.judged[:, 0]
+    assert np.abs(scene.place_rates[inner]) == pytest.approx(0.15 * sound, rel=0.2)
+    assert scene.instants[inner] == pytest.approx(scene.places[inner], abs=0.01)
+    period = cell.period * cell.chain.time_unit
+    slopes = np.diff(scene.places[:, 0]) / period
+    both = inner[1:] & inner[:-1]
+    assert slopes[both] == pytest.approx(scene.place_rates[1:, 0][both], rel=0.05)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_a_wall_that_was_nudged_runs_on_from_where_it_has_come(
+    example: tuple[float, float],
+) -> None:
+    scene = scene_of(cell_of(example, 12, nudged=True), FRAMES, np.random.default_rng(3))
+    assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
+    for frame in np.flatnonzero(scene.judged[:, 0])[::20]:
+        (wall,) = find_solitons(CHAIN_OF[example], scene.angles[frame])
+        assert wall.rotor == pytest.approx(scene.places[frame, 0], abs=0.7)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_walls_of_both_charges_are_where_they_are_seen(example: tuple[float, float]) -> None:
+    cell = cell_of(example, 70, walls=2)
+    scene = scene_of(cell, FRAMES, np.random.default_rng(2))
+    assert sorted(scene.charges) == [-1, 1]
+    for frame in (0, len(scene.angles) - 1):
+        seen = find_solitons(cell.chain, scene.angles[frame])
+        places = [each.rotor for each in seen]
+        assert [each.charge for each in seen] == list(scene.charges)
+        assert places == pytest.approx(list(scene.places[frame]), abs=0.7)
+
+
+def test_pushes_change_the_rate_and_are_told() -> None:
+    cell = cell_of(FLIPPER, 30, pushes=3)
+    scene = scene_of(cell, 4 * FRAMES, np.random.default_rng(1), 3)
+    assert len(scene.pushes) == len(scene.impulses) > 0
+    for frame, impulses in zip(scene.pushes, scene.impulses, strict=True):
+        assert impulses.shape == (30,)
+        assert scene.place_rates[frame] != pytest.approx(scene.place_rates[frame - 1], rel=1e-3)
+
+
+def test_disorder_is_of_the_chain_and_not_of_what_the_analyser_is_told() -> None:
+    scene = scene_of(cell_of(FLIPPER, 16, disorder=0.05), FRAMES, np.random.default_rng(1))
+    plain = scene_of(cell_of(FLIPPER, 16), FRAMES, np.random.default_rng(1))
+    assert np.abs(np.sin(scene.angles[0]) - np.sin(plain.angles[0])).max() > 0.01
+
+
+@pytest.mark.parametrize('others', [{'nothing': True}, {'kick': 3.0}])
+def test_where_no_wall_need_be_none_is_claimed(others: dict[str, object]) -> None:
+    scene = scene_of(cell_of(FLIPPER, 16, **others), FRAMES, np.random.default_rng(1))
+    assert scene.charges == ()
+    assert scene.angles.shape == (FRAMES, 16)
+    assert scene.places.shape == (FRAMES, 0)

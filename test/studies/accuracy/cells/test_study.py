@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cells are drawn from their ranges, and measured the same whichever are chosen beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from soliton_linkage.linkage.chain import Motion
+from soliton_linkage_studies.accuracy.cells.cells import drawn_cells
+from soliton_linkage_studies.accuracy.cells.study import CellStudy
+from soliton_linkage_studies.accuracy.cells.walls import reach
+
+
+def test_cells_are_of_all_classes_and_from_the_whole_of_their_ranges() -> None:
+    cells = drawn_cells(20200101, 99)
+    motions = [cell.chain.motion for cell in cells]
+    assert all(motions.count(motion) == 33 for motion in Motion)
+    assert {cell.walls for cell in cells} == {1, 2, 4}
+    for values, low, high in (
+        ([cell.noise for cell in cells], 0.001, 0.1),
+        ([cell.speed for cell in cells], 0.02, 0.9),
+        ([cell.chain.number_of_rotors for cell in cells], 10, 200),
+    ):
+        assert low <= min(values) < 2 * low
+        assert high / 2 < max(values) <= high
+    for cell in cells:
+        chain = cell.chain
+        assert abs(chain.lean_ratio / chain.critical_lean_ratio - 1) >= 0.02
+        assert chain.number_of_rotors >= 2 * reach(chain) * cell.walls
+    assert drawn_cells(20200101, 2) == cells[:2]
+    assert drawn_cells(20200102, 2) != cells[:2]
+
+
+def test_a_cell_is_the_same_whichever_are_measured_beside_it() -> None:
+    alone, all_of_them = CellStudy(1, 3, 10, ('2',)), CellStudy(1, 3, 10)
+    assert alone.rows == 1
+    first, second = alone.cells(0), all_of_them.cells(2)
+    assert first[1:] == second[1:]
+    assert len(first) == len(alone.columns)
+    number = first[alone.columns.index('frames')]
+    assert float(number) == 10
+
+
+def test_cells_that_there_are_not_are_refused() -> None:
+    with pytest.raises(ValueError, match='--cells nothing: there is no such name'):
+        _ = CellStudy(1, 3, 10, ('nothing',)).rows
+    assert CellStudy(1, 3, 10, ('outliers',)).rows == 6
+
+
+@pytest.mark.parametrize(
+    'name', ['wrong_reading_spinner', 'one_seen_flipper', 'noise_alone_flipper', 'degrees_flipper']
+)
+def test_hard_cells_are_measured(name: str) -> None:
+    study = CellStudy(1, 0, 30, (name,))
+    line = dict(zip(study.columns, study.cells(0), strict=True))
+    assert line['failure'] == ''
+    assert np.isfinite(float(line['false']))
+    if name.startswith('wrong'):
+        assert float(line['frames']) == 2
+        assert float(line['shift_max']) >= 0

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Estimators are judged by the truth: exact frames have no error, the bound is sigma / Lambda."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from chains import EXAMPLES, FLIPPER, SPINNER, WOBBLER, chain_of
+
+from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage_studies.accuracy import estimators as accuracy_estimators
+from soliton_linkage_studies.accuracy.estimators import (
+    ORBIT_COLD,
+    ORBIT_NEAR,
+    SHIFTED_CROSSING,
+    TANH_FIT,
+    ZERO_CROSSING,
+    Estimate,
+    EstimatorTrial,
+    bias_by_place,
+    bound,
+    errors,
+    estimators_of,
+    inner_places,
+)
+
+ROTORS = 16
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_bound_is_the_noise_over_what_the_angles_change_by_in_a_spacing(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 60)
+    step = 1e-3
+    for place in (29.5, 29.8, 30.0):
+        ahead, behind = (static_wall(chain, place + side * step / 2) for side in (1, -1))
+        change = float(np.linalg.norm(np.sin(ahead - behind))) / step
+        # The angles change by a few rad over a spacing or more, and so do their derivatives; a
+        # difference is then off by a few times the square of the step.
+        assert bound(chain, 0.03) == pytest.approx(0.03 / change, rel=10 * step**2)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_the_orbit_has_no_error_in_exact_frames(example: tuple[float, float]) -> None:
+    chain = chain_of(example, ROTORS)
+    trial = EstimatorTrial(frames=30, noise=0.0, coarse_start=0.5, cold_every=6)
+    found = errors(chain, trial, np.random.default_rng(1))
+    # A fit ends with a step of 1e-10 rad.
+    limit = 1e-9 / UniformOrbit(chain).site_arc
+    for name, count in ((ORBIT_NEAR, 30), (ORBIT_COLD, 5)):
+        assert found[name].shape == (count, 2)
+        assert np.abs(found[name][:, 0]).max() < limit
+        assert np.abs(found[name][:, 1]).max() < 1e-6
+    assert np.abs(found[ZERO_CROSSING][:, 0]).max() > 1e-3
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_the_orbit_reaches_the_bound_and_its_interval_is_true(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, ROTORS)
+    trial = EstimatorTrial(frames=500, noise=0.01, coarse_start=0.5, cold_every=500)
+    found, margins = errors(chain, trial, np.random.default_rng(2))[ORBIT_NEAR].T
+    least = bound(chain, 0.01)
+    # Four standard errors each.
+    assert abs(found.mean()) < 4 * least / math.sqrt(500)
+    assert found.std() / least == pytest.approx(1, abs=4 / math.sqrt(2 * 500))
+    covered = float((np.abs(found) <= margins).mean())
+    assert covered == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 500))
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
+def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(
+    example: tuple[float, float],
+) -> None:
+    """A flipper's wall beyond the middle is the mirror image of one before it."""
+    chain = chain_of(example, 28)
+    places, found = bias_by_place(chain, 21)
+    assert places[[0, 10, 20]].tolist() == [0, 1, 2]
+    for name in (ZERO_CROSSING, TANH_FIT):
+        bias = found[name]
+        assert bias[:11] == pytest.approx(-bias[10::-1], abs=1e-9)
+        assert bias[:11] == pytest.approx(bias[10:], abs=1e-9)
+        assert np.abs(bias).max() > 1e-4
+    # Hung bar by bar, the wall is where the orbit has it.
+    for name in (ORBIT_NEAR, ORBIT_COLD):
+        assert np.abs(found[name]).max() < 1e-7
+
+
+def test_the_first_crossing_of_u_is_far_from_the_wall_of_a_spinner() -> None:
+    _, found = bias_by_place(chain_of(SPINNER, 40), 21)
+    assert -1 < found[ZERO_CROSSING].mean() < -0.1
+    assert abs(found[SHIFTED_CROSSING].mean()) < 0.05
+    assert np.abs(found[ORBIT_NEAR]).max() < 1e-7
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_shifted_field_is_that_of_spinners(example: tuple[float, float]) -> None:
+    chain = chain_of(example, ROTORS)
+    assert (SHIFTED_CROSSING in estimators_of(chain)) == (chain.motion is Motion.SPINNER)
+
+
+@pytest.mark.parametrize(
+    ('off_by_widths', 'other_leg', 'failed'),
+    [
+        (1.9, False, False),
+        (-1.9, False, False),
+        (2.1, False, True),
+        (-2.1, False, True),
+        (0.0, True, True),
+        (math.nan, False, True),
+    ],
+)
+def test_what_is_lost_has_failed(
+    off_by_widths: float, other_leg: bool, failed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chain = chain_of(FLIPPER, ROTORS)
+    width = chain.wall_width / chain.spacing
+
+    def estimate(orbit: UniformOrbit, _angles: Array, guess: float) -> Estimate:
+        leg = orbit.leg(guess)
+        return Estimate(orbit.place(guess) + off_by_widths * width, 0.5, (leg + other_leg) % 4)
+
+    monkeypatch.setattr(accuracy_estimators, 'ESTIMATORS', {'mine': estimate})
+    trial = EstimatorTrial(frames=20, noise=0.01, coarse_start=0.0, cold_every=1)
+    found = errors(chain, trial, np.random.default_rng(3))['mine']
+    assert np.isnan(found[:, 0]).tolist() == [failed] * 20
+    if not failed:
+        assert found[:, 0] == pytest.approx(off_by_widths * width)
+        assert found[:, 1].tolist() == [0.5] * 20
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_places_are_two_widths_from_both_edges(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 40)
+    low, high = inner_places(chain)
+    assert low * chain.spacing == pytest.approx(2 * chain.wall_width)
+    assert low + high == pytest.approx(39)

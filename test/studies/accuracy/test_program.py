@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command writes what its settings ask for, the same from any number of processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from soliton_linkage_studies.accuracy import program as accuracy
+from soliton_linkage_studies.accuracy.frames import FrameStudy
+from soliton_linkage_studies.accuracy.table import write_lines
+from soliton_linkage_studies.settings import load_settings
+
+CONFIG = Path(__file__).parents[3] / 'config/studies/accuracy.yaml'
+
+FLIPPER = {'number_of_rotors': 12, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97}
+SPINNER = {'number_of_rotors': 14, 'rotor_length_ratio': 2.0, 'rest_angle': 1.18}
+SETTINGS = {
+    'single_frame': {
+        'seed': 1,
+        'frames': 260,
+        'cold_every': 50,
+        'coarse_start': 0.5,
+        'noises': [0.05],
+        'chains': {'flipper': FLIPPER, 'spinner': SPINNER},
+    },
+    'contraction': {
+        'seed': 2,
+        'noise': 0.01,
+        'frames': 100,
+        'chains': {
+            'flipper': {
+                'chain': FLIPPER | {'number_of_rotors': 20},
+                'kicks': [0.1],
+                'reference': {'kicks': [0.1], 'speeds': [0.193], 'widths': [0.9]},
+            }
+        },
+    },
+    'record': {
+        'seed': 3,
+        'noise': 0.05,
+        'frame_rate': 1000.0,
+        'frames': 30,
+        'speed': 5.0,
+        'runs': 2,
+        'chains': {'flipper': FLIPPER},
+    },
+    'rigid_steps': {
+        'steps': 100,
+        'speed': 0.05,
+        'acceleration': 9.81,
+        'tilt': 0.5,
+        'chains': {'flipper': FLIPPER | {'number_of_rotors': 5}},
+    },
+}
+CELLS = {'cells': {'count': 2, 'frames': 30}}
+PICTURES = ('contraction_simulated', 'record', 'rigid_steps')
+FILES = {
+    'table.md',
+    'table.csv',
+    'contraction_simulated.md',
+    'record.md',
+    'rigid_steps.md',
+    *(
+        f'{picture}.{suffix}'
+        for picture in ('single_frame', 'bias_by_place', *PICTURES)
+        for suffix in ('png', 'pdf', 'csv', 'txt')
+    ),
+}
+
+
+def written(settings: object, path: Path) -> Path:
+    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
+    return path
+
+
+def test_all_is_written_and_tables_do_not_depend_on_the_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = written(SETTINGS, tmp_path / 'settings.yaml')
+    folder = tmp_path / 'new/folder'
+    assert accuracy.main([str(config), '--output', str(folder), '--workers', '1']) == 0
+    assert {path.name for path in folder.iterdir()} == FILES
+    lines = (folder / 'table.md').read_text(encoding='utf-8').splitlines()
+    assert len(lines) == 2 + 4 + 5
+    assert [line.split('|')[7] for line in lines if 'cold' in line] == [' 0 of 6 '] * 2
+    assert 'are in' in capsys.readouterr().out
+
+    study = accuracy.read_parts(load_settings(config), False)[0]
+    assert isinstance(study, FrameStudy)
+    cells = 2 * 2  # Two chains with one noise, in two chunks.
+    samples = [task() for task in study.tasks()[:cells]]
+    write_lines(study.lines(samples), tmp_path)
+    for name in ('table.md', 'table.csv'):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_cells_are_measured_alone_and_compared_with_those_of_another_day(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = written(SETTINGS | CELLS, tmp_path / 'settings.yaml')
+    chosen = [str(config), '--cells', '0', '--frames', '12', '--output', str(tmp_path)]
+    assert accuracy.main([*chosen, '--seed', '7', '--workers', '1']) == 0
+    folder = tmp_path / 'cells_7'
+    table = folder / 'cells.csv'
+    assert {path.name for path in folder.iterdir()} == {
+        'configuration.yaml',
+        'cells.csv',
+        'table.md',
+        *(f'normalised_errors.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')),
+    }
+    assert len(table.read_text(encoding='utf-8').splitlines()) == 2
+    assert 'seed 7' in capsys.readouterr().out
+
+    # A table that is there is not measured again.
+    marked = table.read_text(encoding='utf-8').replace(',12,', ',1200,')
+    table.write_text(marked, encoding='utf-8')
+    assert accuracy.main([*chosen, '--seed', '7', '--against', str(table)]) == 0
+    assert table.read_text(encoding='utf-8') == marked
+    assert '0 of 1 cells are worse' in capsys.readouterr().out
+    assert accuracy.main([*chosen, '--seed', '7', '--frames', '13']) == 1
+    assert 'differs in frames' in capsys.readouterr().err
+
+
+def test_results_come_in_the_order_of_the_tasks() -> None:
+    names = ['c', 'a', 'b', 'd']
+    assert accuracy.measured([name.upper for name in names], 2) == ['C', 'A', 'B', 'D']
+
+
+def test_the_settings_that_come_with_it_hold_every_part() -> None:
+    settings = load_settings(CONFIG)
+    assert set(settings.values) == {*accuracy.PARTS, accuracy.CELLS}
+    for quick in (False, True):
+        parts = accuracy.read_parts(settings, quick)
+        assert len(parts) == len(accuracy.PARTS)
+        assert all(part.tasks() for part in parts)
+
+
+def test_quick_is_less_to_do() -> None:
+    full, quick = (accuracy.read_parts(load_settings(CONFIG), quick) for quick in (False, True))
+    for all_of_it, less in zip(full, quick, strict=True):
+        assert len(less.tasks()) < len(all_of_it.tasks())
+
+
+@pytest.mark.parametrize(
+    ('part', 'key', 'value', 'complaint'),
+    [
+        ('single_frame', 'frames', 1, 'single_frame.frames = 1 must be a whole number'),
+        ('single_frame', 'noises', [0.0], 'single_frame.noises = [0.0] must be a list of numbers'),
+        ('single_frame', 'frame', 10, 'single_frame.frame = 10 is not known'),
+        (
+            'single_frame',
+            'chains',
+            {'short': FLIPPER | {'number_of_rotors': 5}},
+            'short.number_of_rotors = 5 leaves no place two widths of a wall, 2.42 spacings, '
+            'from both edges; take 6 or more',
+        ),
+        ('contraction', 'noise', -1, 'contraction.noise = -1 must be a number'),
+        (
+            'contraction',
+            'chains',
+            {
+                'mine': {
+                    'chain': FLIPPER,
+                    'kicks': [0.1],
+                    'reference': {'kicks': [0.1], 'speeds': [0.1, 0.2], 'widths': [0.9]},
+                }
+            },
+            'reference.speeds = [0.1, 0.2] must be as many as its kicks, 1',
+        ),
+        ('record', 'runs', 1, 'record.runs = 1 must be a whole number'),
+    ],
+)
+def test_settings_that_cannot_be_measured_are_named(
+    part: str,
+    key: str,
+    value: object,
+    complaint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    settings = {**SETTINGS, part: {**SETTINGS[part], key: value}}
+    config = written(settings, tmp_path / 'bad.yaml')
+    assert accuracy.main([str(config), '--output', str(tmp_path / 'out')]) == 1
+    said = capsys.readouterr().err
+    assert complaint in said
+    assert said.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_file_of_no_or_unknown_parts_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='is empty; give one or more of single_frame'):
+        accuracy.read_parts(load_settings(written({}, tmp_path / 'empty.yaml')), False)
+    with pytest.raises(ValueError, match='other = 1 is not known; it may hold single_frame'):
+        accuracy.read_parts(load_settings(written({'other': 1}, tmp_path / 'other.yaml')), False)

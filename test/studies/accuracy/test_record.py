@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The record's bound is that of a straight line, and the filter's errors are as it states them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, chain_of
+
+from soliton_linkage_studies.accuracy.estimators import bound
+from soliton_linkage_studies.accuracy.record import RecordStudy
+
+CHAINS = (chain_of(FLIPPER, 24), chain_of(SPINNER, 24))
+STUDY = RecordStudy(CHAINS, 0.05, speed=5.0, frame_rate=1000.0, frames=300, runs=4, seed=5)
+
+
+def test_the_bound_is_that_of_the_end_and_the_slope_of_a_straight_line() -> None:
+    of_place, of_velocity = STUDY.bounds(CHAINS[0])
+    for number, frames in enumerate(STUDY.shown.tolist()):
+        before = (np.arange(frames) - (frames - 1)) / STUDY.frame_rate
+        design = np.column_stack([np.ones(frames), before])
+        covariance = np.linalg.inv(design.T @ design) * bound(CHAINS[0], 0.05) ** 2
+        assert of_place[number] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
+        assert of_velocity[number] * 5.0 == pytest.approx(np.sqrt(covariance[1, 1]), rel=1e-9)
+
+
+@pytest.mark.parametrize('chain', [0, 1])
+def test_errors_of_the_filter_are_as_stated_and_near_the_bound(chain: int) -> None:
+    found = STUDY.run(chain, 0)
+    assert found.shape == (4, len(STUDY.shown))
+    errors, stated = found[:2], found[2:]
+    late = STUDY.shown > 100
+    assert (np.abs(errors[:, late]) < 5 * stated[:, late]).all()
+    for number, least in enumerate(STUDY.bounds(CHAINS[chain])):
+        assert stated[number, -1] == pytest.approx(least[-1], rel=0.2)
+
+
+def test_runs_differ_and_can_be_repeated() -> None:
+    np.testing.assert_array_equal(STUDY.run(0, 1), STUDY.run(0, 1))
+    assert STUDY.run(0, 1)[0, -1] != STUDY.run(0, 2)[0, -1]
+
+
+def test_frames_shown_begin_early_and_end_with_the_last() -> None:
+    shown = STUDY.shown
+    assert shown[0] == 3
+    assert shown[-1] == 300
+    assert (np.diff(shown) > 0).all()

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command makes its collisions, and draws and tabulates them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+import yaml
+
+from soliton_linkage_studies.collisions import program as collisions
+
+RING = {'rotor_length_ratio': 0.5, 'rest_angle': 0.3}
+SETTINGS = {
+    'collision': {'length': 40, 'step': 1.0, 'patience': 60},
+    'sweeps': {'flipper': {**RING, 'speeds': {'from': 0.2, 'to': 0.4, 'points': 3}}},
+    'variations': {
+        **RING,
+        'speeds': {'from': 0.3, 'to': 0.4, 'points': 2},
+        'changes': {'base': {}, 'longer': {'length': 60}},
+        'edges': {'some speed': {'collisions': 1, 'inside': 0.4, 'outside': 0.18}},
+    },
+    'critical_speeds': {
+        'inside': 0.5,
+        'outside': 0.3,
+        'rings': {'r/a = 0.5': {'rotor_length_ratio': 0.5, 'lean_ratios': [0.4]}},
+    },
+    'pictures': {
+        'one': {**RING, 'speed': 0.4},
+        'turning': {'rotor_length_ratio': 8, 'rest_angle': 0.9, 'speed': 0.6},
+    },
+}
+FILES = {
+    f'{name}.{kind}'
+    for name in ('collisions', 'collision_windows', 'collision_pictures')
+    for kind in ('png', 'pdf', 'csv', 'txt')
+}
+
+
+def test_it_draws_and_tabulates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, output = tmp_path / 'collisions.yaml', tmp_path / 'out'
+    path.write_text(yaml.safe_dump(SETTINGS), encoding='utf-8')
+    command = [str(path), '--output', str(output), '--quick', '--workers', '1']
+    assert collisions.main(command) == 0
+    assert {each.name for each in output.iterdir()} == FILES | {'table.md', 'quick'}
+    told = capsys.readouterr()
+    assert (output / 'table.md').read_text(encoding='utf-8') in told.out
+    # At 0.3 c the walls part, so that no edge is beyond it.
+    assert '1 of 4 collisions could not be made' in told.out
+    with (output / 'collisions.csv').open(newline='', encoding='utf-8') as file:
+        points = list(csv.DictReader(file))
+    assert [(point['panel'], point['series']) for point in points] == [('flipper', 'captured')]
+
+
+def test_wrong_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'collisions.yaml'
+    path.write_text(yaml.safe_dump({**SETTINGS, 'sweeps': 3}), encoding='utf-8')
+    assert collisions.main([str(path), '--output', str(tmp_path)]) == 1
+    assert 'sweeps' in capsys.readouterr().err

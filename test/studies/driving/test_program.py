@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command draws its page and table, and what stands there is computed and holds."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage_studies.driving import program as driving
+from soliton_linkage_studies.driving.findings import Finding, finding_lines
+from soliton_linkage_studies.driving.runs import StiffnessTask, TiltTask
+from soliton_linkage_studies.driving.study import read_driving_study
+from soliton_linkage_studies.settings import load_settings
+
+CONFIG = Path(__file__).parents[3] / 'config/studies/driving.yaml'
+PANELS = 'abcdef'
+
+
+def small_settings() -> dict[str, dict[str, object]]:
+    """Those of the suite, with fewer and shorter chains where they are carried and tilted."""
+    settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
+    moves = settings['moves'] | {'held': 0.2, 'frame_rate': 100.0}
+    del moves['chains']['wobbler']
+    settings['tilt']['kept'] = 2.0
+    for chain in [settings['tilt']['chain'], *moves['chains'].values()]:
+        chain['number_of_rotors'] = 8
+    return {**settings, 'moves': moves}
+
+
+def written(settings: object, folder: Path) -> Path:
+    path = folder / 'driving.yaml'
+    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
+    return path
+
+
+def test_every_panel_has_data_and_what_is_found_holds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / 'new/out'
+    path = written(small_settings(), tmp_path)
+    assert driving.main([str(path), '--output', str(output), '--quick', '--workers', '1']) == 0
+    names = {'table.md', *(f'driving.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
+    assert {path.name for path in output.iterdir()} == names
+    with (output / 'driving.csv').open(newline='', encoding='utf-8') as file:
+        points = list(csv.DictReader(file))
+    series: dict[str, set[str]] = {panel: set() for panel in PANELS}
+    for point in points:
+        assert math.isfinite(float(point['y'])), point
+        series[point['panel']].add(point['series'])
+    assert {panel: len(found) for panel, found in series.items()} == dict(
+        zip(PANELS, (3, 2, 1, 3, 8, 4), strict=True)
+    )
+    table = (output / 'table.md').read_text(encoding='utf-8')
+    found = [line for line in table.splitlines() if line[:5] in {f'| {name} |' for name in PANELS}]
+    assert {line[2] for line in found} == set(PANELS)
+    assert all(line.endswith('| yes |') for line in found), table
+    assert table.count('| 1 of 1 |') == 4
+    assert table in capsys.readouterr().out
+
+
+def test_the_table_tells_what_holds_from_what_does_not() -> None:
+    found = [Finding('a', 'x', 0, 1, measured) for measured in (0.5, 2, 0, -1, math.nan)]
+    said = [line.split('|')[-2].strip() for line in finding_lines(found)[2:]]
+    assert said == ['yes', 'no', 'yes', 'no', 'no']
+
+
+def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
+    study, quick = (read_driving_study(load_settings(CONFIG), each) for each in (False, True))
+    assert len(quick.stiffnesses) < len(study.stiffnesses)
+    assert quick.balances['rigid'].duration < study.balances['rigid'].duration
+    assert all(len(quick.moves[key]) < len(tasks) for key, tasks in study.moves.items())
+    actuator = PneumaticActuator()
+    asked = actuator.torque_per_pressure * study.step.values.max()
+    assert study.works['saturated'].actuator.saturation_torque < asked
+    assert study.works['below saturation'].actuator.saturation_torque > asked
+
+
+def test_the_energy_balance_of_the_page_has_all_in_them_that_can_act() -> None:
+    task = read_driving_study(load_settings(CONFIG), quick=True).balances['rigid']
+    run = task()
+    assert len(run.times) == len(run.imbalances) == len(run.pushed) == 100
+    assert len(run.kicks) >= 3
+    assert len(run.turns) >= 3
+    assert run.pushed.any()
+    assert not run.pushed.all()
+    assert task.chain.damping > 0
+    assert not np.array_equal(task.chain.masses, np.full(12, task.chain.mass))
+
+
+def test_a_wall_that_does_not_cross_in_time_is_said_to_be_slow() -> None:
+    task = StiffnessTask.read(load_settings(CONFIG).section('stiffness'), quick=True)[0]
+    with pytest.raises(ValueError, match='too short for the wall to cross'):
+        dataclasses.replace(task, duration=0.02)()
+
+
+def test_a_wall_without_gravity_does_not_fall() -> None:
+    task = TiltTask.read(load_settings(CONFIG).section('tilt'), 'rigid')
+    still = dataclasses.replace(task, gravity=0.0, kept=0.1)()
+    np.testing.assert_allclose(still.places, still.places[0], atol=1e-6)
+    assert list(dict.fromkeys(still.tilts.tolist())) == [-0.25, 0.25]
+
+
+@pytest.mark.parametrize(
+    ('section', 'key', 'value'),
+    [
+        ('step', 'pressure', -1.0),
+        ('energy_balance', 'seed', 0.5),
+        ('stiffness', 'factors', [1.0, 2.0]),
+        ('tilt', 'surprise', 1),
+        ('work', 'saturation_torque', 'none'),
+        ('moves', 'chains', 3),
+    ],
+)
+def test_wrong_settings_are_named(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    section: str,
+    key: str,
+    value: object,
+) -> None:
+    settings = small_settings()
+    settings[section][key] = value
+    assert driving.main([str(written(settings, tmp_path)), '--output', str(tmp_path)]) == 1
+    assert f'{section}.{key}' in capsys.readouterr().err

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The phases have the edges of the classes, and what is behind a torus is drawn behind it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from soliton_linkage.linkage.chain import Motion
+from soliton_linkage_studies.figures.phases import hidden, on_torus
+from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.palette import MOTION_COLOURS, tint
+from soliton_linkage_studies.settings import load_settings
+from soliton_linkage_studies.unit_cell import motion_of
+
+CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'
+
+
+def test_each_point_of_the_diagram_has_the_colour_of_its_class() -> None:
+    plate = FIGURES['figure_4'](load_settings(CONFIG).section('figure_4'), True)
+    axes = plate.figure.subfigs[0].axes[0]
+    regions = {to_hex(each.get_facecolor()[0]): each.get_paths()[0] for each in axes.collections}
+    generator = np.random.default_rng(3)
+    ratios = 10 ** generator.uniform(-1, 1, 300)
+    angles = generator.uniform(0.03, math.pi / 2 - 0.03, 300)
+    for motion in Motion:
+        (region,) = (
+            path
+            for colour, path in regions.items()
+            if colour == min(regions, key=lambda one: distance(one, MOTION_COLOURS[motion]))
+        )
+        inside = region.contains_points(np.column_stack([ratios, angles]))
+        expected = motion_of(ratios, angles) == list(Motion).index(motion)
+        assert (inside == expected).mean() > 0.99  # But for the straight pieces of the edges.
+
+
+def distance(colour: str, full: str) -> float:
+    parts = ((int(one[i : i + 2], 16) for i in (1, 3, 5)) for one in (colour, tint(full, 0.2)))
+    return math.dist(*map(list, parts))
+
+
+@pytest.mark.parametrize(
+    ('around', 'across', 'behind'),
+    [
+        (-math.pi / 3, 0.0, False),  # Outside, towards the eye.
+        (-math.pi / 3, math.pi / 2, False),  # On top.
+        (0.0, -math.pi / 2, True),  # At the bottom.
+        (2 * math.pi / 3, 0.0, True),  # Outside, away from the eye.
+        (-math.pi / 3, math.pi, True),  # In the hole, away from the eye.
+    ],
+)
+def test_what_the_torus_hides_is_known(around: float, across: float, behind: bool) -> None:
+    point = np.array(on_torus(np.array([around]), np.array([across])))
+    assert hidden(point).tolist() == [behind]

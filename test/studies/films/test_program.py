@@ -1,0 +1,434 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Films have the frames that they are asked for, show the motion, and appear whole or not."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import yaml
+from chains import EXAMPLES, WIDE_FLIPPER, chain_of
+from linkage_motion import distance, wall_between
+from matplotlib.quiver import Quiver
+from PIL import Image
+
+from soliton_linkage.linear.bands import couplings, gap
+from soliton_linkage.linear.statics import stiffness_matrix
+from soliton_linkage.linkage.chain import Chain, Motion, staggered
+from soliton_linkage_studies.films import making
+from soliton_linkage_studies.films.cell import CellScene
+from soliton_linkage_studies.films.cycle import CycleScene
+from soliton_linkage_studies.films.files import FileKind, file_kind, write_film
+from soliton_linkage_studies.films.film import Film, read_films, resized, scene_of
+from soliton_linkage_studies.films.insulator import driven
+from soliton_linkage_studies.films.making import make_films
+from soliton_linkage_studies.films.program import main
+from soliton_linkage_studies.films.registry import FILM_KINDS
+from soliton_linkage_studies.films.scenes import STYLE, static_profile
+from soliton_linkage_studies.films.staggered import StaggeredScene, from_behind, layered
+from soliton_linkage_studies.films.tilt import TiltScene
+from soliton_linkage_studies.settings import load_settings
+
+CONFIG = Path(__file__).parents[3] / 'config/studies/films.yaml'
+GIF = FileKind('', 'a test')
+ALL = read_films(load_settings(CONFIG))
+NAMES = [film.name for film in ALL]
+
+
+def film_of(number: str) -> Film:
+    (found,) = (film for film in ALL if film.name.startswith(f'{number}_'))
+    return found
+
+
+@cache
+def scene(number: str, frames: int = 21) -> Any:
+    """Scene of a film with its motion simulated once for all tests."""
+    with mpl.rc_context(STYLE):
+        return scene_of(resized(film_of(number), 640, 360, frames))
+
+
+def changed(folder: Path, film: str | None = None, **values: object) -> Path:
+    """Write the settings with other values in a film, or at the top; None removes a key."""
+    content: Any = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
+    section = content['films'][film] if film else content
+    for key, value in values.items():
+        section.pop(key, None)
+        if value is not None:
+            section[key] = value
+    path = folder / 'films.yaml'
+    path.write_text(yaml.safe_dump(content), encoding='utf-8')
+    return path
+
+
+def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
+    """Number of frames of a film that has a size [pixels], decoded one and all."""
+    command = [ffmpeg, '-v', 'error', '-i', str(path)]
+    command += ['-f', 'rawvideo', '-pix_fmt', 'rgb24', '-fps_mode', 'passthrough', '-']
+    decoded = subprocess.run(command, capture_output=True, check=True, timeout=60)
+    assert decoded.stderr == b''
+    return len(decoded.stdout) / (3 * width * height)
+
+
+def test_films_are_made_by_as_many_processes_as_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts = []
+
+    def counted(count: int, *_: Any) -> Any:
+        counts.append(count)
+        raise OSError('none is started')
+
+    monkeypatch.setattr(making, 'local_processes', counted)
+    command = [str(CONFIG), '--output', str(tmp_path), '--quick', '--only', 'S6', 'S7']
+    for workers in ('1', '2', '5'):
+        assert main([*command, '--workers', workers]) == 1
+    assert counts == [1, 2, 2]
+
+
+def test_the_projections_of_a_tilted_linkage_are_those_of_its_rotors() -> None:
+    tilted = scene('S2', 136)
+    assert isinstance(tilted, TiltScene)
+    (strip,) = (each for each in tilted.figure.axes if each.get_title('left').startswith('u = '))
+    (arrows,) = (each for each in strip.collections if isinstance(each, Quiver))
+    for frame in (0, 70, 135):
+        tilted.show(frame)
+        chain = film_of('S2').motion.chain
+        expected = chain.rotor_length * np.sin(tilted.angles[frame])
+        assert np.asarray(arrows.U) == pytest.approx(expected)
+        assert np.asarray(arrows.get_array()) == pytest.approx(expected)
+
+
+def test_the_papers_movies_are_all_there() -> None:
+    assert [name.split('_')[0] for name in NAMES] == [f'S{n}' for n in range(1, 10)]
+    assert {film.kind for film in ALL} == set(FILM_KINDS)
+
+
+def test_a_quick_run_makes_nine_playable_films(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / 'new' / 'films'
+    # The same films of shorter motions.
+    content: Any = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
+    for film in content['films'].values():
+        film.update({key: 0.05 * film[key] for key in ('duration',) if key in film})
+    config = tmp_path / 'films.yaml'
+    config.write_text(yaml.safe_dump(content), encoding='utf-8')
+    assert main([str(config), '--output', str(output), '--quick']) == 0
+    kind = file_kind()
+    captions = [output / f'{name}.txt' for name in NAMES]
+    films = sorted(set(output.iterdir()) - set(captions))
+    assert [path.name for path in films] == [name + kind.suffix for name in NAMES]
+    for caption in captions:
+        words = caption.read_text(encoding='utf-8')
+        assert len(words.split()) > 20, caption
+    assert kind.reason in capsys.readouterr().err
+    if not kind.ffmpeg:
+        pytest.skip('no ffmpeg to read the films with')
+    for path in films:
+        assert frames_of(path, kind.ffmpeg, 320, 180) == 4
+
+
+@pytest.mark.parametrize('frames', [2, 7])
+def test_a_film_has_as_many_frames_as_it_is_asked_for(tmp_path: Path, frames: int) -> None:
+    kind = file_kind()
+    if not kind.ffmpeg:
+        pytest.skip('no ffmpeg to write MP4 with')
+    path = tmp_path / 'film.mp4'
+    write_film(scene_of(resized(film_of('S6'), 322, 182, frames)), 25, path, kind, lambda: None)
+    assert frames_of(path, kind.ffmpeg, 322, 182) == frames
+    shown = subprocess.run(
+        [kind.ffmpeg, '-hide_banner', '-i', str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stderr
+    assert re.search(r'Video: h264.*yuv420p.*322x182', shown)
+    assert '25 fps' in shown
+
+
+def test_without_ffmpeg_a_film_is_a_gif(tmp_path: Path) -> None:
+    path = tmp_path / 'film.gif'
+    write_film(scene_of(resized(film_of('S8'), 320, 180, 6)), 25, path, GIF, lambda: None)
+    with Image.open(path) as picture:
+        assert (picture.size, getattr(picture, 'n_frames', 1)) == ((320, 180), 6)
+
+
+def test_without_ffmpeg_the_program_says_so_and_halves_the_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('shutil.which', lambda _: None)
+    monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
+    assert main([str(CONFIG), '--output', str(tmp_path), '--quick', '--only', 'S6']) == 0
+    said = capsys.readouterr().err
+    assert 'GIF of half the size, because there is no command ffmpeg and no package' in said
+    with Image.open(tmp_path / 'S6_flipper_cell.gif') as picture:
+        assert picture.size == (160, 90)
+
+
+def test_an_ffmpeg_that_cannot_write_h264_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poor = tmp_path / 'ffmpeg'
+    poor.write_text('#!/bin/sh\necho " V....D mpeg4"\n', encoding='utf-8')
+    poor.chmod(0o755)
+    monkeypatch.setattr('shutil.which', lambda _: str(poor))
+    monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
+    kind = file_kind()
+    assert kind.suffix == '.gif'
+    assert f'no libx264 in {poor}' in kind.reason
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_painted_frame_is_a_drawn_one_and_its_titles_fit(name: str) -> None:
+    number = name.split('_')[0]
+    shown = scene(number, 136) if number == 'S2' else scene(number)
+    middle = len(shown.times) // 2
+    with mpl.rc_context(STYLE):
+        shown.show(middle)
+        canvas = shown.figure.canvas
+        canvas.draw()
+        drawn = np.array(canvas.buffer_rgba()).astype(int)
+        titles = [text.get_window_extent() for text in shown.figure.texts]
+        first = np.array(shown.paint(0)).astype(int)
+        painted = np.array(shown.paint(middle)).astype(int)
+    # Moving artists lie above all others, so that edges of a few letters may differ.
+    assert painted.shape == (360, 640, 4)
+    assert np.mean(np.abs(painted - drawn).max(axis=2) > 40) < 0.002
+    assert np.mean(np.abs(painted - first).max(axis=2) > 40) > 0.005
+    for n, box in enumerate(titles):
+        assert 0 < box.x0 < box.x1 < 640
+        assert 0 < box.y0 < box.y1 < 360
+        assert not any(box.overlaps(other) for other in titles[n + 1 :])
+
+
+@pytest.mark.parametrize('name', ['S3', 'S4', 'S5', 'S9'])
+def test_a_cycle_ends_where_it_began(name: str) -> None:
+    cycle = scene(name)
+    assert isinstance(cycle, (CycleScene, StaggeredScene))
+    away = distance(cycle.angles, cycle.angles[0])
+    assert away[-1] < 0.05
+    assert away[1:-1].min() > 0.5
+
+
+def test_gravity_takes_the_rotors_to_the_lower_end_and_back() -> None:
+    tilted = scene('S2', 136)
+    assert isinstance(tilted, TiltScene)
+    leans = np.sin(tilted.angles[:, 4:-4])
+    right_end_low = np.searchsorted(tilted.times, 2.6)
+    assert (leans[0] < -0.8).all()
+    assert (leans[right_end_low] > 0.7).all()
+    assert (leans[-1] < -0.7).all()
+
+
+@pytest.mark.parametrize('name', ['S6', 'S7', 'S8'])
+def test_a_unit_cell_keeps_its_bar_and_goes_round_at_an_even_pace(name: str) -> None:
+    cell, motion = scene(name, 161), film_of(name).motion
+    assert isinstance(cell, CellScene)
+    angles = staggered(cell.cell)
+    assert np.abs(motion.chain.spring_extensions(angles)).max() < 1e-3 * motion.chain.rest_length
+    speeds = np.linalg.norm(np.diff(angles, axis=0), axis=1) / cell.period
+    expected = motion.kick * motion.chain.spacing
+    expected /= motion.chain.rotor_length * motion.chain.time_unit
+    assert speeds == pytest.approx(expected, rel=0.01)
+    assert distance(angles[-1], angles[0]) < 1e-6
+
+
+@pytest.mark.parametrize('share', [0.5, 0.8, 0.95])
+def test_a_drive_in_the_gap_dies_out_as_the_dispersion_says(share: float) -> None:
+    chain = chain_of(WIDE_FLIPPER, 60)
+    frequency = share * gap(chain)
+    plus, minus = couplings(chain)
+    # omega^2 = k_e / (M r^2) (q+^2 + q-^2 + 2 q+ q- cosh(kappa a)) for q+ q- < 0.
+    square = (frequency * chain.rotor_length * chain.time_unit) ** 2
+    decay = np.arccosh((square - plus**2 - minus**2) / (2 * plus * minus))
+    motion = np.abs(driven(chain, frequency))
+    assert motion[0] == pytest.approx(1)
+    assert np.log(motion[5:14] / motion[6:15]) == pytest.approx(decay, rel=1e-6)
+
+
+def test_a_driven_chain_obeys_its_equation_of_motion() -> None:
+    chain = Chain(12, 0.1, 0.05, 0.5, damping=2e-5)
+    frequency = 1.3 * gap(chain)
+    motion = driven(chain, frequency)
+    stiffness = stiffness_matrix(chain, chain.uniform_state(1))
+    inertia = chain.moment_of_inertia * frequency**2 - 1j * chain.damping * frequency
+    unbalanced = stiffness @ motion - inertia * motion
+    assert np.abs(unbalanced[1:]).max() < 1e-10 * abs(unbalanced[0])
+
+
+@pytest.mark.parametrize('example', [(0.5, 0.05), (20.0, 1.0)])
+@pytest.mark.parametrize('rotor', [59, 60])
+@pytest.mark.parametrize('crossed', [False, True])
+def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum(
+    example: tuple[float, float], rotor: int, crossed: bool
+) -> None:
+    chain = chain_of(example, 120)
+    spinner = chain.motion is Motion.SPINNER
+    # The walls of a spinner that started in theta = +theta_bar.
+    walls = [wall_between(chain, rotor, turned, crossed) for turned in (False, True)]
+    starts = [np.cos(staggered(wall)[0] - chain.rest_angle) for wall in walls]
+    angles = walls[int(np.argmax(starts))] if spinner else walls[0]
+    places = chain.spacing * np.arange(120)
+    wall = chain.spacing * (rotor + 0.5)
+    lean, _ = chain.positions(angles)
+    limit = 1.5 * chain.spacing if spinner else 0.05 * lean.max()
+    for parity in (0, 1):
+        theory = static_profile(chain, angles, wall, places[parity::2], parity)
+        assert lean[parity::2] == pytest.approx(theory, rel=0, abs=limit)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_staggered_bodies_meet_only_where_they_are_joined(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 6)
+    bodies = layered(chain, wall_between(chain, 2), 0.02)
+    rotors, _, pins, bars = np.split(bodies, [6, 12, 18])
+    lengths = [np.linalg.norm(body[1] - body[0]) for body in (*rotors, *bars)]
+    assert lengths == pytest.approx([chain.rotor_length] * 6 + [chain.rest_length] * 5)
+    # Rotors and bars have a plane each, and pins reach from bar to rotor to bar.
+    planes = [body[0, 1] for body in (*rotors, *bars)]
+    assert len(np.unique(np.round(planes, 9))) == 11
+    assert all(body[0, 1] == body[1, 1] for body in (*rotors, *bars))
+    for n, bar in enumerate(bars):
+        assert bar[0] == pytest.approx(pins[n][1])
+        assert bar[1] == pytest.approx(pins[n + 1][0])
+        assert pins[n].mean(axis=0) == pytest.approx(rotors[n][1])
+
+
+def test_what_is_nearer_to_the_camera_is_painted_later() -> None:
+    bodies = np.array([[[0, y, z], [1, y, z]] for y, z in ((0, 0), (1, 0), (0, 1))], dtype=float)
+    assert from_behind(bodies, np.radians(-90), 0.0) == [1, 0, 2]
+    assert from_behind(bodies, np.radians(90), 0.0) == [0, 2, 1]
+    assert from_behind(bodies, np.radians(-90), np.radians(90))[-1] == 2
+
+
+@pytest.mark.parametrize(
+    ('film', 'values', 'message'),
+    [
+        (None, {'size': [1281, 720]}, 'size = [1281, 720] must be two even numbers of pixels'),
+        (None, {'frame_rate': 0}, 'frame_rate = 0 must be a number in the range 1 to 120'),
+        (None, {'films': None}, 'films is missing; give a section of keys'),
+        (None, {'fps': 3}, 'fps = 3 is not known; it may hold frame_rate, size, films'),
+        ('S3_flipper', {'kind': 'opera'}, "films.S3_flipper.kind = 'opera' must be one of cycle"),
+        ('S3_flipper', {'title': None}, 'films.S3_flipper.title is missing; give a text'),
+        ('S3_flipper', {'kick': '1e-1'}, "S3_flipper.kick = '1e-1' must be a number in the rang"),
+        ('S3_flipper', {'speed': 1}, 'films.S3_flipper.speed = 1 is not known; it may hold chai'),
+        ('S3_flipper', {'chain': 3}, 'films.S3_flipper.chain = 3 must be a section; indent'),
+        ('S2_tilted', {'times': [0, 2, 1]}, 'times = [0, 2, 1] must increase from 0; sort them'),
+        ('S2_tilted', {'tilts': [0.1]}, 'tilts = [0.1] must be 6 numbers; give one a time'),
+        ('S1_insulator', {'drives': [1]}, 'drives = [1] must be two numbers; give one each side'),
+        ('S9_staggered_spinner', {'depth': 0}, 'depth = 0 must be a number in the range 0.01'),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_is_filmed(
+    film: str | None,
+    values: dict[str, object],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    config = changed(tmp_path, film, **values)
+    assert main([str(config), '--output', str(tmp_path / 'films')]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f'films: {config}: ')
+    assert message in said
+    assert said.count('\n') == 1
+    assert not (tmp_path / 'films').exists()
+
+
+def test_a_unit_cell_has_two_rotors(tmp_path: Path) -> None:
+    chain = {'number_of_rotors': 3, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97}
+    settings = load_settings(changed(tmp_path, 'S6_flipper_cell', chain=chain))
+    with pytest.raises(ValueError, match=r'chain\.number_of_rotors = 3 must be 2'):
+        read_films(settings)
+
+
+def test_a_film_that_fails_ends_all_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # No ffmpeg is there, so that every film fails once its first frame is written.
+    broken = FileKind(str(tmp_path / 'absent'), 'a test')
+    with pytest.raises(FileNotFoundError):
+        make_films([resized(film, 320, 180, 3) for film in ALL[5:8]], tmp_path, broken)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / 'taken').write_text('', encoding='utf-8')
+    assert main([str(CONFIG), '--output', str(tmp_path / 'taken'), '--quick']) == 1
+    assert re.search(r'films: .*taken', capsys.readouterr().err)
+
+
+def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            '-m',
+            'soliton_linkage_studies.films.program',
+            str(CONFIG),
+            '--output',
+            str(tmp_path),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    begun = time.monotonic()
+    while not list(tmp_path.glob('.unfinished-*/*')):
+        assert process.poll() is None
+        assert time.monotonic() - begun < 100
+        time.sleep(0.05)
+    sent = time.monotonic()
+    # As a terminal does it, Ctrl-C goes to all processes of the group.
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert time.monotonic() - sent < 20
+    assert 'Traceback' not in said
+    assert list(tmp_path.iterdir()) == []
+
+
+OWN_FILM = """
+from soliton_linkage_studies.films.registry import film_kind
+from soliton_linkage_studies.films.scenes import Scene
+
+
+def read(section):
+    section.allow('seconds')
+    return section.number('seconds', 1.0, 10.0)
+
+
+@film_kind('dot', read)
+class DotScene(Scene):
+    def __init__(self, title, seconds, shape):
+        super().__init__(title, 'a dot', shape, seconds, 1.0)
+        (self._dot,) = self.figure.add_subplot().plot([0], [0], 'o')
+        self.add_moving([self._dot])
+
+    def _move(self, frame):
+        self._dot.set_data([self.times[frame]], [0])
+"""
+
+
+def test_a_film_of_a_kind_from_outside_is_made_with_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'own_film.py').write_text(OWN_FILM, encoding='utf-8')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(FILM_KINDS, '_entries', dict(FILM_KINDS))
+    importlib.import_module('own_film')
+    film = {'kind': 'dot', 'title': 'A dot', 'playing_time': 1, 'seconds': 2.0}
+    config = changed(tmp_path, films={'D1_dot': film})
+    output = tmp_path / 'out'
+    assert main([str(config), '--output', str(output), '--quick', '--only', 'D1']) == 0
+    assert {path.name for path in output.iterdir()} == {
+        f'D1_dot{file_kind().suffix}',
+        'D1_dot.txt',
+    }

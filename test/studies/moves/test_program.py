@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command makes the moves that its settings ask for, and tabulates and draws them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from chains import FLIPPER, chain_of
+
+from soliton_linkage.steering.steering import Outcome
+from soliton_linkage_studies.moves import program as moves
+from soliton_linkage_studies.moves.runs import Condition, MoveRun, MoveTask, made
+from soliton_linkage_studies.moves.study import read_move_study, table_lines
+from soliton_linkage_studies.settings import load_settings
+
+CONFIG = Path(__file__).parents[3] / 'config/studies/moves.yaml'
+SETTINGS = {
+    'seed': 1,
+    'frame_rate': 100.0,
+    'moves': 1,
+    'held': 0.2,
+    'torque_limit': 0.1,
+    'conditions': {'noisy': {'noise': 0.01, 'decay': 2.5, 'disorder': 0.05}},
+    'chains': {
+        'flipper': {'number_of_rotors': 8, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97},
+    },
+}
+
+
+def written(settings: object, path: Path) -> Path:
+    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
+    return path
+
+
+def test_it_writes_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / 'out'
+    path = written(SETTINGS, tmp_path / 'moves.yaml')
+    assert moves.main([str(path), '--output', str(output), '--workers', '1']) == 0
+    names = {'table.md', *(f'moves.{kind}' for kind in ('png', 'pdf', 'csv', 'txt'))}
+    assert {path.name for path in output.iterdir()} == names
+    lines = (output / 'table.md').read_text().splitlines()
+    assert len(lines) == 3
+    assert lines[2].startswith('| flipper | noisy | 1 of 1 |')
+    assert '1 of 1' in capsys.readouterr().out
+
+
+def test_a_run_is_the_move_from_its_goal_to_its_end() -> None:
+    chain = chain_of(FLIPPER, 8)
+    task = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 5.0, 0, 100.0, 0.5, 0.1)
+    run = made(task)
+    assert run.outcome is Outcome.REACHED
+    assert run.times[0] == 0
+    assert run.times[-1] == pytest.approx(run.duration + 0.5, abs=0.25)
+    assert (run.places[0], run.places[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
+    assert (run.aims[0], run.aims[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
+    assert np.abs(run.places - run.aims).max() < 0.1
+    assert run.error < 0.01
+    assert run.energy_left < 1e-6 * run.peak_energy
+    assert (run.phonon_energies >= 0).all()
+
+
+def test_a_goal_that_is_refused_is_said_to_be() -> None:
+    chain = chain_of(FLIPPER, 8)
+    run = made(MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1))
+    assert run.outcome is Outcome.OUT_OF_CHAIN
+    assert math.isnan(run.error)
+    assert run.duration == 0
+
+
+def test_the_table_holds_the_worst_of_what_was_reached() -> None:
+    times = np.zeros(1)
+
+    def run(outcome: Outcome, error: float, left: float) -> MoveRun:
+        return MoveRun(outcome, 3.0, times, times, times, times, error, left, 2.0)
+
+    runs = [
+        run(Outcome.REACHED, 0.01, 1e-6),
+        run(Outcome.REACHED, 0.002, 4e-6),
+        run(Outcome.SOLITON_LOST, math.nan, 1.0),
+    ]
+    *_, line, failed = table_lines({('a', 'b'): runs, ('c', 'd'): runs[2:]})
+    assert line == '| a | b | 2 of 3 | 0.0100 | 4.0e-06 | 2.0e-06 | 3.0 to 3.0 |'
+    assert failed == '| c | d | 0 of 1 |  |  |  |  |'
+
+
+def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
+    settings = load_settings(CONFIG)
+    study, quick = (read_move_study(settings, each) for each in (False, True))
+    assert study.tasks.keys() == quick.tasks.keys()
+    for key, tasks in study.tasks.items():
+        assert quick.tasks[key] == tasks[: len(quick.tasks[key])]
+        assert len(quick.tasks[key]) < len(tasks)
+
+
+@pytest.mark.parametrize(
+    ('key', 'value'), [('moves', 0), ('frame_rate', -1.0), ('surprise', 1), ('chains', 3)]
+)
+def test_wrong_settings_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, value: object
+) -> None:
+    path = written(SETTINGS | {key: value}, tmp_path / 'moves.yaml')
+    assert moves.main([str(path), '--output', str(tmp_path)]) == 1
+    assert key in capsys.readouterr().err

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command sweep: the same table however many processes, interruptions and clusters."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+from soliton_linkage_studies.sweep import program as sweep
+from soliton_linkage_studies.sweep.config import SweepStudy
+from soliton_linkage_studies.sweep.program import main
+
+LONGEST_WAIT = 300.0
+SMALL = """
+measure: motion
+chain: {number_of_rotors: 12}
+deviations: {rotor_length: 0.03, spacing: 0.03}
+seeds: 3
+sweep:
+  rotor_length_ratio: {from: 0.2, to: 5.0, points: 8, scale: log}
+  rest_angle: {from: 0.1, to: 1.5, points: 7}
+"""
+LONG = SMALL.replace('points: 8', 'points: 30').replace('points: 7', 'points: 15')
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return written(tmp_path / 'small.yaml', SMALL)
+
+
+@pytest.fixture(scope='module')
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one process makes of the small study."""
+    folder = tmp_path_factory.mktemp('swept')
+    config = written(folder / 'small.yaml', SMALL)
+    assert main([str(config), '--output', str(folder / 'out'), '--workers', '1']) == 0
+    return folder / 'out'
+
+
+def written(path: Path, content: str) -> Path:
+    path.write_text(content, encoding='utf-8')
+    return path
+
+
+def started(*arguments: object) -> subprocess.Popen[str]:
+    """Start the command in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, '-m', 'soliton_linkage_studies.sweep.program', *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not condition():
+        assert time.monotonic() < deadline, f'waited {LONGEST_WAIT:g} s for {what}'
+        time.sleep(0.02)
+
+
+def lines_in(path: Path) -> int:
+    return path.read_bytes().count(b'\n') if path.exists() else 0
+
+
+def is_empty(group: int) -> bool:
+    """Whether no process of a group runs any more; one that nobody waits for does not run."""
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            state, _, of_group = path.read_text().rsplit(')', 1)[1].split()[:3]
+        except OSError:
+            continue
+        if int(of_group) == group and state != 'Z':
+            return False
+    return True
+
+
+def test_the_table_does_not_depend_on_the_number_of_processes(
+    config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(config), '--output', str(tmp_path), '--workers', '2']) == 0
+    table = (tmp_path / 'small.csv').read_bytes()
+    assert table == (swept / 'small.csv').read_bytes()
+    assert table.count(b'\n') == 1 + 8 * 7 * 3
+    assert imread(tmp_path / 'small.png').shape[2] == 4
+    assert (tmp_path / 'small.pdf').read_bytes().startswith(b'%PDF')
+    written_out = capsys.readouterr()
+    assert '168 rows in' in written_out.out
+    assert '168 points in' in written_out.err
+
+
+def test_the_same_command_on_a_whole_table_draws_it_again(
+    config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = shutil.copytree(swept, tmp_path / 'out')
+    (output / 'small.png').unlink()
+    assert main([str(config), '--output', str(output), '--workers', '1']) == 0
+    assert 'points in' not in capsys.readouterr().err
+    assert (output / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
+    assert (output / 'small.png').exists()
+
+
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_sweep_goes_on_to_the_same_table(
+    sent: signal.Signals, tmp_path: Path, whole_table: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = written(tmp_path / 'long.yaml', LONG)
+    folder = tmp_path / 'out'
+    process = started(config, '--output', folder, '--workers', 2)
+    part = folder / 'long.csv.part'
+    wait_until(lambda: lines_in(part) > 20, 'the first rows')
+    if sent == signal.SIGINT:
+        os.killpg(process.pid, sent)
+    else:
+        process.send_signal(sent)
+    _, errors = process.communicate(timeout=LONGEST_WAIT)
+    wait_until(lambda: is_empty(process.pid), 'the end of the workers')
+    assert not (folder / 'long.csv').exists()
+    if sent == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+        with part.open('ab') as file:
+            file.write(b'17,0.2,0.')
+    else:
+        assert process.returncode == 130
+        assert errors.endswith('sweep: stopped; the same command goes on where it was\n')
+        assert 'Traceback' not in errors
+    measured = lines_in(part)
+    assert main([str(config), '--output', str(folder), '--workers', '1']) == 0
+    assert f'{1350 - measured} points in' in capsys.readouterr().err
+    assert (folder / 'long.csv').read_bytes() == whole_table
+    assert not part.exists()
+
+
+@pytest.fixture(scope='module')
+def whole_table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    folder = tmp_path_factory.mktemp('whole')
+    config = written(folder / 'long.yaml', LONG)
+    assert main([str(config), '--output', str(folder / 'out'), '--workers', '1']) == 0
+    return (folder / 'out/long.csv').read_bytes()
+
+
+def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip('distributed')
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=':0'
+    )
+    with cluster:
+        address = cluster.scheduler_address
+        assert main([str(config), '--output', str(tmp_path), '--scheduler', address]) == 0
+    assert (tmp_path / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
+
+
+def test_a_quick_look_is_a_table_of_its_own(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([str(config), '--quick', '--workers', '1']) == 0
+    assert lines_in(tmp_path / 'out/sweeps/small-quick/small-quick.csv') == 1 + 8 * 7 * 2
+
+
+def test_rows_that_fail_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = 'measure: motion\nseeds: 2\nsweep: {deviations.mass: [0.0, 1.0]}'
+    config = written(tmp_path / 'mine.yaml', content)
+    assert main([str(config), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
+    assert '; 2 rows hold a failure' in capsys.readouterr().out
+
+
+def test_what_is_wrong_is_one_line(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = written(tmp_path / 'wrong.yaml', SMALL.replace('motion', 'colour'))
+    assert main([str(wrong)]) == 1
+    assert capsys.readouterr().err.startswith(f"sweep: {wrong}: measure = 'colour' must be one of")
+    other = written(tmp_path / 'small.yaml', SMALL.replace('seeds: 3', 'seeds: 4'))
+    assert main([str(other), '--output', str(swept), '--workers', '1']) == 1
+    error = capsys.readouterr().err
+    assert 'holds rows of another configuration, which differs in seeds' in error
+    assert error.count('\n') == 1
+
+
+def test_every_rate_is_that_since_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, remarks = 0.0, []
+
+    class Slow:
+        count = 1
+
+        def __enter__(self) -> Slow:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def measured(self, study: SweepStudy, rows: list[int]) -> Iterator[list[list[str]]]:
+            nonlocal now
+            # Processes take 5 s to start; the second chunk comes with the first.
+            for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
+                now += seconds
+                yield [study.cells(row) for row in chunk]
+
+    class Line:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def show(self, _done: float, remark: str) -> None:
+            remarks.append(remark)
+
+        def end(self, remark: str) -> None:
+            remarks.append(remark)
+
+    monkeypatch.setattr(sweep.time, 'monotonic', lambda: now)
+    monkeypatch.setattr(sweep, 'ProgressLine', Line)
+    monkeypatch.setattr(sweep, 'local_workers', lambda _count: Slow())
+    config = written(tmp_path / 'mine.yaml', 'measure: motion\nsweep: {rest_angle: [1, 0.5, 0.7]}')
+    assert main([str(config), '--output', str(tmp_path / 'out')]) == 0
+    assert remarks == [
+        '1 of 3 points, 0.2 a second, 10 s left',
+        '2 of 3 points, 0.4 a second, 2 s left',
+        '3 of 3 points, 0.15 a second, 0 s left',
+        'mine: 3 points in 20.0 s, 0.15 a second',
+    ]

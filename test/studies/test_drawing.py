@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is drawn is where the chain is, and its arrows are the velocities of its masses."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from chains import EPS, EXAMPLES, SPINNER, any_angles, any_chain, any_configuration, chain_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linkage_motion import wall_between
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.drawing import (
+    ChainPicture,
+    broken_at_turns,
+    draw_chain,
+    draw_torus,
+    limits,
+    make_room,
+    mass_points,
+    mode_arrows,
+    mode_quiver,
+    projection_quiver,
+)
+from soliton_linkage_studies.unit_cell import configuration_curves
+
+FEW = settings(max_examples=15)
+
+
+def new_axes() -> Any:
+    return Figure().subplots()
+
+
+def ends(segments: Any) -> tuple[Array, Array]:
+    """First and last points of line segments, each (K, 2)."""
+    points = np.array([np.asarray(segment) for segment in segments.get_segments()])
+    return points[:, 0], points[:, 1]
+
+
+def arrow_vectors(quiver: Any) -> Array:
+    return np.column_stack([quiver.U, quiver.V])
+
+
+def reach(chain: Chain) -> float:
+    """What rounding errors of places are measured by [m]."""
+    return float(chain.spacing * chain.number_of_rotors + chain.rotor_length)
+
+
+@FEW
+@given(any_configuration())
+def test_masses_hang_on_their_rotors_above_evenly_spaced_pivots(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    picture = ChainPicture(new_axes(), chain, angles)
+    limit = 8 * EPS * reach(chain)
+    for n, (x, z) in enumerate(picture.masses.get_xydata()):
+        assert x == pytest.approx(
+            n * chain.spacing + chain.rotor_length * math.sin(angles[n]), rel=0, abs=limit
+        )
+        assert z == pytest.approx(chain.rotor_length * math.cos(angles[n]), rel=0, abs=limit)
+    pivots, masses = ends(picture.rotors)
+    assert np.array_equal(masses, picture.masses.get_xydata())
+    assert np.array_equal(pivots, picture.pivots.get_xydata())
+
+
+@FEW
+@given(any_configuration())
+def test_springs_are_drawn_from_mass_to_mass_in_their_length(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    first, last = ends(ChainPicture(new_axes(), chain, angles).springs)
+    lengths = np.hypot(*(last - first).T)
+    expected = chain.rest_lengths + chain.spring_extensions(angles)
+    # A length of a few roundings of the places is found to no better than their root.
+    limit = 16 * EPS * reach(chain) + 4 * EPS * reach(chain) ** 2 / chain.rest_length
+    assert lengths == pytest.approx(expected, rel=0, abs=4 * limit)
+
+
+def test_a_ring_has_a_spring_beyond_its_last_rotor() -> None:
+    chain = Chain(6, 0.1, 0.05, 0.97, periodic=True)
+    angles = chain.uniform_state(1)
+    first, last = ends(ChainPicture(new_axes(), chain, angles).springs)
+    assert len(first) == 6
+    lengths = np.hypot(*(last - first).T)
+    assert lengths == pytest.approx(chain.rest_length, rel=8 * EPS)
+
+
+@given(any_configuration(), st.data())
+def test_arrows_are_tangent_to_the_rotors_and_as_long_as_the_mode(
+    configuration: tuple[Chain, Array], data: st.DataObject
+) -> None:
+    chain, angles = configuration
+    mode = data.draw(any_angles(chain))
+    arrows = mode_arrows(chain, angles, mode)
+    rotors = np.column_stack(chain.positions(angles))
+    along = np.sum(arrows * rotors, axis=1)
+    scale = chain.rotor_length * np.abs(mode)
+    # Below the least normal number roundings are no longer relative.
+    tiny = np.finfo(float).tiny
+    assert np.all(np.abs(along) <= 8 * EPS * scale * chain.rotor_length + tiny)
+    assert np.hypot(*arrows.T) == pytest.approx(scale, rel=8 * EPS, abs=tiny)
+
+
+@given(any_configuration(), st.data())
+def test_arrows_are_the_way_that_the_masses_go(
+    configuration: tuple[Chain, Array], data: st.DataObject
+) -> None:
+    chain, angles = configuration
+    mode = data.draw(any_angles(chain))
+    step = 1e-5
+    way = mass_points(chain, angles + step * mode) - mass_points(chain, angles - step * mode)
+    limit = chain.rotor_length * (step**2 * 9**3 / 6) + 4 * EPS * reach(chain) / step
+    assert way / (2 * step) == pytest.approx(mode_arrows(chain, angles, mode), rel=0, abs=limit)
+
+
+@FEW
+@given(any_chain(fewest=2), st.sampled_from([-1, 1]), st.floats(0.1, 3))
+def test_drawn_arrows_have_one_scale_for_all_rotors(
+    chain: Chain, lean: int, arrow_length: float
+) -> None:
+    angles = chain.uniform_state(lean)
+    mode = zero_mode(chain, angles)
+    quiver = mode_quiver(new_axes(), chain, angles, mode, arrow_length)
+    assert np.hypot(*arrow_vectors(quiver).T) == pytest.approx(
+        arrow_length * np.abs(mode), rel=16 * EPS
+    )
+    assert quiver.get_offsets() == pytest.approx(mass_points(chain, angles), rel=EPS)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_an_updated_picture_is_a_new_picture(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 12)
+    rest, wall = chain.uniform_state(1), wall_between(chain, 5)
+    mode = zero_mode(chain, wall)
+    moved = ChainPicture(new_axes(), chain, rest, zero_mode(chain, rest), projections=True)
+    moved.update(wall, mode)
+    fresh = ChainPicture(new_axes(), chain, wall, mode, projections=True)
+    for one, other in ((moved.rotors, fresh.rotors), (moved.springs, fresh.springs)):
+        assert np.array_equal(ends(one), ends(other))
+    for one, other in ((moved.arrows, fresh.arrows), (moved.projections, fresh.projections)):
+        assert one is not None
+        assert other is not None
+        assert np.array_equal(arrow_vectors(one), arrow_vectors(other))
+        assert np.array_equal(one.get_offsets(), other.get_offsets())
+        assert np.array_equal(one.get_array(), other.get_array())
+
+
+def test_arrows_hide_without_a_mode() -> None:
+    chain = chain_of(SPINNER, 6)
+    angles = chain.uniform_state(1)
+    picture = ChainPicture(new_axes(), chain, angles, zero_mode(chain, angles))
+    assert picture.arrows is not None
+    for mode in (None, zero_mode(chain, angles)):
+        picture.update(angles, mode)
+        assert picture.arrows.get_visible() == (mode is not None)
+
+
+@FEW
+@given(any_configuration(), st.floats(-1.5, 1.5))
+def test_a_tilt_turns_the_chain_about_its_middle_and_lowers_the_last_rotor(
+    configuration: tuple[Chain, Array], tilt: float
+) -> None:
+    chain, angles = configuration
+    picture = ChainPicture(new_axes(), chain, angles, angles)
+    flat = np.concatenate([picture.masses.get_xydata(), picture.pivots.get_xydata()])
+    arrows = arrow_vectors(picture.arrows)
+    picture.update(angles, angles, tilt)
+    tilted = np.concatenate([picture.masses.get_xydata(), picture.pivots.get_xydata()])
+    middle = np.array([(chain.number_of_rotors - 1) * chain.spacing / 2, 0])
+    turned = complex(math.cos(tilt), -math.sin(tilt))
+    limit = 16 * EPS * reach(chain)
+    for before, after in zip(flat - middle, tilted - middle, strict=True):
+        assert complex(*after) == pytest.approx(complex(*before) * turned, rel=0, abs=limit)
+    for before, after in zip(arrows, arrow_vectors(picture.arrows), strict=True):
+        scale = 16 * EPS * (1 + abs(complex(*before)))
+        assert complex(*after) == pytest.approx(complex(*before) * turned, rel=0, abs=scale)
+
+
+@FEW
+@given(any_configuration(), st.booleans())
+def test_the_limits_hold_whatever_is_drawn_in_equal_scales(
+    configuration: tuple[Chain, Array], projections: bool
+) -> None:
+    chain, angles = configuration
+    axes = new_axes()
+    picture = ChainPicture(axes, chain, angles, projections=projections)
+    left, right, bottom, top = limits(chain, projections)
+    assert (axes.get_xlim(), axes.get_ylim()) == ((left, right), (bottom, top))
+    assert axes.get_aspect() == 1
+    points = picture.masses.get_xydata()
+    if picture.projections is not None:
+        starts = np.asarray(picture.projections.get_offsets())
+        points = np.concatenate([points, starts, starts + arrow_vectors(picture.projections)])
+    assert (points > (left, bottom)).all()
+    assert (points < (right, top)).all()
+
+
+@FEW
+@given(any_configuration(), any_configuration())
+def test_room_is_made_for_every_arrow_and_the_same_in_all_pictures(
+    one: tuple[Chain, Array], other: tuple[Chain, Array]
+) -> None:
+    pictures = [
+        ChainPicture(new_axes(), chain, angles, zero_mode(chain, angles))
+        for chain, angles in (one, other)
+    ]
+    before = [limits(picture.chain) for picture in pictures]
+    width, height = make_room(pictures)
+    for picture, (left, right, bottom, top) in zip(pictures, before, strict=True):
+        low, high = np.transpose([picture.axes.get_xlim(), picture.axes.get_ylim()])
+        assert (low <= (left, bottom)).all()
+        assert (high >= (right, top)).all()
+        assert high - low == pytest.approx((width, height), rel=1e-12)
+        tips = np.asarray(picture.arrows.get_offsets()) + arrow_vectors(picture.arrows)
+        assert (tips > low).all()
+        assert (tips < high).all()
+
+
+@FEW
+@given(any_configuration())
+def test_projections_are_the_leans_beneath_their_pivots(
+    configuration: tuple[Chain, Array],
+) -> None:
+    chain, angles = configuration
+    quiver = projection_quiver(new_axes(), chain, angles)
+    vectors, places = arrow_vectors(quiver), np.asarray(quiver.get_offsets())
+    limit = 8 * EPS * reach(chain)
+    leans = [chain.rotor_length * math.sin(angle) for angle in angles]
+    assert vectors[:, 0] == pytest.approx(leans, rel=0, abs=limit)
+    assert not vectors[:, 1].any()
+    pivots = chain.spacing * np.arange(chain.number_of_rotors)
+    assert places[:, 0] == pytest.approx(pivots, rel=0, abs=limit)
+    assert (places[:, 1] < -chain.rotor_length).all()
+
+
+@FEW
+@given(any_chain(most=60))
+def test_projections_of_a_leaning_chain_do_not_lie_on_each_other(chain: Chain) -> None:
+    quiver = projection_quiver(new_axes(), chain, chain.uniform_state(1))
+    places, vectors = np.asarray(quiver.get_offsets()), arrow_vectors(quiver)
+    for row in np.unique(places[:, 1]):
+        starts = places[places[:, 1] == row, 0]
+        tips = starts + vectors[places[:, 1] == row, 0]
+        assert (tips[:-1] <= starts[1:] + 8 * EPS * reach(chain)).all()
+
+
+def test_rotors_that_reach_over_their_neighbours_take_turns_in_two_colours() -> None:
+    for example in EXAMPLES:
+        chain = chain_of(example, 6)
+        rotors: Any = ChainPicture(new_axes(), chain, chain.uniform_state(1)).rotors
+        colours = {tuple(colour) for colour in rotors.get_colors()}
+        assert len(colours) == (2 if chain.rotor_length > chain.spacing else 1)
+
+
+def test_a_chain_is_drawn_on_the_axes_that_are_given_with_all_that_is_asked_for() -> None:
+    chain, axes = chain_of(SPINNER, 6), new_axes()
+    angles = chain.uniform_state(1)
+    mode = zero_mode(chain, angles)
+    assert draw_chain(axes, chain, angles, mode, rigid=True, projections=True) is axes
+    assert len([each for each in axes.collections if isinstance(each, Quiver)]) == 2
+
+
+def test_odd_rotors_that_are_drawn_lower_are_moved_and_nothing_else_but_their_springs() -> None:
+    chain = chain_of(SPINNER, 7)
+    angles, down = chain.uniform_state(1), 0.3
+    mode = zero_mode(chain, angles)
+    plain = ChainPicture(new_axes(), chain, angles, mode, projections=True)
+    apart = ChainPicture(new_axes(), chain, angles, mode, projections=True, lowered=down)
+    for one, other in ((plain.masses, apart.masses), (plain.pivots, apart.pivots)):
+        moved = np.asarray(one.get_xydata()) - other.get_xydata()
+        assert moved[::2] == pytest.approx(0)
+        assert moved[1::2] == pytest.approx(np.tile([0, down], (3, 1)))
+    assert np.array_equal(arrow_vectors(plain.arrows), arrow_vectors(apart.arrows))
+    first, last = ends(apart.springs)
+    masses = np.asarray(apart.masses.get_xydata())
+    assert np.array_equal(first, masses[:-1])
+    assert np.array_equal(last, masses[1:])
+    assert apart.axes.get_ylim()[0] == pytest.approx(plain.axes.get_ylim()[0] - down)
+
+
+@pytest.mark.parametrize('rigid', [False, True])
+def test_springs_are_dashed_and_bars_are_not(rigid: bool) -> None:
+    chain = chain_of(SPINNER, 6)
+    springs: Any = ChainPicture(new_axes(), chain, chain.uniform_state(1), rigid=rigid).springs
+    dashes = [dashes for _, dashes in springs.get_linestyle()]
+    assert [each is None for each in dashes] == [rigid]
+
+
+@given(st.floats(-20, 20), st.floats(-3, 3), st.floats(-3, 3))
+def test_a_curve_on_the_torus_is_broken_where_it_leaves_the_square(
+    start: float, across: float, up: float
+) -> None:
+    steps = np.linspace(0, 5, 60)
+    curve = np.column_stack([start + across * steps, up * steps])
+    broken = broken_at_turns(curve)
+    kept = broken[~np.isnan(broken[:, 0])]
+    assert (np.abs(kept) <= np.pi).all()
+    turns = (kept - curve) / (2 * np.pi)
+    assert turns == pytest.approx(np.round(turns), rel=0, abs=64 * EPS)
+    leaps = np.abs(np.diff(broken, axis=0)).max(axis=1)
+    assert (leaps[~np.isnan(leaps)] < 1).all()
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_the_ground_states_on_the_torus_lean_as_they_say_and_lie_on_the_curves(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 2)
+    curves = configuration_curves(chain, 2000)
+    axes = new_axes()
+    assert draw_torus(axes, chain, curves) is axes
+    marked = {line.get_label(): line.get_xydata() for line in axes.lines[len(curves) :]}
+    assert (np.sin(marked['leans right']) > 0).all()
+    assert (np.sin(marked['leans left']) < 0).all()
+    points = np.concatenate([line.get_xydata() for line in axes.lines[: len(curves)]])
+    spacing = max(np.hypot(*np.diff(curve, axis=0).T).max() for curve in curves)
+    for state in np.concatenate(list(marked.values())):
+        assert np.nanmin(np.hypot(*(points - state).T)) < spacing

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A figure is saved with every number in it, and the table says paper, theory and chain."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from soliton_linkage_studies.formulas import Formula, read_formula
+from soliton_linkage_studies.plates import Comparison, Plate, save_caption, write_table
+
+
+def plate_with(points: list[tuple[float, float]]) -> Plate:
+    plate = Plate(Figure(figsize=(2, 2)), 'A line over time.')
+    axes = plate.figure.subplots()
+    across, up = np.transpose(points)
+    axes.plot(across, up)
+    plate.note('a', 'line', ('time [s]', 'phi [rad]'), across, up)
+    return plate
+
+
+def test_data_are_kept_to_the_last_digit(tmp_path: Path) -> None:
+    points = [(0.1, 1 / 3), (math.pi, -2e-300), (5e20, math.nan)]
+    plate_with(points).save(tmp_path, 'line')
+    with (tmp_path / 'line.csv').open(newline='', encoding='utf-8') as file:
+        rows = list(csv.DictReader(file))
+    kept = [(float(row['x']), float(row['y'])) for row in rows]
+    assert np.array_equal(kept, points, equal_nan=True)
+    kinds = {(row['panel'], row['series'], row['x_name'], row['y_name']) for row in rows}
+    assert kinds == {('a', 'line', 'time [s]', 'phi [rad]')}
+
+
+def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
+    for name in ('once', 'again'):
+        plate_with([(0, 1), (1, 3)]).save(tmp_path, name)
+    for suffix in ('png', 'pdf', 'csv', 'txt'):
+        once, again = (tmp_path / f'{name}.{suffix}' for name in ('once', 'again'))
+        assert once.read_bytes() == again.read_bytes()
+    assert (tmp_path / 'once.png').read_bytes().startswith(b'\x89PNG')
+    assert (tmp_path / 'once.pdf').read_bytes().startswith(b'%PDF')
+
+
+def test_a_caption_stands_beside_the_picture_in_short_lines(tmp_path: Path) -> None:
+    plate = plate_with([(0, 1)])
+    plate.caption = f"""
+    {'A blue line. ' * 20}
+
+    And more.
+    """
+    plate.save(tmp_path, 'line')
+    text = (tmp_path / 'line.txt').read_text(encoding='utf-8')
+    assert max(map(len, text.splitlines())) < 99
+    first, second = text.split('\n\n')
+    assert first.split() == ['A', 'blue', 'line.'] * 20
+    assert second == 'And more.\n'
+
+
+@pytest.mark.parametrize('caption', ['', ' \n\n \n'])
+def test_a_picture_without_a_caption_is_refused(caption: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='line has no caption; say what it shows'):
+        save_caption(caption, tmp_path / 'line.txt')
+
+
+def test_points_that_do_not_pair_are_refused() -> None:
+    with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
+        Plate(Figure(), 'Nothing.').note('a', 'line', ('x', 'y'), [1, 2], [3])
+
+
+@pytest.mark.parametrize(
+    ('measured', 'expected', 'error'),
+    [
+        (1.02, 1.0, '+2 %'),
+        (0.5, 2.0, '-75 %'),
+        (-1.1, -1.0, '+10 %'),
+        (3e-9, 0.0, '3.0e-09'),
+        (7.0, math.nan, ''),
+        (1 + 1e-12, 1.0, '0 %'),
+        (1 - 2e-11, 1.0, '-2e-09 %'),
+        (0.0, 0.0, '0'),
+    ],
+)
+def test_the_error_is_relative_to_theory(measured: float, expected: float, error: str) -> None:
+    assert Comparison('gap', 'w', 'w', measured, expected).error == error
+
+
+def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path) -> None:
+    plate = plate_with([(0, 0)])
+    plate.compare('gap', '|r|', 'q', 2.0, 1.0)
+    plate.compare('overshoot', 'd³', 'none', 0.25)
+    path = tmp_path / 'table.md'
+    write_table({'figure': plate.comparisons}, path, ['figure'])
+    lines = path.read_text(encoding='utf-8').splitlines()
+    assert len(lines) == 4
+    assert {line.count('|') for line in lines} == {7}
+    assert 'q = 1 | 2 | +1e+02 %' in lines[2]
+    assert 'none | 0.25 |  |' in lines[3]
+
+
+def test_a_row_prints_the_formula_that_its_number_is_computed_from(tmp_path: Path) -> None:
+    plate = plate_with([(0, 0)])
+    plate.compare('speed', 'v', Formula('|v| / Λ', {'v': -3.0, 'Λ': 4.0}, 'slow'), 1.5)
+    write_table({'figure': plate.comparisons}, tmp_path / 'table.md', ['figure'])
+    row = (tmp_path / 'table.md').read_text(encoding='utf-8').splitlines()[2]
+    assert row == (
+        '| figure | speed | v | ∣v∣ / Λ = 0.75 for v = -3, Λ = 4 (slow) | 1.5 | +1e+02 % |'
+    )
+    formula, printed = read_formula(row.split(' | ')[3])
+    assert formula.value == printed
+
+
+def test_rows_of_figures_that_were_not_drawn_again_stay_in_the_order_of_the_figures(
+    tmp_path: Path,
+) -> None:
+    order, path = ('b', 'a', 'd', 'c'), tmp_path / 'table.md'
+    first = {name: [Comparison(f'{name}{n}', '|r|', 'q', n) for n in range(3)] for name in 'ab'}
+    write_table(first, path, order)
+    again = [Comparison('new', 'p', 'q', 7.0)]
+    write_table({'c': again, 'a': again, 'd': []}, path, order)
+    whole = tmp_path / 'whole.md'
+    write_table({**first, 'c': again, 'a': again}, whole, order)
+    assert path.read_text(encoding='utf-8') == whole.read_text(encoding='utf-8')
+    rows = [row.split(' | ')[:2] for row in path.read_text(encoding='utf-8').splitlines()[2:]]
+    assert rows == [['| b', 'b0'], ['| b', 'b1'], ['| b', 'b2'], ['| a', 'new'], ['| c', 'new']]

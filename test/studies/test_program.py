@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The programs of the studies have one command line, one order of results, and one way to end."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from soliton_linkage_studies.program import (
+    chosen,
+    installed_settings,
+    run_study,
+    side_by_side,
+    study_parser,
+)
+from soliton_linkage_studies.settings import load_settings
+
+SETTINGS = Path(__file__).parents[2] / 'config/studies'
+STUDIES = ['accuracy', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
+WAITING = """
+import functools, sys, time
+from soliton_linkage_studies.program import run_study, side_by_side, study_parser
+
+def waited(options):
+    tasks = {number: functools.partial(time.sleep, 60) for number in range(4)}
+    return str(side_by_side('waiting', tasks, options.workers))
+
+if __name__ == '__main__':
+    sys.exit(run_study(study_parser('waiting', '', 'less'), None, waited, 'nothing is written'))
+"""
+
+
+def gone(group: int) -> bool:
+    """Whether a process group has ended within ten seconds; its last process tidies up."""
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def failing(error: BaseException) -> Callable[[argparse.Namespace], str]:
+    def study(_: argparse.Namespace) -> str:
+        raise error
+
+    return study
+
+
+@pytest.mark.parametrize('name', STUDIES)
+def test_each_study_is_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    program = importlib.import_module(f'soliton_linkage_studies.{name}.program')
+    with pytest.raises(SystemExit, match='0'):
+        program.main(['--help'])
+    shown = capsys.readouterr().out
+    assert shown.startswith(f'usage: soliton-linkage {name} ')
+    for option in ('--output', '--quick', '--workers'):
+        assert option in shown
+
+
+@pytest.mark.parametrize(
+    'wrong', [['--bogus'], ['--workers', '0'], ['a.yaml', 'b.yaml'], ['--output'], ['--only']]
+)
+def test_a_wrong_command_line_ends_in_one_line(
+    wrong: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = study_parser('figures', None, 'fewer points', selective=True)
+    with pytest.raises(SystemExit, match='2'):
+        run_study(parser, wrong, failing(RuntimeError('begun')), '')
+    said = capsys.readouterr().err
+    assert said.startswith('soliton-linkage figures: ')
+    assert said.endswith('; see soliton-linkage figures --help\n')
+    assert said.count('\n') == 1
+
+
+@pytest.mark.parametrize('name', [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram'])
+def test_each_study_has_settings_that_came_with_it(name: str) -> None:
+    path = installed_settings(name)
+    assert path is not None
+    assert load_settings(path).values
+
+
+def test_settings_that_did_not_come_with_it_have_to_be_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert installed_settings('none') is None
+    with pytest.raises(SystemExit, match='2'):
+        study_parser('none', '', 'less').parse_args([])
+    assert 'the following arguments are required: config' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('count', ['0', '-1', '1.5', '1001', 'two'])
+def test_a_number_of_processes_that_cannot_be_is_refused(
+    count: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        study_parser('any', '', 'less').parse_args(['any.yaml', f'--workers={count}'])
+    assert f'{count!r} must be a whole number from 1 to 1000' in capsys.readouterr().err
+
+
+def test_names_are_chosen_whole_or_by_their_beginning() -> None:
+    known = ['S1_one', 'S2_two', 'S22_more', 'plain']
+    assert chosen(known, []) == known
+    assert chosen(known, ['plain', 'S2', 'S1_one']) == ['S1_one', 'S2_two', 'plain']
+    with pytest.raises(ValueError, match=r'--only S3: there is no such name; there are S1_one, S'):
+        chosen(known, ['S2', 'S3'])
+
+
+def test_results_come_in_the_order_of_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
+    names = ['c', 'a', 'b', 'd']
+    results = side_by_side('naming', {name: name.upper for name in names}, 2)
+    assert list(results.items()) == [(name, name.upper()) for name in names]
+    assert 'naming: 4 done in' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('error', 'status', 'said'),
+    [
+        (ValueError('length is -1; make it longer'), 1, 'any: length is -1; make it longer\n'),
+        (FileNotFoundError(2, 'No such file', 'x'), 1, "any: [Errno 2] No such file: 'x'\n"),
+        (ChildProcessError('process 3 has ended'), 1, 'any: process 3 has ended\n'),
+        (KeyboardInterrupt(), 130, '\nany: stopped; all is kept\n'),
+    ],
+)
+def test_a_study_that_fails_says_why_in_one_line(
+    error: BaseException, status: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = study_parser('any', '', 'less')
+    handler = signal.getsignal(signal.SIGTERM)
+    assert run_study(parser, ['any.yaml'], failing(error), 'all is kept') == status
+    assert capsys.readouterr().err == said
+    assert signal.getsignal(signal.SIGTERM) == handler
+
+
+def test_a_mistake_of_ours_is_not_hidden() -> None:
+    with pytest.raises(KeyError):
+        run_study(study_parser('any', '', 'less'), ['any.yaml'], failing(KeyError('x')), '')
+
+
+def test_what_it_returns_is_its_last_word(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = study_parser('any', '', 'less')
+    assert run_study(parser, ['any.yaml', '--quick'], lambda each: f'{each.quick}', '') == 0
+    assert capsys.readouterr().out == 'True\n'
+
+
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_study_ends_at_once_and_leaves_no_process(
+    sent: signal.Signals, tmp_path: Path
+) -> None:
+    script = tmp_path / 'waiting.py'
+    script.write_text(WAITING, encoding='utf-8')
+    process = subprocess.Popen(
+        [sys.executable, str(script), 'any.yaml', '--workers', '2'],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    assert '0 of 4' in process.stderr.readline()
+    # As a terminal does it, Ctrl-C goes to all processes of the group.
+    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+    _, said = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert said.endswith('waiting: stopped; nothing is written\n')
+    assert 'Traceback' not in said
+    assert gone(process.pid)

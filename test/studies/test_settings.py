@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings say what is wrong with them by file, key, value, limit and remedy."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_studies.settings import Section, chain_from, load_settings
+
+SECTION = Section('file.yaml', 'part', {'x': 2, 'name': 'left', 'many': [1, 2.5], 'sub': {'y': 1}})
+CHAIN = {'number_of_rotors': 7, 'rotor_length_ratio': 0.5, 'rest_angle': 0.97}
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / 'settings.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def test_values_are_read_as_what_they_are_asked_for(tmp_path: Path) -> None:
+    settings = load_settings(
+        written(tmp_path, 'x: 1.5\nn: 3\nname: abc\nmany: [1, 2]\nparts: {one: {y: 1}, two: {}}\n')
+    )
+    assert settings.number('x', 0, 2) == 1.5
+    assert settings.whole_number('n', 3, 3) == 3
+    assert settings.text('name') == 'abc'
+    assert settings.numbers('many', 1, 2) == (1.0, 2.0)
+    parts = settings.section('parts').sections()
+    assert [part.name for part in parts.values()] == ['parts.one', 'parts.two']
+    assert parts['one'].number('y', 0, 2) == 1
+
+
+def test_only_what_is_absent_takes_its_default() -> None:
+    assert SECTION.number('absent', 0, 1, 0.5) == 0.5
+    assert SECTION.whole_number('absent', 0, 1, 1) == 1
+    assert SECTION.text('absent', ('left', 'right'), 'right') == 'right'
+    assert SECTION.number('x', 0, 9, 0.5) == 2
+    assert SECTION.whole_number('x', 0, 9, 1) == 2
+    assert SECTION.text('name', ('left', 'right'), 'right') == 'left'
+
+
+@given(st.floats(-1e6, 1e6), st.floats(0, 1e6), st.floats(-3e6, 3e6))
+def test_bounds_belong_to_the_range(minimum: float, span: float, value: float) -> None:
+    maximum = minimum + span
+    section = Section('file.yaml', '', {'x': value, 'low': minimum, 'high': maximum})
+    assert section.number('low', minimum, maximum) == minimum
+    assert section.number('high', minimum, maximum) == maximum
+    if minimum <= value <= maximum:
+        assert section.number('x', minimum, maximum) == value
+    else:
+        with pytest.raises(ValueError, match=r'file\.yaml: x = .* must be a number in the range'):
+            section.number('x', minimum, maximum)
+
+
+@pytest.mark.parametrize('value', ['1e-3', True, None, [1], float('nan'), float('inf')])
+def test_what_is_no_finite_number_is_refused_by_name(value: object) -> None:
+    section = Section('file.yaml', 'part', {'x': value})
+    message = re.escape(f'file.yaml: part.x = {value!r} must be a number in the range 0 to 1')
+    with pytest.raises(ValueError, match=message):
+        section.number('x', 0, 1)
+
+
+def test_a_number_that_yaml_takes_for_a_text_is_explained(tmp_path: Path) -> None:
+    settings = load_settings(written(tmp_path, 'x: 1e-3\n'))
+    with pytest.raises(ValueError, match=r"x = '1e-3' must be .*; write exponents as 1\.0e-3"):
+        settings.number('x', 0, 1)
+
+
+@pytest.mark.parametrize(
+    ('read', 'message'),
+    [
+        (lambda: SECTION.number('y', 0, 1), 'part.y is missing; give a number in the range 0 to'),
+        (lambda: SECTION.number('x', 3, 4), 'part.x = 2 must be a number in the range 3 to 4; ch'),
+        (lambda: SECTION.whole_number('many', 0, 1), 'part.many = [1, 2.5] must be a whole numbe'),
+        (lambda: SECTION.numbers('many', 0, 2), 'part.many = [1, 2.5] must be a list of numbers '),
+        (lambda: SECTION.numbers('x', 0, 2), 'part.x = 2 must be a list of numbers in the range '),
+        (lambda: SECTION.text('x'), 'part.x = 2 must be a text'),
+        (
+            lambda: SECTION.text('name', ('up', 'down')),
+            "part.name = 'left' must be one of up, dow",
+        ),
+        (lambda: SECTION.section('x'), 'part.x = 2 must be a section; indent its keys beneath it'),
+        (lambda: SECTION.sections(), 'part.x = 2 must be a section'),
+        (lambda: SECTION.allow('x', 'y'), "part.name = 'left' is not known; it may hold x, y"),
+        (lambda: SECTION.section('sub').text('y'), 'part.sub.y = 1 must be a text'),
+    ],
+)
+def test_a_complaint_names_file_key_and_limit(read: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
+        read()
+
+
+def test_a_whole_number_has_no_decimal_point() -> None:
+    section = Section('file.yaml', '', {'n': 3.0})
+    with pytest.raises(ValueError, match=r'n = 3\.0 must be a whole .* leave out the decimal poi'):
+        section.whole_number('n', 0, 9)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('x: [1', 'is not YAML .*line'),
+        ('- 1\n- 2\n', 'holds list .* where sections of keys and values must be'),
+        ('', 'holds NoneType'),
+        ('1: 2\n', 'key 1 must be a text; put it in quotes'),
+    ],
+)
+def test_a_file_that_is_no_settings_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(ValueError, match=f'{re.escape(str(path))}: .*{message}'):
+        load_settings(path)
+
+
+def test_a_file_that_is_absent_or_not_text_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r'absent\.yaml: cannot be read .*; give a file'):
+        load_settings(tmp_path / 'absent.yaml')
+    (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ValueError, match='binary: cannot be read'):
+        load_settings(tmp_path / 'binary')
+
+
+@given(st.floats(0.02, 20), st.floats(0.01, 1.56), st.floats(1e-3, 10))
+def test_a_chain_has_the_ratio_and_the_scale_that_it_is_given(
+    ratio: float, rest_angle: float, spacing: float
+) -> None:
+    values = {**CHAIN, 'rotor_length_ratio': ratio, 'rest_angle': rest_angle, 'spacing': spacing}
+    chain = chain_from(Section('file.yaml', 'chain', values))
+    assert chain == Chain(7, spacing, ratio * spacing, rest_angle)
+
+
+def test_a_chain_takes_what_else_it_is_given() -> None:
+    values = {**CHAIN, 'mass': 3, 'stiffness': 2.0, 'damping': 0.1}
+    chain = chain_from(Section('file.yaml', 'chain', values))
+    assert (chain.mass, chain.stiffness, chain.damping) == (3, 2, 0.1)
+
+
+@pytest.mark.parametrize(
+    ('key', 'value', 'message'),
+    [
+        ('rest_angle', 2, 'chain.rest_angle = 2 must be a number in the range 0.001 to 1.57'),
+        ('number_of_rotors', 1, 'chain.number_of_rotors = 1 must be a whole number in the range'),
+        ('rotor_length', 0.1, 'chain.rotor_length = 0.1 is not known; it may hold number_of_rot'),
+        ('rotor_length_ratio', 0, 'chain.rotor_length_ratio = 0 must be a number in the range'),
+        ('damping', -1, 'chain.damping = -1 must be a number in the range 0 to'),
+        ('spacing', 1000, 'chain gives Chain.rotor_length = 500000.0 must lie in the range'),
+    ],
+)
+def test_what_is_no_chain_is_refused(key: str, value: float, message: str) -> None:
+    values = {**CHAIN, key: value}
+    if key == 'spacing':
+        values['rotor_length_ratio'] = 500
+    with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
+        chain_from(Section('file.yaml', 'chain', values))
+
+
+@pytest.mark.parametrize('key', list(CHAIN))
+def test_a_chain_needs_its_shape(key: str) -> None:
+    values = {name: value for name, value in CHAIN.items() if name != key}
+    with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):
+        chain_from(Section('file.yaml', 'chain', values))

@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The unit cell: its bar keeps its length along closed curves that change their number at d_c."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+
+import mpmath
+import numpy as np
+import pytest
+from chains import (
+    EPS,
+    EXAMPLES,
+    FLIPPER,
+    SPINNER,
+    STRONG_WOBBLER,
+    WIDE_SPINNER,
+    WOBBLER,
+    any_chain,
+    chain_of,
+)
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from linkage_motion import distance
+from scipy.interpolate import CubicSpline
+
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.linear.bands import couplings
+from soliton_linkage.linear.rigidity import rigidity_bands, zero_mode
+from soliton_linkage.linear.statics import length_rounding
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage_studies.unit_cell import (
+    component_of,
+    configuration_curves,
+    flipper_limit,
+    ground_states,
+    motion_of,
+    partner_angles,
+    slope_at_ground_state,
+    spinner_limit,
+    windings,
+)
+
+LEANS = st.sampled_from([-1, 1])
+ANGLES = st.floats(-9, 9)
+RATIOS = st.floats(0.02, 20)
+REST_ANGLES = st.floats(0.01, 1.56)
+# How far two curves through the same places may lie apart [rad]: the tolerance of the tracing
+# by arc length, 1e-12, over a few hundred steps.
+TRACED = 1e-9
+
+
+@st.composite
+def near_transition(draw: st.DrawFn) -> tuple[Chain, Chain]:
+    """Draw a flipper and a spinner within 10^-1 to 10^-11 of d_c, r / a from 1 to 20."""
+    rest_angle = draw(st.floats(0.23, 1.56))
+    limit = 1 / math.sin(rest_angle) ** 2
+    share = 10 ** draw(st.floats(-11, -1))
+    return chain_of((limit * (1 - share), rest_angle), 2), chain_of(
+        (limit * (1 + share), rest_angle), 2
+    )
+
+
+def extensions(chain: Chain, configurations: Array) -> Array:
+    """Length of the bar in staggered configurations beyond that at rest [m], (..., 2) to (...)."""
+    return chain.spring_extensions(staggered(configurations))[..., 0]
+
+
+def reference_partners(chain: Chain, theta_1: float) -> tuple[mpmath.mpf, list[mpmath.mpf]]:
+    """What the root is taken of [m^2], and the solutions, to forty digits."""
+    r, a, angle, rest = map(
+        mpmath.mpf, (chain.rotor_length, chain.spacing, theta_1, chain.rest_angle)
+    )
+    p, q = r * mpmath.cos(angle), a - r * mpmath.sin(angle)
+    g = r * mpmath.cos(2 * rest) + a * mpmath.sin(angle)
+    square = p**2 + q**2 - g**2
+    if square < 0:
+        return square, []
+    towards, away = mpmath.atan2(q, p), mpmath.acos(g / mpmath.sqrt(p**2 + q**2))
+    return square, [towards - away, towards + away]
+
+
+@given(any_chain(2, 2), ANGLES)
+def test_the_partners_are_those_of_forty_digits(chain: Chain, angle: float) -> None:
+    with mpmath.workdps(40):
+        square, expected = reference_partners(chain, angle)
+        # An error in the lengths turns the second rotor by as much over the root.
+        reach = chain.spacing + 2 * chain.rotor_length
+        root = float(mpmath.sqrt(abs(square)))
+        assume(root > 1e-6 * reach)
+        found = partner_angles(chain, angle)
+        if not expected:
+            assert np.isnan(found).all()
+            return
+        for partner, reference in zip(found, expected, strict=True):
+            error = float(mpmath.mpf(float(partner)) - reference)
+            assert abs(math.remainder(error, 2 * math.pi)) <= 16 * EPS * (1 + reach / root)
+
+
+@given(any_chain(2, 2), st.lists(ANGLES, min_size=1, max_size=20))
+def test_the_bar_has_its_length_between_partners(chain: Chain, angles: list[float]) -> None:
+    partners = partner_angles(chain, angles)
+    pairs = np.stack(np.broadcast_arrays(np.array(angles)[:, None], partners), axis=-1)
+    allowed = ~np.isnan(partners)
+    assert (allowed[:, 0] == allowed[:, 1]).all()
+    assert (np.abs(extensions(chain, pairs[allowed])) <= length_rounding(chain)).all()
+
+
+@given(any_chain(2, 2), st.floats(0.001, 1))
+def test_a_fold_is_where_the_partners_meet(chain: Chain, share: float) -> None:
+    r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
+    sine = (lbar - 2 * r * math.cos(chain.rest_angle) ** 2) / a
+    assume(sine < 0.999)
+    fold = math.asin(sine)
+    below, above = fold - 1e-6 * share, fold + 1e-6 * share
+    assert np.isnan(partner_angles(chain, above)).all()
+    first, second = partner_angles(chain, below)
+    # The two branch off as the square root of the distance.
+    wider_first, wider_second = partner_angles(chain, fold - 4e-6 * share)
+    assert first < second
+    ratio = (wider_second - wider_first) / (second - first)
+    assert ratio == pytest.approx(2, rel=0.01)
+
+
+@settings(max_examples=10)
+@given(any_chain(2, 2))
+def test_curves_close_and_keep_the_bar(chain: Chain) -> None:
+    curves = configuration_curves(chain, 100)
+    spinner = chain.motion is Motion.SPINNER
+    assert len(curves) == (2 if spinner else 1)
+    for curve in curves:
+        assert curve.shape == (101, 2)
+        assert (np.abs(extensions(chain, curve)) <= length_rounding(chain)).all()
+        assert windings(curve) == ((1, -1) if spinner else (0, 0))
+        assert np.linalg.norm(np.diff(curve, axis=0), axis=1).max() < 0.5
+
+
+@settings(max_examples=8)
+@given(near_transition())
+def test_one_curve_falls_into_two_at_d_c_and_no_step_crosses_the_gap_between(
+    pair: tuple[Chain, Chain],
+) -> None:
+    flipper, spinner = pair
+    (whole,) = configuration_curves(flipper, 800)
+    halves = configuration_curves(spinner, 400)
+    assert windings(whole) == (0, 0)
+    assert [windings(half) for half in halves] == [(1, -1), (1, -1)]
+    for chain, curves in ((flipper, (whole,)), (spinner, halves)):
+        for curve in curves:
+            assert (np.abs(extensions(chain, curve)) <= length_rounding(chain)).all()
+    for index, half in enumerate(halves):
+        assert (component_of(spinner, half) == index).all()
+
+
+@settings(max_examples=10)
+@given(any_chain(2, 2))
+def test_steps_along_a_curve_are_even_in_arc_length(chain: Chain) -> None:
+    # No chord is longer than its arc, and the chords of steps ever shorter add up to the arc.
+    curves, finer_ones = configuration_curves(chain, 200), configuration_curves(chain, 1600)
+    for curve, finer in zip(curves, finer_ones, strict=True):
+        assert np.abs(finer[::8] - curve).max() < TRACED
+        chords = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+        arcs = np.linalg.norm(np.diff(finer, axis=0), axis=1).reshape(200, 8).sum(axis=1)
+        step = arcs.max()
+        assert (chords <= step * (1 + 1e-9)).all()
+        # A corner is rounder than it looks in eight chords, by less than an eighth.
+        assert (arcs >= step * (1 - 1 / 8)).all()
+        assert np.median(arcs) >= step * (1 - 1e-2)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_arcs_are_equal_to_the_second_order_of_the_step(example: tuple[float, float]) -> None:
+    chain = chain_of(example, 2)
+    spreads = []
+    for points in (400, 800):
+        chords = np.linalg.norm(np.diff(configuration_curves(chain, points)[0], axis=0), axis=1)
+        spreads.append(1 - chords.min() / chords.max())
+    assert spreads[1] < spreads[0] / 3.5
+    assert spreads[1] < 1e-3
+
+
+def on_a_curve(chain: Chain, configurations: Array, points: int = 400) -> Array:
+    """Distance of configurations from the curve of their component, in steps of the curve."""
+    curves = configuration_curves(chain, points)
+    components = component_of(chain, configurations)
+    nearest = []
+    for configuration, component in zip(configurations, components, strict=True):
+        curve = curves[component]
+        step = np.linalg.norm(np.diff(curve, axis=0), axis=1).max()
+        nearest.append(float(distance(curve, configuration).min()) / step)
+    return np.array(nearest)
+
+
+@settings(max_examples=10)
+@given(any_chain(2, 2))
+def test_the_curves_pass_through_the_ground_states(chain: Chain) -> None:
+    states = ground_states(chain)
+    assert (np.abs(extensions(chain, states)) <= length_rounding(chain)).all()
+    assert (on_a_curve(chain, states) <= 0.5 + 1e-6).all()
+
+
+@settings(max_examples=10)
+@given(any_chain(2, 2), st.integers(0, 99), st.integers(-2, 2))
+def test_mirror_images_lie_on_the_curves(chain: Chain, place: int, turns: int) -> None:
+    curves = configuration_curves(chain, 100)
+    spinner = len(curves) == 2
+    first, second = curves[0][place]
+    mirrored = np.array([[-second, -first], [second - np.pi, first + np.pi]])
+    turned = mirrored + 2 * np.pi * np.array([turns, -turns])
+    # Angles of up to 22 rad are rounded twice, and each turns an end of the bar by up to r.
+    limit = length_rounding(chain) + 64 * EPS * chain.rotor_length
+    assert (np.abs(extensions(chain, turned)) <= limit).all()
+    assert component_of(chain, turned).tolist() == ([1, 0] if spinner else [0, 0])
+    assert (on_a_curve(chain, turned) <= 0.5 + 1e-6).all()
+
+
+@pytest.mark.parametrize('example', [SPINNER, WIDE_SPINNER])
+def test_a_component_of_a_spinner_holds_one_pair_of_ground_states(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 2)
+    states = ground_states(chain)
+    rest = chain.rest_angle
+    assert states[:, 0].tolist() == [rest, -rest, math.pi - rest, math.pi + rest]
+    assert component_of(chain, states).tolist() == [0, 1, 1, 0]
+    for index, curve in enumerate(configuration_curves(chain)):
+        near = [distance(curve, state).min() < 0.02 for state in states]
+        assert near == [component == index for component in (0, 1, 1, 0)]
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, STRONG_WOBBLER])
+def test_a_round_of_a_flipper_visits_all_ground_states_in_turn(
+    example: tuple[float, float],
+) -> None:
+    chain = chain_of(example, 2)
+    (curve,) = configuration_curves(chain)
+    places = [int(np.argmin(distance(curve, state))) for state in ground_states(chain)]
+    right, left, left_hanging, right_hanging = places
+    assert right < right_hanging < left_hanging < left
+    assert component_of(chain, ground_states(chain)).tolist() == [0, 0, 0, 0]
+
+
+@given(any_chain(2, 2), LEANS)
+def test_the_slope_is_that_of_the_partner(chain: Chain, lean: int) -> None:
+    plus, minus = couplings(chain, lean)
+    assume(abs(minus) > 1e-3 * abs(plus))
+    theta = lean * chain.rest_angle
+    # Steps small beside the distance to a fold, which the coupling measures.
+    step = 1e-4 * min(1.0, abs(minus) / chain.rotor_length) ** 2
+    assume(step > 1e-8)
+    near = partner_angles(chain, theta + step * np.array([-1, 0, 1]))
+    branch = int(np.argmin(np.abs(np.remainder(near[1] - theta + 1, 2 * np.pi) - 1)))
+    slope = (near[2, branch] - near[0, branch]) / (2 * step)
+    assert slope == pytest.approx(slope_at_ground_state(chain, lean), rel=1e-3)
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+@pytest.mark.parametrize('lean', [-1, 1])
+def test_the_slope_is_that_of_the_traced_curve(example: tuple[float, float], lean: int) -> None:
+    chain = chain_of(example, 2)
+    state = lean * np.full(2, chain.rest_angle)
+    curve = configuration_curves(chain, 2000)[int(component_of(chain, state))]
+    shifted = curve - 2 * np.pi * np.round((curve - state) / (2 * np.pi))
+    place = int(np.argmin(np.abs(shifted - state).max(axis=1)))
+    indices = (place + np.arange(-6, 7)) % 2000
+    along = np.arange(-6.0, 7.0)
+    spline = CubicSpline(along, shifted[indices])
+    fine = np.linspace(-1, 1, 2001)
+    nearest = fine[np.argmin(np.abs(spline(fine) - state).max(axis=1))]
+    first, second = spline(nearest, 1)
+    assert second / first == pytest.approx(slope_at_ground_state(chain, lean), rel=1e-4)
+
+
+@given(any_chain(2, 2))
+def test_the_slope_changes_its_sign_at_d_1_and_is_inverse_for_the_other_lean(
+    chain: Chain,
+) -> None:
+    d = chain.lean_ratio
+    assume(abs(d - 1) > 1e-9)
+    slope = slope_at_ground_state(chain, 1)
+    assert (slope > 0) == (d < 1)
+    assert slope == pytest.approx((1 + d) / (1 - d), rel=1e-6)
+    assert slope * slope_at_ground_state(chain, -1) == pytest.approx(1, rel=8 * EPS)
+
+
+def test_the_slope_at_d_1_is_infinite() -> None:
+    rest_angle = math.asin(0.5)
+    chain = Chain(2, spacing=0.1, rotor_length=0.05 / math.sin(rest_angle), rest_angle=rest_angle)
+    assert chain.lean_ratio == pytest.approx(1, rel=2 * EPS)
+    assert abs(slope_at_ground_state(chain, 1)) > 1e15
+    assert abs(slope_at_ground_state(chain, -1)) < 1e-15
+
+
+@lru_cache
+def perimeter(chain: Chain) -> float:
+    """Length of a component [rad], from its chords by Richardson's extrapolation."""
+    lengths = [
+        float(
+            np.linalg.norm(np.diff(configuration_curves(chain, points)[0], axis=0), axis=1).sum()
+        )
+        for points in (6400, 12800)
+    ]
+    return (4 * lengths[1] - lengths[0]) / 3
+
+
+@pytest.mark.parametrize(
+    ('example', 'sense'),
+    [*((example, 1) for example in EXAMPLES), (FLIPPER, -1), (SPINNER, -1)],
+)
+def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
+    example: tuple[float, float], sense: int
+) -> None:
+    # Both rotors have the same inertia: without a force the speed along the curve is constant.
+    chain = chain_of(example, 2)
+    for curve in configuration_curves(chain, 200):
+        angles = staggered(curve[::sense])
+        mode = zero_mode(chain, angles[0])
+        forwards = math.copysign(1.0, float(mode @ (angles[1] - angles[0])))
+        rates = forwards * perimeter(chain) / 200 * mode
+        recording = RigidSimulation(chain, angles[0], rates, period=1.0).record(200.0)
+        assert np.abs(recording.angles - angles).max() < 10 * TRACED
+
+
+@given(any_chain(2, 2))
+def test_the_curve_has_the_direction_of_the_zero_mode(chain: Chain) -> None:
+    theta_1 = np.linspace(-3, 3, 7)
+    partners = partner_angles(chain, theta_1)[:, 0]
+    pairs = np.stack([theta_1, partners], axis=-1)[~np.isnan(partners)]
+    first, second = rigidity_bands(chain, staggered(pairs))
+    step = 1e-6
+    moved = partner_angles(chain, pairs[:, 0] + step)[:, 0]
+    # dl = A dtheta_1 - B dtheta_2 in staggered angles, away from folds.
+    steep = (np.abs(second[:, 0]) > 0.05 * chain.rotor_length) & ~np.isnan(moved)
+    slope = (first / second)[:, 0][steep]
+    change = moved[steep] - pairs[steep, 1]
+    assert change == pytest.approx(slope * step, rel=0.05, abs=1e-9)
+
+
+@given(RATIOS, REST_ANGLES)
+def test_the_class_of_motion_is_that_of_the_chain(ratio: float, rest_angle: float) -> None:
+    chain = chain_of((ratio, rest_angle), 2)
+    d, d_c = chain.lean_ratio, chain.critical_lean_ratio
+    assume(abs(d - 1) > 8 * EPS and abs(d / d_c - 1) > 8 * EPS)
+    assert list(Motion)[int(motion_of(ratio, rest_angle))] is chain.motion
+
+
+@given(REST_ANGLES, st.floats(1e-14, 0.5), st.sampled_from([-1, 1]))
+def test_the_limits_part_the_classes(rest_angle: float, share: float, side: int) -> None:
+    factor = 1 + side * share
+    first, second = flipper_limit(rest_angle), spinner_limit(rest_angle)
+    assert first < second
+    assert motion_of(first * factor, rest_angle) == (1 if side > 0 else 0)
+    assert (motion_of(second * factor, rest_angle) == 2) == (side > 0)
+
+
+@given(RATIOS, REST_ANGLES)
+def test_spinners_are_the_chains_with_bars_shorter_than_2_r_less_a(
+    ratio: float, rest_angle: float
+) -> None:
+    chain = chain_of((ratio, rest_angle), 2)
+    r, a = chain.rotor_length, chain.spacing
+    margin = (2 * r - a - chain.rest_length) / (2 * r + a)
+    assume(abs(margin) > 8 * EPS)
+    assert (motion_of(ratio, rest_angle) == 2) == (margin > 0)
+
+
+def test_a_phase_diagram_is_a_table() -> None:
+    ratios, rest_angles = np.linspace(0.1, 10, 40), np.linspace(0.05, 1.5, 30)
+    table = motion_of(ratios[:, None], rest_angles)
+    assert table.shape == (40, 30)
+    assert set(table.flat) == {0, 1, 2}
+    assert (np.diff(table, axis=0) >= 0).all()
+    for column, (first, second) in enumerate(
+        zip(flipper_limit(rest_angles), spinner_limit(rest_angles), strict=True)
+    ):
+        expected = (ratios > first).astype(int) + (ratios > second)
+        assert table[:, column].tolist() == expected.tolist()
+
+
+def test_at_d_c_itself_a_curve_is_still_closed() -> None:
+    chain = Chain(2, spacing=0.1, rotor_length=0.2, rest_angle=math.asin(math.sqrt(0.5)))
+    assert chain.lean_ratio == pytest.approx(chain.critical_lean_ratio, rel=4 * EPS)
+    for curve in configuration_curves(chain):
+        assert np.isfinite(curve).all()
+        assert (np.abs(extensions(chain, curve)) <= length_rounding(chain)).all()
+        windings(curve)
+
+
+@pytest.mark.parametrize(
+    ('call', 'message'),
+    [
+        (lambda c: partner_angles(c, [0, math.nan]), 'theta_1 = nan rad must be a finite number'),
+        (lambda c: configuration_curves(c, 3), 'points = 3 must be at least 4'),
+        (lambda c: windings([[0, 0], [1, 0]]), 'curve ends 0.159155 and 0 turns from where'),
+        (lambda c: windings([[0, 0, 0]]), r'curve of shape \(1, 3\) must have'),
+        (lambda c: windings([[0, 0], [math.inf, 0]]), 'curve = inf rad must be a finite'),
+        (lambda c: component_of(c, [math.nan, 0]), 'configuration = nan rad must be a finite'),
+        (lambda c: slope_at_ground_state(c, 0), 'lean = 0 must be'),
+        (lambda c: motion_of(0.0, 0.5), 'r / a = 0 must be above 0'),
+        (lambda c: motion_of(math.inf, 0.5), 'r / a = inf must be a finite'),
+        (lambda c: motion_of(1.0, 0.0), 'rest angle = 0 rad must lie above 0'),
+        (lambda c: flipper_limit([0.5, 1.6]), 'rest angle = 1.6 rad must lie'),
+        (lambda c: spinner_limit(-0.1), 'rest angle = -0.1 rad must lie'),
+    ],
+)
+def test_what_has_no_meaning_is_refused(call: Callable[[Chain], object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(chain_of(FLIPPER, 2))

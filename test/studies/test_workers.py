@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Processes are prepared, have one thread each, and end with the work or with their parent."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from soliton_linkage_studies.workers import (
+    Processes,
+    interrupts_held,
+    local_processes,
+    process_count,
+)
+
+THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+LONGEST_WAIT = 60.0
+ORPHANING = """
+import os, sys
+from soliton_linkage_studies.workers import local_processes
+if __name__ == '__main__':
+    with local_processes(2) as processes:
+        processes.submit(os.getpid)
+        print(next(processes.finished()).result(), flush=True)
+        sys.stdin.read()
+"""
+MASKS = """
+import signal
+from soliton_linkage_studies.workers import local_processes
+if __name__ == '__main__':
+    with local_processes(3) as processes:
+        for _ in range(3):
+            processes.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ())
+        print([signal.SIGINT in future.result() for future in processes.finished()])
+"""
+SENDING = """
+from soliton_linkage_studies.workers import local_processes
+if __name__ == '__main__':
+    with local_processes(2) as processes:
+        for _ in range(100000):
+            processes.submit(bytes, 200000)
+        for number, _ in enumerate(processes.finished()):
+            if number == 10:
+                print('sending', flush=True)
+"""
+
+
+def fail_while_one_works() -> None:
+    with local_processes(2) as processes:
+        processes.submit(time.sleep, 600)
+        raise ZeroDivisionError('a test')
+
+
+def work_beside_one_that_works(*task: Any) -> None:
+    with local_processes(2) as processes:
+        processes.submit(time.sleep, 600)
+        result(processes, *task)
+
+
+def result(processes: Processes, *task: Any) -> Any:
+    future = processes.submit(*task)
+    assert next(processes.finished()) is future
+    return future.result()
+
+
+def command_of(program: str, folder: Path) -> list[str]:
+    script = folder / 'program.py'
+    script.write_text(program, encoding='utf-8')
+    return [sys.executable, str(script)]
+
+
+def has_ended(process: int) -> bool:
+    """Whether a process runs no more; one that nobody waits for has ended as well."""
+    try:
+        state = Path(f'/proc/{process}/stat').read_text().rsplit(')', 1)[1].split()[0]
+    except OSError:
+        return True
+    return state == 'Z'
+
+
+@pytest.mark.parametrize('text', ['1', '2', '1000'])
+def test_a_number_of_processes_is_read(text: str) -> None:
+    assert process_count(text) == int(text)
+
+
+@pytest.mark.parametrize('text', ['0', '-1', '1001', '1.5', 'two', '', '²', '٣'])
+def test_what_is_no_number_of_processes_is_refused(text: str) -> None:
+    complaint = f'{text!r} must be a whole number from 1 to 1000'
+    with pytest.raises(argparse.ArgumentTypeError, match=complaint):
+        process_count(text)
+
+
+def test_each_process_has_one_thread_and_this_one_as_many_as_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(THREADS[0], '7')
+    monkeypatch.delenv(THREADS[1], raising=False)
+    before = dict(os.environ)
+    with local_processes(1) as processes:
+        threads = [result(processes, os.getenv, name) for name in THREADS]
+    assert threads == ['1', '1', '1']
+    assert dict(os.environ) == before
+
+
+def test_a_process_is_prepared_before_it_works() -> None:
+    with local_processes(1, os.umask, (0o123,)) as processes:
+        assert result(processes, os.umask, 0o123) == 0o123
+
+
+def test_tasks_come_as_they_finish_those_submitted_meanwhile_too() -> None:
+    with local_processes(2) as processes:
+        slow = processes.submit(time.sleep, 1.0)
+        for number in range(5):
+            processes.submit(abs, number)
+        assert processes.unfinished == 6
+        finished = []
+        for future in processes.finished():
+            finished.append(future.result())
+            if len(finished) == 2:
+                processes.submit(abs, 5)
+    assert slow.result() is None
+    assert finished[0] == 0
+    assert set(finished) == {*range(6), None}
+
+
+def test_waiting_ends_after_the_time_that_it_is_given() -> None:
+    with local_processes(1) as processes:
+        future = processes.submit(time.sleep, 0.2)
+        assert processes.next_finished(0.0) is None
+        while processes.unfinished:
+            finished = processes.next_finished(0.01)
+        assert finished is future
+
+
+def test_tasks_that_nobody_waits_for_are_done_before_the_processes_end(tmp_path: Path) -> None:
+    with local_processes(1) as processes:
+        for name in 'abc':
+            processes.submit((tmp_path / name).touch)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'c']
+    assert not multiprocessing.active_children()
+
+
+def test_what_a_task_raises_comes_with_where_it_was_and_the_process_goes_on() -> None:
+    with local_processes(1) as processes:
+        with pytest.raises(ValueError, match='invalid literal') as raised:
+            result(processes, int, 'seven')
+        assert 'in _outcome' in str(raised.value.__cause__)
+        assert result(processes, int, '7') == 7
+
+
+def test_a_task_that_the_process_cannot_import_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def here() -> None:
+        pass
+
+    here.__module__, here.__qualname__ = 'argparse', 'here'
+    monkeypatch.setattr(argparse, 'here', here, raising=False)
+    with local_processes(1) as processes:
+        with pytest.raises(AttributeError, match="attribute 'here'"):
+            result(processes, here)
+        assert result(processes, abs, -1) == 1
+
+
+@pytest.mark.parametrize(
+    ('task', 'complaint'),
+    [
+        (
+            (signal.raise_signal, signal.SIGKILL),
+            'was ended: Killed, before .* use fewer --workers',
+        ),
+        (
+            (signal.raise_signal, signal.SIGSEGV),
+            'was ended: Segmentation fault, before its task was done$',
+        ),
+        ((os._exit, 3), 'ended with 3 before its task was done$'),
+    ],
+)
+def test_a_process_that_ends_too_early_is_told(task: Any, complaint: str) -> None:
+    with pytest.raises(ChildProcessError, match=rf'process \d+ {complaint}'):
+        work_beside_one_that_works(*task)
+    assert not multiprocessing.active_children()
+
+
+def test_processes_end_at_once_where_the_work_fails_and_no_others_do() -> None:
+    other = multiprocessing.get_context('spawn').Process(target=time.sleep, args=(600,))
+    other.start()
+    begun = time.monotonic()
+    try:
+        with pytest.raises(ZeroDivisionError, match='a test'):
+            fail_while_one_works()
+        assert time.monotonic() - begun < LONGEST_WAIT
+        assert multiprocessing.active_children() == [other]
+    finally:
+        other.kill()
+        other.join()
+
+
+def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
+    command = command_of(ORPHANING, tmp_path)
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout
+        child = int(parent.stdout.readline())
+        assert not has_ended(child)
+        parent.kill()
+        deadline = time.monotonic() + LONGEST_WAIT
+        while not has_ended(child):
+            assert time.monotonic() < deadline, f'process {child} has outlived its parent'
+            time.sleep(0.02)
+
+
+def test_ctrl_c_is_kept_from_the_first_processes_of_a_program_too(tmp_path: Path) -> None:
+    command = command_of(MASKS, tmp_path)
+    said = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert said.stdout == '[True, True, True]\n'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('delay', [0.0, 0.003])
+def test_an_interrupt_ends_it_while_results_are_sent(
+    number: int, delay: float, tmp_path: Path
+) -> None:
+    command = command_of(SENDING, tmp_path)
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as parent:
+        assert parent.stdout
+        assert parent.stdout.readline() == 'sending\n'
+        time.sleep(delay)
+        parent.send_signal(number)
+        try:
+            _, complaint = parent.communicate(timeout=LONGEST_WAIT)
+        finally:
+            parent.kill()
+    assert parent.returncode == -number
+    assert complaint.count('Traceback') == (number == signal.SIGINT)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_is_held_comes_afterwards(number: int) -> None:
+    reached = []
+
+    def interrupted() -> None:
+        with interrupts_held():
+            os.kill(os.getpid(), number)
+            time.sleep(0.1)
+            reached.append('the end')
+
+    handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ended = threading.Event()
+    # It takes the signal where the main thread blocks it.
+    other = threading.Thread(target=ended.wait)
+    other.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+        assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+        ended.set()
+        other.join()
+    assert reached == ['the end']
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_held_interrupts_stay_held_where_they_were() -> None:
+    with interrupts_held():
+        with interrupts_held():
+            pass
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_an_interrupt_of_a_nested_hold_comes_after_the_outer_one() -> None:
+    reached = []
+
+    def interrupted() -> None:
+        with interrupts_held():
+            with interrupts_held():
+                signal.raise_signal(signal.SIGTERM)
+            reached.append('the end')
+
+    handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+    finally:
+        signal.signal(signal.SIGTERM, handler)
+    assert reached == ['the end']
