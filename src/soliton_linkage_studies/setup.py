@@ -8,7 +8,7 @@ from setuptools import find_packages, setup
 
 HOME = Path(__file__).resolve().parent
 PACKAGE = 'soliton_linkage_studies'
-STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
+STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'sweep']
 SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
 
 setup(
@@ -40,7 +40,10 @@ setup(
         'films': ['imageio-ffmpeg'],
     },
     entry_points={
-        'soliton_linkage.commands': [f'{name} = {PACKAGE}.{name}.program:main' for name in STUDIES]
+        'soliton_linkage.commands': [
+            f'moves = {PACKAGE}.moves:main',
+            *(f'{name} = {PACKAGE}.{name}.program:main' for name in STUDIES),
+        ]
     },
     zip_safe=False,
 )

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_studies.shares import score_interval
+from soliton_linkage_studies.figures.disorder import score_interval
 
 
 @given(st.integers(1, 1000), st.floats(0, 1), st.floats(0.5, 3))

@@ -6,9 +6,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from soliton_linkage_studies.collisions.findings import escaped_after, finding_lines, windows
 from soliton_linkage_studies.collisions.runs import CollisionRun
-from soliton_linkage_studies.collisions.study import Row
+from soliton_linkage_studies.collisions.study import Row, escaped_after, finding_lines, windows
 
 RUN = CollisionRun(True, 1, 0.3, 0.2, 0.1, math.nan, 0.0, 0, False, 0.01, 1e-12)
 

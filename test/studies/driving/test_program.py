@@ -14,9 +14,8 @@ import yaml
 
 from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage_studies.driving import program as driving
-from soliton_linkage_studies.driving.findings import Finding, finding_lines
-from soliton_linkage_studies.driving.runs import StiffnessTask, TiltTask
-from soliton_linkage_studies.driving.study import read_driving_study
+from soliton_linkage_studies.driving.program import Finding, finding_lines
+from soliton_linkage_studies.driving.runs import StiffnessTask, TiltTask, read_driving_study
 from soliton_linkage_studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/driving.yaml'

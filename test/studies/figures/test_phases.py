@@ -11,8 +11,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from soliton_linkage.linkage.chain import Motion
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.figures.phases import hidden, on_torus
-from soliton_linkage_studies.figures.registry import FIGURES
 from soliton_linkage_studies.palette import MOTION_COLOURS, tint
 from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.unit_cell import motion_of

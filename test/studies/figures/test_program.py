@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from picture_laws import unexplained
 
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.figures import program as figures
-from soliton_linkage_studies.figures.registry import FIGURES
 from soliton_linkage_studies.formulas import Formula, read_formula
 from soliton_linkage_studies.plates import Comparison, write_table
 from soliton_linkage_studies.settings import Section, load_settings
@@ -115,7 +115,7 @@ def test_settings_that_cannot_be_drawn_are_named(
 OWN_FIGURE = """
 from matplotlib.figure import Figure
 
-from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.plates import Plate
 

@@ -26,16 +26,20 @@ from PIL import Image
 from soliton_linkage.linear.bands import couplings, gap
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
-from soliton_linkage_studies.films import making
+from soliton_linkage_studies.films import program
 from soliton_linkage_studies.films.cell import CellScene
 from soliton_linkage_studies.films.cycle import CycleScene
 from soliton_linkage_studies.films.files import FileKind, file_kind, write_film
-from soliton_linkage_studies.films.film import Film, read_films, resized, scene_of
 from soliton_linkage_studies.films.insulator import driven
-from soliton_linkage_studies.films.making import make_films
-from soliton_linkage_studies.films.program import main
-from soliton_linkage_studies.films.registry import FILM_KINDS
-from soliton_linkage_studies.films.scenes import STYLE, static_profile
+from soliton_linkage_studies.films.program import (
+    Film,
+    main,
+    make_films,
+    read_films,
+    resized,
+    scene_of,
+)
+from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, static_profile
 from soliton_linkage_studies.films.staggered import StaggeredScene, from_behind, layered
 from soliton_linkage_studies.films.tilt import TiltScene
 from soliton_linkage_studies.settings import load_settings
@@ -89,7 +93,7 @@ def test_films_are_made_by_as_many_processes_as_asked_for(
         counts.append(count)
         raise OSError('none is started')
 
-    monkeypatch.setattr(making, 'local_processes', counted)
+    monkeypatch.setattr(program, 'local_processes', counted)
     command = [str(CONFIG), '--output', str(tmp_path), '--quick', '--only', 'S6', 'S7']
     for workers in ('1', '2', '5'):
         assert main([*command, '--workers', workers]) == 1
@@ -396,7 +400,7 @@ def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half_written(tmp_pat
 
 
 OWN_FILM = """
-from soliton_linkage_studies.films.registry import film_kind
+from soliton_linkage_studies.films.scenes import film_kind
 from soliton_linkage_studies.films.scenes import Scene
 
 

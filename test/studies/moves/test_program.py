@@ -12,9 +12,15 @@ import yaml
 from chains import FLIPPER, chain_of
 
 from soliton_linkage.steering.steering import Outcome
-from soliton_linkage_studies.moves import program as moves
-from soliton_linkage_studies.moves.runs import Condition, MoveRun, MoveTask, made
-from soliton_linkage_studies.moves.study import read_move_study, table_lines
+from soliton_linkage_studies import moves
+from soliton_linkage_studies.moves import (
+    Condition,
+    MoveRun,
+    MoveTask,
+    made,
+    read_move_study,
+    table_lines,
+)
 from soliton_linkage_studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/moves.yaml'

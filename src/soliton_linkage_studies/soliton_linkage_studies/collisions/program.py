@@ -12,12 +12,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from soliton_linkage_studies.collisions.findings import finding_lines
-from soliton_linkage_studies.collisions.pictures import draw_speeds, draw_windows
-from soliton_linkage_studies.collisions.spacetime import draw_pictures
+from soliton_linkage_studies.collisions.pictures import draw_pictures, draw_speeds, draw_windows
 from soliton_linkage_studies.collisions.study import (
     CollisionStudy,
     Row,
+    finding_lines,
     read_collision_study,
     read_row,
 )

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_studies.actuators import DrivenChain
-from soliton_linkage_studies.bars import draw_convergence
 from soliton_linkage_studies.driving.runs import BalancedRun, TiltedRun
-from soliton_linkage_studies.moves.runs import MoveKey, MoveRun
+from soliton_linkage_studies.figures.actuator import DrivenChain
+from soliton_linkage_studies.figures.rigid_limit import draw_convergence
+from soliton_linkage_studies.moves import MoveKey, MoveRun
 from soliton_linkage_studies.palette import (
     BLACK,
     COLOURS,

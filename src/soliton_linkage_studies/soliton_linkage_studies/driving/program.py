@@ -9,12 +9,132 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from soliton_linkage_studies.driving.findings import finding_lines, page
-from soliton_linkage_studies.driving.study import Results, read_driving_study
-from soliton_linkage_studies.moves.study import table_lines
+import numpy as np
+
+from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.steering.steering import Outcome
+from soliton_linkage_studies.driving.pictures import (
+    IMBALANCE_LIMIT,
+    blank_page,
+    draw_balance,
+    draw_moves,
+    draw_stiffness,
+    draw_tilt,
+    draw_work,
+    entitle,
+)
+from soliton_linkage_studies.driving.runs import DrivingStudy, Results, read_driving_study
+from soliton_linkage_studies.figures.actuator import draw_response, stepped_response
+from soliton_linkage_studies.figures.rigid_limit import convergence_order
+from soliton_linkage_studies.moves import table_lines
+from soliton_linkage_studies.plates import Plate
 from soliton_linkage_studies.program import run_study, side_by_side, study_parser
 from soliton_linkage_studies.settings import load_settings
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A number that is to lie in a range, bounds included."""
+
+    panel: str
+    quantity: str
+    lowest: float
+    highest: float
+    measured: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it does."""
+        return self.lowest <= self.measured <= self.highest
+
+
+def page(study: DrivingStudy, results: Results) -> tuple[Plate, list[Finding]]:
+    """Draw the page of results, and say which numbers of it are to lie where."""
+    plate, panels = blank_page()
+    response = stepped_response(PneumaticActuator(), study.step)
+    draw_response(plate, panels['a'], response)
+    draw_balance(plate, panels['b'], results.balances)
+    stiffnesses = [task.chain.stiffness for task in study.stiffnesses]
+    order = convergence_order(stiffnesses, results.apart)
+    draw_stiffness(plate, panels['c'], stiffnesses, results.apart, order)
+    draw_tilt(plate, panels['t'], panels['d'], results.tilts)
+    chains = {name: tasks[0].chain for (name, _), tasks in study.moves.items()}
+    moves = {key: runs[0] for key, runs in results.moves.items()}
+    draw_moves(plate, panels['e'], chains, moves)
+    draw_work(plate, panels['f'], results.works)
+    entitle(panels)
+    highest = float(study.step.values.max())
+    findings = [
+        Finding(
+            'a',
+            'closed form off small steps, over the pressure',
+            0,
+            1e-6,
+            response.distance / highest,
+        ),
+        *_balance_findings(results),
+        Finding('c', 'order in 1/k_e of the distance of springs from bars', 0.9, 1.1, order),
+        *_tilt_findings(study, results),
+        *_move_findings(results),
+        *_work_findings(results),
+    ]
+    return plate, findings
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Lines of the table in Markdown."""
+    return [
+        '| panel | quantity | measured | to lie in | holds |',
+        '| --- | --- | --- | --- | --- |',
+        *(
+            f'| {found.panel} | {found.quantity} | {found.measured:.3g} '
+            f'| {found.lowest:g} to {found.highest:g} | {"yes" if found.holds else "no"} |'
+            for found in findings
+        ),
+    ]
+
+
+def _balance_findings(results: Results) -> list[Finding]:
+    title = 'largest error of the energy balance over the largest energy'
+    return [
+        Finding('b', f'{title}, {name}', 0, IMBALANCE_LIMIT, float(run.imbalances.max()))
+        for name, run in results.balances.items()
+    ]
+
+
+def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
+    """Where each tilt has left the wall, as its distance from the end that is then the lower."""
+    findings = []
+    for name, run in results.tilts.items():
+        task = study.tilts[name]
+        last = task.chain.number_of_rotors - 1
+        lower = [last if tilt > 0 else 0 for tilt in task.tilts]
+        left = run.places.reshape(len(task.tilts), -1)[:, -1]
+        farthest = float(np.abs(left - lower).max())
+        title = f'wall from the lower end after each tilt [rotor spacings], {name}'
+        findings.append(Finding('d', title, 0, 2, farthest))
+    return findings
+
+
+def _move_findings(results: Results) -> list[Finding]:
+    """Largest error of all moves of a chain, NaN where one has not been made."""
+    findings = []
+    for (name, title), runs in results.moves.items():
+        reached = all(run.outcome is Outcome.REACHED for run in runs)
+        error = max(run.error for run in runs) if reached else np.nan
+        quantity = f'wall from its goal after its arrival [rotor spacings], {name}, {title}'
+        findings.append(Finding('e', quantity, 0, 0.1, float(error)))
+    return findings
+
+
+def _work_findings(results: Results) -> list[Finding]:
+    title = 'work booked off the energy gained, over the energy'
+    return [
+        Finding('f', f'{title}, {name}', 0, 1e-9, abs(float(run.works[-1] / run.energies[-1] - 1)))
+        for name, run in results.works.items()
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

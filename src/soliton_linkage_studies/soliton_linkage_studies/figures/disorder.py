@@ -13,12 +13,25 @@ from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage_studies.captions import parameters
 from soliton_linkage_studies.drawing import ABOVE
-from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.measures import OUTCOMES, SweepTrial, measure_survival
 from soliton_linkage_studies.palette import MARKERS, chain_colours
 from soliton_linkage_studies.plates import Plate
 from soliton_linkage_studies.settings import Section, chain_from
-from soliton_linkage_studies.shares import score_interval
+
+
+def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
+    """Ends of the score interval of Wilson for shares of a count of draws, of any shape.
+
+    They are the probabilities p of which a share s is so many standard deviations off,
+    |s - p| = deviations sqrt(p (1 - p) / count), which leaves room where all draws agree.
+    """
+    pull = deviations**2 / count
+    middle = share + pull / 2
+    half = np.sqrt(pull * (share * (1 - share) + pull / 4))
+    low, high = (middle - half) / (1 + pull), (middle + half) / (1 + pull)
+    return np.clip(low, 0.0, share), np.clip(high, share, 1.0)
+
 
 _CAPTION = """
 Share of chains whose wall crosses and returns, against the deviations of their rotor lengths,

@@ -14,7 +14,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.continuum import WallTheory, wall_theory
 from soliton_linkage_studies.captions import parameters
 from soliton_linkage_studies.experiments import MIDDLE, moving_wall, wall_places
-from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.palette import BLACK, MARKERS, THEORY, WHITE, chain_colours
 from soliton_linkage_studies.plates import Plate

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage_studies.drawing import ChainPicture, draw_torus, mass_points, pivot_points
-from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import (
     BLACK,

@@ -25,7 +25,7 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_snapshots,
 )
-from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula, chain_formula
 from soliton_linkage_studies.palette import (
     BLACK,

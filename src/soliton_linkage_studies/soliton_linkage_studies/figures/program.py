@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from soliton_linkage_studies.figures.registry import FIGURES, DrawFigure
+from soliton_linkage_studies.figures import FIGURES, DrawFigure
 from soliton_linkage_studies.plates import Comparison, write_table
 from soliton_linkage_studies.program import chosen, run_study, side_by_side, study_parser
 from soliton_linkage_studies.settings import Section, load_settings

@@ -8,17 +8,36 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.track import follow
-from soliton_linkage_studies.bars import convergence_order, draw_convergence
 from soliton_linkage_studies.experiments import kick_rates
-from soliton_linkage_studies.figures.registry import FIGURES
-from soliton_linkage_studies.palette import MECHANICS_COLOURS, scale_colours
+from soliton_linkage_studies.figures import FIGURES
+from soliton_linkage_studies.palette import MEASURED, MECHANICS_COLOURS, THEORY, scale_colours
 from soliton_linkage_studies.plates import Plate
 from soliton_linkage_studies.settings import Section, chain_from
+
+
+def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
+    """Order in 1 / k_e of distances from rigid bars, by the three stiffest springs [1]."""
+    stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
+    return -float(np.polyfit(stiffest, nearest, 1)[0])
+
+
+def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
+    """Draw distances of an angle from rigid bars [rad], both (K,), and a line of order 1."""
+    across, up = np.asarray(stiffnesses), np.asarray(distances)
+    axes.loglog(across, up, 'o', color=MEASURED, label=label)
+    axes.loglog(
+        across, up[-1] * across[-1] / across, '--', color=THEORY, label=r'order 1, $\propto 1/k_e$'
+    )
+    axes.set(ylabel='largest distance of an angle [rad]')
+    axes.legend()
+    return axes
+
 
 _CAPTION = """
 Springs that get stiffer move as rigid bars do, after the same kick. (a) Path of the wall in

@@ -19,7 +19,7 @@ from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, descrip
 from soliton_linkage_studies.closed_orbit import closed_orbit
 from soliton_linkage_studies.drawing import ChainPicture, add_legend, make_room
 from soliton_linkage_studies.experiments import kicked
-from soliton_linkage_studies.figures.registry import FIGURES
+from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.plates import Plate
 from soliton_linkage_studies.settings import Section, chain_from

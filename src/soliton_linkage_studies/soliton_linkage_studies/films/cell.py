@@ -12,12 +12,12 @@ from matplotlib.patches import Circle
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage_studies.captions import LINKAGE, description
 from soliton_linkage_studies.drawing import ChainPicture, broken_at_turns, draw_torus, pivot_points
-from soliton_linkage_studies.films.registry import film_kind
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
     TOP,
     Format,
     Scene,
+    film_kind,
 )
 from soliton_linkage_studies.palette import BLACK, DARK, GREY, PALE
 from soliton_linkage_studies.settings import Section, chain_from

@@ -11,7 +11,6 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
 from soliton_linkage_studies.drawing import ChainPicture
 from soliton_linkage_studies.experiments import kick_rates
-from soliton_linkage_studies.films.registry import film_kind
 from soliton_linkage_studies.films.scenes import (
     SPACE_TIME,
     TOLERANCE,
@@ -19,6 +18,7 @@ from soliton_linkage_studies.films.scenes import (
     ProfilePanel,
     Scene,
     SpaceTime,
+    film_kind,
     stacked,
 )
 from soliton_linkage_studies.settings import Section, chain_from

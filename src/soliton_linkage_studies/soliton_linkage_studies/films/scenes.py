@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -20,6 +20,8 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.drawing import displacement, lean_norm, limits, pivot_points
 from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, LEAN_COLOURS, PALE, WHITE
+from soliton_linkage_studies.registry import Registry
+from soliton_linkage_studies.settings import Section
 
 INCHES_HIGH = 7.2
 """Height of every figure, in which letters have their size."""
@@ -243,3 +245,28 @@ def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axe
         axes.append(figure.add_axes((LEFT, edge, WIDTH, part)))
         axes[-1].set_xlim(left - spare, right + spare)
     return axes
+
+
+AnyScene = TypeVar('AnyScene', bound=type[Scene])
+
+
+@dataclass(frozen=True)
+class FilmKind:
+    """How the settings of a film are read, and what makes a scene of them."""
+
+    read: Callable[[Section], Any]
+    scene: Callable[[str, Any, Format], Scene]
+    """Takes the title, what was read, and the format."""
+
+
+FILM_KINDS: Registry[FilmKind] = Registry('soliton_linkage_studies.films')
+
+
+def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
+    """Decorate the scene of a kind of films, whose settings a function reads."""
+
+    def added(scene: AnyScene) -> AnyScene:
+        FILM_KINDS.add(name)(FilmKind(read, scene))
+        return scene
+
+    return added

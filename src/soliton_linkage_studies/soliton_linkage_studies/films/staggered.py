@@ -16,7 +16,6 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.drawing import limits, mass_points, pivot_points
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.films.cycle import KickedWall
-from soliton_linkage_studies.films.registry import film_kind
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
     LEFT,
@@ -26,6 +25,7 @@ from soliton_linkage_studies.films.scenes import (
     Format,
     Scene,
     SpaceTime,
+    film_kind,
 )
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section

@@ -21,7 +21,6 @@ from soliton_linkage_studies.drawing import (
     move_projections,
     projection_quiver,
 )
-from soliton_linkage_studies.films.registry import film_kind
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
     LEFT,
@@ -32,6 +31,7 @@ from soliton_linkage_studies.films.scenes import (
     Format,
     Scene,
     SpaceTime,
+    film_kind,
 )
 from soliton_linkage_studies.palette import BLACK, GREY
 from soliton_linkage_studies.settings import Section, chain_from

@@ -17,6 +17,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage_studies.figures.disorder import score_interval
 from soliton_linkage_studies.measures import BLOCKED, Value
 from soliton_linkage_studies.palette import (
     BLACK,
@@ -30,7 +31,6 @@ from soliton_linkage_studies.palette import (
     scale_colours,
     tint,
 )
-from soliton_linkage_studies.shares import score_interval
 from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Carry walls along simulated chains, and show where they end and what phonons they wake.
+
+Writes a table as Markdown and a picture as PNG and PDF with its data as CSV.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.linear.normal_modes import phonon_energy
+from soliton_linkage.linear.statics import unstretched
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.solitons.passage import blocked_bonds
+from soliton_linkage.steering.steering import Ended, Outcome, Steering
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.palette import COLOURS, GREY
+from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.program import run_study, side_by_side, study_parser
+from soliton_linkage_studies.settings import Section, chain_from, load_settings
+
+MoveKey = tuple[str, str]
+"""Names of a chain and of the condition that it is in."""
+
+_TOLERANCE = 1e-8
+"""Error of the angles in a time unit [rad], far below the noise and the errors of a move."""
+_SEEN_BEFORE = 0.2
+"""How long the steering sees a wall at rest before it is given a goal [s]."""
+_LONGEST = 120.0
+"""After which a move that has not ended counts as not held [s]."""
+_SAMPLE_EVERY = 20
+"""Frames from sample to sample: 80 ms at 250 Hz, which a picture resolves."""
+_DRAWS = 100
+"""Draws of a disorder, of which one is to let the wall pass."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a chain and its encoders are like."""
+
+    noise: float
+    """Standard deviation of an angle [rad]."""
+    decay: float
+    """Rate at which the motion of a rotor alone dies [1/s]."""
+    disorder: float
+    """Standard deviation of lengths, masses and stiffnesses, as a fraction."""
+
+
+@dataclass(frozen=True)
+class MoveTask:
+    """A move to be made."""
+
+    chain: Chain
+    condition: Condition
+    start: float
+    """Place that the wall is taken from [rotor spacings]."""
+    goal: float
+    """Place that it is taken to [rotor spacings]."""
+    seed: int
+    frame_rate: float
+    """[Hz]."""
+    held: float
+    """How long it is watched after its arrival [s]."""
+    torque_limit: float
+    """Of an actuator [N m]."""
+
+    def __call__(self) -> MoveRun:
+        """Make the move."""
+        return made(self)
+
+
+@dataclass(frozen=True)
+class MoveRun:
+    """A move that was made, sampled every few frames from its beginning."""
+
+    outcome: Outcome
+    duration: float
+    """From the goal to the arrival [s]."""
+    times: Array
+    """Since the goal was given [s], shape (T,)."""
+    places: Array
+    """Of the wall [rotor spacings], shape (T,)."""
+    aims: Array
+    """Where its reference trajectory has the wall [rotor spacings], (T,), NaN without one."""
+    phonon_energies: Array
+    """[J], shape (T,)."""
+    error: float
+    """Largest distance from the goal after the arrival [rotor spacings], NaN where it failed."""
+    energy_left: float
+    """Energy of the phonons at the end [J]."""
+    peak_energy: float
+    """Largest kinetic energy on the way [J]."""
+
+
+def made(task: MoveTask) -> MoveRun:
+    """Make a move, in frames that torques follow one frame later."""
+    orbit = UniformOrbit(task.chain)
+    chain, start = _started(task, orbit)
+    simulation = ElasticSimulation(chain, start, period=1 / task.frame_rate, tolerance=_TOLERANCE)
+    steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=task.torque_limit))
+    random = np.random.default_rng(task.seed)
+    samples: list[tuple[float, float, float, float]] = []
+    ended: Ended | None = None
+    arc, arrival, peak = math.nan, math.nan, 0.0
+    begin = round(_SEEN_BEFORE * task.frame_rate)
+    torques = np.zeros(chain.number_of_rotors)
+    for frame in range(round(_LONGEST * task.frame_rate)):
+        seen = simulation.angles + task.condition.noise * random.standard_normal(len(torques))
+        ended = steering.observe(simulation.time, seen) or ended
+        if frame == begin:
+            ended = steering.move(task.goal)
+            arc = fit_anywhere(orbit, simulation.angles).arc
+        since = (frame - begin) / task.frame_rate
+        if ended is not None and math.isnan(arrival):
+            arrival = since
+        if frame >= begin and (frame - begin) % _SAMPLE_EVERY == 0:
+            arc = fit_near(orbit, simulation.angles, arc).arc
+            left = phonon_energy(chain, simulation.angles, simulation.rates)
+            trajectory = steering.trajectory
+            point = orbit.place(trajectory.at(simulation.time).arc) if trajectory else math.nan
+            samples.append((since, orbit.place(arc), point, left))
+        if since > arrival + task.held:
+            break
+        simulation.hold(torques)
+        torques = steering.torques()
+        simulation.advance()
+        peak = max(peak, float(chain.kinetic_energy(simulation.rates)))
+    times, places, aims, energies = np.array(samples).T
+    reached = ended is not None and ended.outcome is Outcome.REACHED
+    error = float(np.abs(places[times >= arrival] - task.goal).max()) if reached else math.nan
+    outcome = Outcome.NOT_HELD if ended is None else ended.outcome
+    return MoveRun(
+        outcome, arrival, times, places, aims, energies, error, float(energies[-1]), peak
+    )
+
+
+def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
+    """Chain with the damping and disorder of the task, at rest with its wall at the start.
+
+    In place of deviations that may stop a wall, or do not let it be there, others are drawn.
+    """
+    damping = task.condition.decay * task.chain.moment_of_inertia
+    chain = replace(task.chain, damping=damping)
+    leg = task.seed % orbit.number_of_legs
+    wall = orbit.configuration(orbit.arc_at(task.start, leg))
+    if not task.condition.disorder:
+        return chain, wall
+    share = task.condition.disorder
+    for draw in range(_DRAWS):
+        drawn = drawn_deviations(
+            chain.number_of_rotors,
+            _DRAWS * task.seed + draw,
+            spacing=share,
+            rotor_length=share,
+            mass=share,
+            stiffness=share,
+            rest_length=share,
+        )
+        disordered = replace(chain, deviations=drawn)
+        if blocked_bonds(disordered).any():
+            continue
+        try:
+            return disordered, unstretched(disordered, wall)
+        except ValueError:
+            continue
+    raise ValueError(
+        f'no chain of {task.chain.motion.value}s with a disorder of {task.condition.disorder:g} '
+        f'lets a wall pass that begins at {task.start:.2f}, in {_DRAWS} draws; lower the '
+        'disorder'
+    )
+
+
+_QUICK_MOVES = 2
+"""Moves of each chain and condition that a quick study makes."""
+_KEYS = ('seed', 'frame_rate', 'moves', 'held', 'torque_limit', 'conditions', 'chains')
+
+
+@dataclass(frozen=True)
+class MoveStudy:
+    """The moves that a file of settings asks for."""
+
+    tasks: dict[MoveKey, list[MoveTask]]
+    """By the names of chain and condition."""
+
+    @property
+    def numbered(self) -> dict[tuple[MoveKey, int], MoveTask]:
+        """All moves, each by a key of its own."""
+        return {
+            (key, number): task
+            for key, tasks in self.tasks.items()
+            for number, task in enumerate(tasks)
+        }
+
+
+def read_move_study(settings: Section, quick: bool) -> MoveStudy:
+    """Study of a file of settings; raises ValueError for what cannot be."""
+    settings.allow(*_KEYS)
+    seed = settings.whole_number('seed', 0, 2**31)
+    frame_rate = settings.number('frame_rate', 10.0, 2000.0)
+    moves = settings.whole_number('moves', 1, 10_000)
+    held = settings.number('held', 0.0, 60.0)
+    torque_limit = settings.number('torque_limit', 1e-9, 1e6)
+    conditions = {
+        name: _condition(section)
+        for name, section in settings.section('conditions').sections().items()
+    }
+    chains = {
+        name: chain_from(section)
+        for name, section in settings.section('chains').sections().items()
+    }
+    tasks = {}
+    for number, (name, chain) in enumerate(chains.items()):
+        places = np.random.default_rng([seed, number]).uniform(
+            0, chain.number_of_rotors - 1, (moves, 2)
+        )[: _QUICK_MOVES if quick else moves]
+        for title, condition in conditions.items():
+            tasks[name, title] = [
+                MoveTask(
+                    chain, condition, start, goal, seed + move, frame_rate, held, torque_limit
+                )
+                for move, (start, goal) in enumerate(places.tolist())
+            ]
+    return MoveStudy(tasks)
+
+
+def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
+    """Runs of `MoveStudy.numbered` by the names of chain and condition, in their order."""
+    runs: dict[MoveKey, list[MoveRun]] = {}
+    for (key, _), run in numbered.items():
+        runs.setdefault(key, []).append(run)
+    return runs
+
+
+def table_lines(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> list[str]:
+    """Lines of the table in Markdown."""
+    lines = [
+        '| chain | condition | reached | largest error [spacings] | phonons at the end [J] '
+        '| over the peak energy of the wall | time [s] |',
+        '| --- | --- | --- | --- | --- | --- | --- |',
+    ]
+    for (name, title), made in runs.items():
+        reached = [run for run in made if run.outcome is Outcome.REACHED]
+        cells = [name, title, f'{len(reached)} of {len(made)}', '', '', '', '']
+        if reached:
+            left = max(run.energy_left for run in reached)
+            share = max(run.energy_left / run.peak_energy for run in reached)
+            durations = [run.duration for run in reached]
+            cells[3:] = [
+                f'{max(run.error for run in reached):.4f}',
+                f'{left:.1e}',
+                f'{share:.1e}',
+                f'{min(durations):.1f} to {max(durations):.1f}',
+            ]
+        lines.append('| ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+def _condition(section: Section) -> Condition:
+    section.allow('noise', 'decay', 'disorder')
+    return Condition(
+        section.number('noise', 0.0, 1.0),
+        section.number('decay', 0.0, 1e6),
+        section.number('disorder', 0.0, 0.3),
+    )
+
+
+_CAPTION = """
+Walls on their way to goals in simulated chains, a column for each chain and a colour for each
+condition; each move is a line. (a) Place of the wall. (b) Absolute distance from the goal, down to
+{least:g}; the dashed grey line is {wanted:g} rotor spacings, at which it is to be held. (c) Energy
+of phonons, which is what is not in the motion of the wall, over the largest energy that the wall
+has on its way. Lines of conditions that do not differ lie on each other, the last on top.
+"""
+_WANTED = 0.1
+"""Distance from its goal at which a wall is to be held [rotor spacings]."""
+_LEAST_ERROR = 1e-6
+"""Drawn in place of less, which its scale of logarithms would not hold [rotor spacings]."""
+_LEAST_SHARE = 1e-16
+"""The same for a share of an energy: what rounding leaves of it [1]."""
+
+
+def draw_moves(
+    tasks: Mapping[MoveKey, Sequence[MoveTask]], runs: Mapping[MoveKey, Sequence[MoveRun]]
+) -> Plate:
+    """Places, distances from the goal and phonons against time, a column for each chain."""
+    chains = list(dict.fromkeys(name for name, _ in tasks))
+    conditions = list(dict.fromkeys(title for _, title in tasks))
+    figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
+    plate = Plate(figure, _CAPTION.format(least=_LEAST_ERROR, wanted=_WANTED))
+    panels = plate.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
+    for column, name in zip(panels.T, chains, strict=True):
+        for number, title in enumerate(conditions):
+            colour = COLOURS[number % len(COLOURS)]
+            for task, run in zip(tasks[name, title], runs[name, title], strict=True):
+                _draw_run(plate, column, f'{name}, {title}', colour, task, run)
+        column[0].set(title=name)
+        column[1].axhline(_WANTED, color=GREY, linestyle='--', linewidth=0.8)
+        column[2].set(xlabel='time since the goal was given [s]')
+    panels[0, 0].set(ylabel='a  place [rotor spacings]')
+    panels[1, 0].set(ylabel='b  |place − goal| [rotor spacings]', yscale='log')
+    panels[2, 0].set(ylabel='c  phonons / peak energy of the wall [1]', yscale='log')
+    panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'to be held: {_WANTED:g}')
+    for number, title in enumerate(conditions):
+        panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
+    plate.figure.legend(loc=ABOVE, ncols=len(conditions) + 1)
+    return plate
+
+
+def _draw_run(
+    plate: Plate, column: Sequence[Axes], series: str, colour: str, task: MoveTask, run: MoveRun
+) -> None:
+    off = np.maximum(np.abs(run.places - task.goal), _LEAST_ERROR)
+    share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
+    for axes, name, values in (
+        (column[0], 'place [rotor spacings]', run.places),
+        (column[1], 'distance from the goal [rotor spacings]', off),
+        (column[2], 'phonons over the peak energy of the wall [1]', share),
+    ):
+        axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)
+        plate.note(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the moves of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    parser = study_parser('moves', __doc__, 'fewer moves')
+    return run_study(parser, arguments, _made, 'nothing new is written')
+
+
+def _made(options: argparse.Namespace) -> str:
+    study = read_move_study(load_settings(options.config), options.quick)
+    options.output.mkdir(parents=True, exist_ok=True)
+    runs = runs_by_key(side_by_side('moves', study.numbered, options.workers))
+    table = '\n'.join(table_lines(runs)) + '\n'
+    (options.output / 'table.md').write_text(table, encoding='utf-8')
+    draw_moves(study.tasks, runs).save(options.output, 'moves')
+    return f'{table}\ntable and picture are in {options.output}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
