@@ -13,14 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import wall_between
 from matplotlib.figure import Figure
-from matplotlib.quiver import Quiver
 
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.drawing import (
     ChainPicture,
     broken_at_turns,
-    draw_chain,
     draw_torus,
     limits,
     make_room,
@@ -95,22 +93,6 @@ def test_a_ring_has_a_spring_beyond_its_last_rotor() -> None:
 
 
 @given(any_configuration(), st.data())
-def test_arrows_are_tangent_to_the_rotors_and_as_long_as_the_mode(
-    configuration: tuple[Chain, Array], data: st.DataObject
-) -> None:
-    chain, angles = configuration
-    mode = data.draw(any_angles(chain))
-    arrows = mode_arrows(chain, angles, mode)
-    rotors = np.column_stack(chain.positions(angles))
-    along = np.sum(arrows * rotors, axis=1)
-    scale = chain.rotor_length * np.abs(mode)
-    # Below the least normal number roundings are no longer relative.
-    tiny = np.finfo(float).tiny
-    assert np.all(np.abs(along) <= 8 * EPS * scale * chain.rotor_length + tiny)
-    assert np.hypot(*arrows.T) == pytest.approx(scale, rel=8 * EPS, abs=tiny)
-
-
-@given(any_configuration(), st.data())
 def test_arrows_are_the_way_that_the_masses_go(
     configuration: tuple[Chain, Array], data: st.DataObject
 ) -> None:
@@ -152,16 +134,6 @@ def test_an_updated_picture_is_a_new_picture(example: tuple[float, float]) -> No
         assert np.array_equal(arrow_vectors(one), arrow_vectors(other))
         assert np.array_equal(one.get_offsets(), other.get_offsets())
         assert np.array_equal(one.get_array(), other.get_array())
-
-
-def test_arrows_hide_without_a_mode() -> None:
-    chain = chain_of(SPINNER, 6)
-    angles = chain.uniform_state(1)
-    picture = ChainPicture(new_axes(), chain, angles, zero_mode(chain, angles))
-    assert picture.arrows is not None
-    for mode in (None, zero_mode(chain, angles)):
-        picture.update(angles, mode)
-        assert picture.arrows.get_visible() == (mode is not None)
 
 
 @FEW
@@ -253,22 +225,6 @@ def test_projections_of_a_leaning_chain_do_not_lie_on_each_other(chain: Chain) -
         assert (tips[:-1] <= starts[1:] + 8 * EPS * reach(chain)).all()
 
 
-def test_rotors_that_reach_over_their_neighbours_take_turns_in_two_colours() -> None:
-    for example in EXAMPLES:
-        chain = chain_of(example, 6)
-        rotors: Any = ChainPicture(new_axes(), chain, chain.uniform_state(1)).rotors
-        colours = {tuple(colour) for colour in rotors.get_colors()}
-        assert len(colours) == (2 if chain.rotor_length > chain.spacing else 1)
-
-
-def test_a_chain_is_drawn_on_the_axes_that_are_given_with_all_that_is_asked_for() -> None:
-    chain, axes = chain_of(SPINNER, 6), new_axes()
-    angles = chain.uniform_state(1)
-    mode = zero_mode(chain, angles)
-    assert draw_chain(axes, chain, angles, mode, rigid=True, projections=True) is axes
-    assert len([each for each in axes.collections if isinstance(each, Quiver)]) == 2
-
-
 def test_odd_rotors_that_are_drawn_lower_are_moved_and_nothing_else_but_their_springs() -> None:
     chain = chain_of(SPINNER, 7)
     angles, down = chain.uniform_state(1), 0.3
@@ -285,14 +241,6 @@ def test_odd_rotors_that_are_drawn_lower_are_moved_and_nothing_else_but_their_sp
     assert np.array_equal(first, masses[:-1])
     assert np.array_equal(last, masses[1:])
     assert apart.axes.get_ylim()[0] == pytest.approx(plain.axes.get_ylim()[0] - down)
-
-
-@pytest.mark.parametrize('rigid', [False, True])
-def test_springs_are_dashed_and_bars_are_not(rigid: bool) -> None:
-    chain = chain_of(SPINNER, 6)
-    springs: Any = ChainPicture(new_axes(), chain, chain.uniform_state(1), rigid=rigid).springs
-    dashes = [dashes for _, dashes in springs.get_linestyle()]
-    assert [each is None for each in dashes] == [rigid]
 
 
 @given(st.floats(-20, 20), st.floats(-3, 3), st.floats(-3, 3))

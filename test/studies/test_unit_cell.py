@@ -24,11 +24,9 @@ from chains import (
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
-from scipy.interpolate import CubicSpline
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.linear.bands import couplings
-from soliton_linkage.linear.rigidity import rigidity_bands, zero_mode
+from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage_studies.unit_cell import (
@@ -38,7 +36,6 @@ from soliton_linkage_studies.unit_cell import (
     ground_states,
     motion_of,
     partner_angles,
-    slope_at_ground_state,
     spinner_limit,
     windings,
 )
@@ -170,17 +167,6 @@ def test_steps_along_a_curve_are_even_in_arc_length(chain: Chain) -> None:
         assert np.median(arcs) >= step * (1 - 1e-2)
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_arcs_are_equal_to_the_second_order_of_the_step(example: tuple[float, float]) -> None:
-    chain = chain_of(example, 2)
-    spreads = []
-    for points in (400, 800):
-        chords = np.linalg.norm(np.diff(configuration_curves(chain, points)[0], axis=0), axis=1)
-        spreads.append(1 - chords.min() / chords.max())
-    assert spreads[1] < spreads[0] / 3.5
-    assert spreads[1] < 1e-3
-
-
 def on_a_curve(chain: Chain, configurations: Array, points: int = 400) -> Array:
     """Distance of configurations from the curve of their component, in steps of the curve."""
     curves = configuration_curves(chain, points)
@@ -242,57 +228,6 @@ def test_a_round_of_a_flipper_visits_all_ground_states_in_turn(
     assert component_of(chain, ground_states(chain)).tolist() == [0, 0, 0, 0]
 
 
-@given(any_chain(2, 2), LEANS)
-def test_the_slope_is_that_of_the_partner(chain: Chain, lean: int) -> None:
-    plus, minus = couplings(chain, lean)
-    assume(abs(minus) > 1e-3 * abs(plus))
-    theta = lean * chain.rest_angle
-    # Steps small beside the distance to a fold, which the coupling measures.
-    step = 1e-4 * min(1.0, abs(minus) / chain.rotor_length) ** 2
-    assume(step > 1e-8)
-    near = partner_angles(chain, theta + step * np.array([-1, 0, 1]))
-    branch = int(np.argmin(np.abs(np.remainder(near[1] - theta + 1, 2 * np.pi) - 1)))
-    slope = (near[2, branch] - near[0, branch]) / (2 * step)
-    assert slope == pytest.approx(slope_at_ground_state(chain, lean), rel=1e-3)
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-@pytest.mark.parametrize('lean', [-1, 1])
-def test_the_slope_is_that_of_the_traced_curve(example: tuple[float, float], lean: int) -> None:
-    chain = chain_of(example, 2)
-    state = lean * np.full(2, chain.rest_angle)
-    curve = configuration_curves(chain, 2000)[int(component_of(chain, state))]
-    shifted = curve - 2 * np.pi * np.round((curve - state) / (2 * np.pi))
-    place = int(np.argmin(np.abs(shifted - state).max(axis=1)))
-    indices = (place + np.arange(-6, 7)) % 2000
-    along = np.arange(-6.0, 7.0)
-    spline = CubicSpline(along, shifted[indices])
-    fine = np.linspace(-1, 1, 2001)
-    nearest = fine[np.argmin(np.abs(spline(fine) - state).max(axis=1))]
-    first, second = spline(nearest, 1)
-    assert second / first == pytest.approx(slope_at_ground_state(chain, lean), rel=1e-4)
-
-
-@given(any_chain(2, 2))
-def test_the_slope_changes_its_sign_at_d_1_and_is_inverse_for_the_other_lean(
-    chain: Chain,
-) -> None:
-    d = chain.lean_ratio
-    assume(abs(d - 1) > 1e-9)
-    slope = slope_at_ground_state(chain, 1)
-    assert (slope > 0) == (d < 1)
-    assert slope == pytest.approx((1 + d) / (1 - d), rel=1e-6)
-    assert slope * slope_at_ground_state(chain, -1) == pytest.approx(1, rel=8 * EPS)
-
-
-def test_the_slope_at_d_1_is_infinite() -> None:
-    rest_angle = math.asin(0.5)
-    chain = Chain(2, spacing=0.1, rotor_length=0.05 / math.sin(rest_angle), rest_angle=rest_angle)
-    assert chain.lean_ratio == pytest.approx(1, rel=2 * EPS)
-    assert abs(slope_at_ground_state(chain, 1)) > 1e15
-    assert abs(slope_at_ground_state(chain, -1)) < 1e-15
-
-
 @lru_cache
 def perimeter(chain: Chain) -> float:
     """Length of a component [rad], from its chords by Richardson's extrapolation."""
@@ -321,21 +256,6 @@ def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
         rates = forwards * perimeter(chain) / 200 * mode
         recording = RigidSimulation(chain, angles[0], rates, period=1.0).record(200.0)
         assert np.abs(recording.angles - angles).max() < 10 * TRACED
-
-
-@given(any_chain(2, 2))
-def test_the_curve_has_the_direction_of_the_zero_mode(chain: Chain) -> None:
-    theta_1 = np.linspace(-3, 3, 7)
-    partners = partner_angles(chain, theta_1)[:, 0]
-    pairs = np.stack([theta_1, partners], axis=-1)[~np.isnan(partners)]
-    first, second = rigidity_bands(chain, staggered(pairs))
-    step = 1e-6
-    moved = partner_angles(chain, pairs[:, 0] + step)[:, 0]
-    # dl = A dtheta_1 - B dtheta_2 in staggered angles, away from folds.
-    steep = (np.abs(second[:, 0]) > 0.05 * chain.rotor_length) & ~np.isnan(moved)
-    slope = (first / second)[:, 0][steep]
-    change = moved[steep] - pairs[steep, 1]
-    assert change == pytest.approx(slope * step, rel=0.05, abs=1e-9)
 
 
 @given(RATIOS, REST_ANGLES)
@@ -397,7 +317,6 @@ def test_at_d_c_itself_a_curve_is_still_closed() -> None:
         (lambda c: windings([[0, 0, 0]]), r'curve of shape \(1, 3\) must have'),
         (lambda c: windings([[0, 0], [math.inf, 0]]), 'curve = inf rad must be a finite'),
         (lambda c: component_of(c, [math.nan, 0]), 'configuration = nan rad must be a finite'),
-        (lambda c: slope_at_ground_state(c, 0), 'lean = 0 must be'),
         (lambda c: motion_of(0.0, 0.5), 'r / a = 0 must be above 0'),
         (lambda c: motion_of(math.inf, 0.5), 'r / a = inf must be a finite'),
         (lambda c: motion_of(1.0, 0.0), 'rest angle = 0 rad must lie above 0'),

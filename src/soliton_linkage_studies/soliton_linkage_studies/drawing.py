@@ -229,22 +229,6 @@ def add_legend(figure: Figure) -> None:
     )
 
 
-def draw_chain(
-    axes: Axes,
-    chain: Chain,
-    angles: Array,
-    mode: Array | None = None,
-    *,
-    rigid: bool = False,
-    projections: bool = False,
-) -> Axes:
-    """Draw a chain at angles [rad] with its mode [1], if one is given, shape (N,) each.
-
-    With springs or rigid bars, and with u_n = r sin(phi_n) as arrows beneath (paper, Fig. 1).
-    """
-    return ChainPicture(axes, chain, angles, mode, rigid=rigid, projections=projections).axes
-
-
 def mode_quiver(
     axes: Axes, chain: Chain, angles: Array, mode: Array, arrow_length: float | None = None
 ) -> Quiver:

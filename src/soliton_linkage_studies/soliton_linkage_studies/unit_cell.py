@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
-from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 Integers = NDArray[np.int64]
@@ -120,19 +119,6 @@ def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
     if chain.motion is not Motion.SPINNER:
         return np.zeros(given.shape[:-1], dtype=np.int64)
     return np.asarray(np.sin(given.sum(axis=-1)) < 0, dtype=np.int64)
-
-
-def slope_at_ground_state(chain: Chain, lean: int) -> float:
-    """Slope dtheta_2 / dtheta_1 of the curve at a uniform state, -q+ / q- of that lean.
-
-    In the right-leaning state it is (1 + d) / (1 - d), infinite at d = 1, where a second rotor
-    that was dragged along with the first begins to turn against it: from there on flippers
-    wobble. In the left-leaning state it is the inverse. Upside down it is the same.
-    """
-    if lean not in (-1, 1):
-        raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
-    plus, minus = couplings(chain, lean)
-    return -plus / minus if minus else math.inf
 
 
 def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:

@@ -21,17 +21,19 @@ from deviating_chains import (
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from soliton_linkage.linear.rigidity import rigidity_matrix, zero_mode
+from soliton_linkage.linear.rigidity import Edge, rigidity_matrix, zero_mode
 from soliton_linkage.linear.statics import (
     balanced,
     length_rounding,
     rest_state,
     smallest_change,
     stiffness_matrix,
+    toggled_angle,
     unstretched,
 )
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.solitons.static_wall import static_wall
 
 LEANS = (-1, 1)
 
@@ -309,3 +311,35 @@ def test_angles_that_do_not_fit_are_refused(law: Callable[[Chain, Array], Array]
         law(Chain(4), np.zeros(3))
     with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):
         law(Chain(4), np.array([0, math.nan, 0, 0]))
+
+
+@pytest.mark.parametrize('edge', [Edge.FIRST, Edge.LAST])
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_a_toggled_edge_rotor_keeps_its_bar_and_toggles_back(
+    example: tuple[float, float], edge: Edge
+) -> None:
+    lengths = Deviations(rest_length=(0.02, -0.01, 0.01, 0.0, 0.02, -0.02, 0.01))
+    for chain in (
+        chain_of(example, 8),
+        dataclasses.replace(chain_of(example, 8), deviations=lengths),
+    ):
+        angles = rest_state(chain, 1)
+        toggled, rotor = angles.copy(), 0 if edge is Edge.FIRST else -1
+        toggled[rotor] = toggled_angle(chain, angles, edge)
+        assert np.abs(chain.spring_extensions(toggled)).max() <= 4 * length_rounding(chain)
+        again = math.remainder(toggled_angle(chain, toggled, edge) - angles[rotor], math.tau)
+        assert abs(again) < 1e-11
+
+
+@pytest.mark.parametrize('turned', [False, True])
+@pytest.mark.parametrize('rotors', [20, 21])
+def test_toggling_an_edge_rotor_leads_to_the_leg_beyond_its_reflection(
+    rotors: int, turned: bool
+) -> None:
+    chain = chain_of(FLIPPER, rotors)
+    # Leg 0 ends at the last rotor, 1 at the first, 2 at the last and 3 at the first.
+    for leg, edge in enumerate([Edge.LAST, Edge.FIRST, Edge.LAST, Edge.FIRST]):
+        angles = static_wall(chain, 9.3, leg, turned)
+        angles[0 if edge is Edge.FIRST else -1] = toggled_angle(chain, angles, edge)
+        following = static_wall(chain, 9.3, (leg + 1) % 4, turned)
+        assert np.cos(angles - following) == pytest.approx(1.0, abs=1e-15)

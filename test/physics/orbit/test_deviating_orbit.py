@@ -13,6 +13,7 @@ from chains import FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WIDE_SPINNER,
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
+from sampled_orbit import closed_orbit
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.rigid import RigidSimulation
@@ -26,7 +27,6 @@ from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.passage import find_obstacles
-from soliton_linkage_studies.closed_orbit import closed_orbit
 from soliton_linkage_studies.traversal import follow_wall
 
 CLASSES = (FLIPPER, WOBBLER, SPINNER)

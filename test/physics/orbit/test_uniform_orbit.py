@@ -22,6 +22,7 @@ from chains import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
+from sampled_orbit import closed_orbit
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.bands import penetration_depth
@@ -31,7 +32,6 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage_studies.closed_orbit import closed_orbit
 
 # What the orbit promises of its angles [rad].
 ACCURATE = 1e-6
