@@ -16,7 +16,6 @@ sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
 
 from rate import MOST_ROTORS, Bench, Run, judged
 
-FOLDER = Path(__file__).parents[2] / 'benchmark'
 RATE = 1000.0
 PERIOD = 10**6
 PUNCTUAL = np.arange(1001) * PERIOD

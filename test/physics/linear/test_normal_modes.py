@@ -15,7 +15,7 @@ from linkage_motion import wall_between
 from mpmath import mp, mpf
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.bands import band_edges, couplings, density_of_states, dispersion
+from soliton_linkage.linear.bands import band_edges, density_of_states, dispersion
 from soliton_linkage.linear.normal_modes import (
     NormalModes,
     mode_density,
@@ -149,16 +149,6 @@ def test_shapes_are_orthonormal_eigenvectors_in_the_metric_of_the_inertia(
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_frequencies_alone_are_those_that_come_with_the_shapes(
-    chain: Chain, angles: Array
-) -> None:
-    frequencies = normal_modes(chain, angles).frequencies
-    alone = mode_frequencies(chain, angles)
-    assert alone == pytest.approx(frequencies, rel=0, abs=100 * EPS * frequencies[-1])
-    assert (np.count_nonzero(alone == 0) == 1) == (not chain.periodic)
-
-
-@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
 def test_the_slowest_shape_of_free_ends_is_the_zero_mode(chain: Chain, angles: Array) -> None:
     modes = normal_modes(chain, angles)
     if chain.periodic:
@@ -183,16 +173,6 @@ def test_energies_of_modes_add_up_to_that_of_the_linearised_springs(
     assert (energies >= 0).all()
 
 
-def test_energies_of_several_instants_are_those_of_each() -> None:
-    chain, angles = relaxed_states(WOBBLER)[1]
-    modes = normal_modes(chain, angles)
-    motions = [random_motion(chain, seed=seed) for seed in range(3)]
-    displacements, rates = map(np.array, zip(*motions, strict=True))
-    together = mode_energies(modes, displacements, rates)
-    for row, motion in zip(together, motions, strict=True):
-        assert row == pytest.approx(mode_energies(modes, *motion), rel=1e-12, abs=1e-30)
-
-
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
 def test_energies_of_phonons_add_up_to_the_whole_to_third_order(
     chain: Chain, angles: Array
@@ -205,17 +185,6 @@ def test_energies_of_phonons_add_up_to_the_whole_to_third_order(
         errors.append(energies.sum() - total_energy(chain, angles + displacement, rates))
     orders = np.diff(np.log(np.abs(errors))) / np.diff(np.log(sizes))
     assert orders == pytest.approx(3, abs=0.1)
-
-
-@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_the_energy_of_phonons_is_that_of_all_modes_but_the_zero_mode(
-    chain: Chain, angles: Array
-) -> None:
-    displacement, rates = random_motion(chain, 1e-3)
-    _, energies = phonon_energies(chain, angles + displacement, rates)
-    expected = energies if chain.periodic else energies[1:]
-    energy = phonon_energy(chain, angles + displacement, rates)
-    assert energy == pytest.approx(expected.sum(), rel=1000 * EPS)
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED[:4])
@@ -245,23 +214,6 @@ def test_a_mode_vibrates_at_its_frequency_up_to_second_order(chain: Chain, angle
         errors.append(np.abs(motion.angles - expected).max())
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
     assert errors[1] < 0.05 * sizes[1]
-
-
-@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_each_mode_of_a_free_motion_keeps_its_energy_up_to_third_order(
-    chain: Chain, angles: Array
-) -> None:
-    modes = normal_modes(chain, angles)
-    sizes = np.array([2e-4, 1e-4])
-    changes = []
-    for size in sizes:
-        displacement, rates = random_motion(chain, size)
-        motion = simulate(
-            chain, angles + displacement, rates, 10 * chain.time_unit, chain.time_unit, 1e-13
-        )
-        energies = mode_energies(modes, motion.angles - angles, motion.rates)
-        changes.append(np.abs(energies - energies[0]).max())
-    assert math.log2(changes[0] / changes[1]) == pytest.approx(3, abs=0.15)
 
 
 def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_its_speed() -> None:
@@ -296,13 +248,6 @@ def test_the_modes_of_a_long_chain_lie_as_densely_as_the_density_of_states_says(
     assert counts[5] / 500 / (edges[6] - edges[5]) == pytest.approx(
         float(density_of_states(chain, middle)), rel=0.1
     )
-
-
-def test_a_density_of_modes_over_all_of_them_is_one_a_rotor() -> None:
-    chain, angles = relaxed_states(FLIPPER)[3]
-    frequencies = mode_frequencies(chain, angles)
-    edges = np.array([0.0, 0.3, 0.31, 1.0]) * 1.01 * frequencies[-1]
-    assert mode_density(frequencies, edges) @ np.diff(edges) == pytest.approx(1, rel=4 * EPS)
 
 
 def test_a_hundred_thousand_rotors_have_an_energy_of_phonons() -> None:
@@ -360,10 +305,3 @@ def test_a_density_of_no_frequencies_is_refused(frequency: float) -> None:
 def test_edges_that_make_no_bins_are_refused(edges: list[float]) -> None:
     with pytest.raises(ValueError, match=r'edges of bins = .* in ascending order'):
         mode_density([1.0], edges)
-
-
-def test_the_couplings_of_two_rotors_give_their_one_frequency() -> None:
-    chain = chain_of(WOBBLER, 2)
-    expected = math.hypot(*couplings(chain)) / (chain.rotor_length * chain.time_unit)
-    frequencies = mode_frequencies(chain, chain.uniform_state(1))
-    assert frequencies == pytest.approx([0, expected], rel=16 * EPS)

@@ -122,25 +122,6 @@ def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array
     return theory, balanced(chain, angles)
 
 
-@pytest.mark.parametrize(
-    ('rest_angle', 'rotors', 'expected'),
-    [
-        (math.asin(0.05), 600, 0.9992),
-        (0.1, 300, 0.9967),
-        (0.2, 160, 0.987),
-        (0.4, 80, 0.948),
-        (0.97, 40, 0.744),
-    ],
-)
-def test_a_wall_of_charge_minus_1_costs_what_an_independent_program_found(
-    rest_angle: float, rotors: int, expected: float
-) -> None:
-    theory, angles = pair_on_a_ring(rest_angle, rotors)
-    cost = float(theory.chain.elastic_energy(angles))
-    assert cost / theory.energy(0.0, -1) == pytest.approx(expected, abs=6e-4)
-    assert topological_charge(theory.chain, angles) == 0
-
-
 def test_its_cost_tends_to_that_of_the_continuum_with_the_square_of_d() -> None:
     deficits = []
     for sine, rotors in ((0.025, 1200), (0.05, 600), (0.1, 300)):
@@ -149,19 +130,6 @@ def test_its_cost_tends_to_that_of_the_continuum_with_the_square_of_d() -> None:
         deficits.append(1 - cost / theory.energy(0.0, -1))
     assert deficits[1] / deficits[0] == pytest.approx(4, rel=0.02)
     assert deficits[2] / deficits[1] == pytest.approx(4, rel=0.02)
-
-
-@pytest.mark.parametrize('charge', [1, -1])
-def test_a_sampled_wall_at_rest_costs_nothing_beside_one_of_the_other_charge(charge: int) -> None:
-    shares = []
-    for rest_angle in (0.1, 0.05):
-        chain = chain_of((0.5, rest_angle), 401)
-        theory = FlipperTheory(chain)
-        angles, _ = theory.state(200.3 * chain.spacing, 0.0, charge)
-        cost = float(chain.elastic_energy(angles))
-        shares.append(abs(cost - theory.energy(0.0, charge)) / theory.energy_scale)
-    order = 4 if charge > 0 else 2
-    assert shares[1] == pytest.approx(shares[0] / 2**order, rel=0.1)
 
 
 def arc_of(example: tuple[float, float]) -> float:

@@ -22,7 +22,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, z
 from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import drawn_deviations
-from soliton_linkage.solitons.static_wall import effective_mass, hung_from, site_arc, static_wall
+from soliton_linkage.solitons.static_wall import hung_from, site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 # How far the angles of a wall may be off by the error of following its way [rad].
@@ -73,20 +73,6 @@ def test_a_wall_is_relaxed_wherever_it_is(wall: tuple[Chain, float, int, bool]) 
     assert np.abs(chain.spring_extensions(angles)).max() <= rounding
     springs = chain.number_of_springs
     assert chain.elastic_energy(angles) <= springs * chain.stiffness * rounding**2 / 2
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_in_a_long_chain_is_relaxed_and_leans_right_before_it_and_left_beyond(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, 3000)
-    angles = static_wall(chain, 1234.56)
-    assert np.abs(chain.spring_extensions(angles)).max() <= length_rounding(chain)
-    ends = (np.arange(1, 900), np.arange(1500, 2999))
-    for lean, inner in zip((1, -1), ends, strict=True):
-        leaning = chain.rotor_length * np.sin(angles[inner])
-        expected = lean * chain.rotor_length * math.sin(chain.rest_angle)
-        assert leaning == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(('turned', 'rotor'), [(False, 9), (True, 10)])
@@ -179,27 +165,6 @@ def test_the_arc_is_the_integral_over_the_angle_of_the_nearest_rotor(
     assert site_arc(chain) == pytest.approx(arc, rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ('example', 'expected', 'digits'),
-    [
-        ((0.5, 0.1), 0.018242, 6),
-        ((0.5, 0.97), 0.49487, 5),
-        ((0.8, 0.77), 0.78374, 5),
-        ((1.0, 0.77), 1.15818, 5),
-        ((1.2, 0.77), 1.64045, 5),
-        ((1.45, 0.77), 2.46088, 5),
-        ((2.0, 1.18), 2.15732, 5),
-        ((2.0, 0.77), 6.2109, 3),
-        ((4.0, 0.9), 3.2349, 3),
-    ],
-)
-def test_the_arc_is_that_of_an_independent_program(
-    example: tuple[float, float], expected: float, digits: int
-) -> None:
-    measured = site_arc(chain_of(example, 3)) * example[0]
-    assert measured == pytest.approx(expected, abs=10.0**-digits)
-
-
 class Decimals:
     """A wall to twenty digits by bars from its rotor 0, in units of the spacing."""
 
@@ -290,13 +255,6 @@ def test_the_arc_tends_to_that_of_sine_gordon_theory_as_1_over_d_squared(
         errors.append(site_arc(chain) / arc_of_wide_spinner(chain) - 1)
     for coarse, fine in pairwise(errors):
         assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
-
-
-def test_the_mass_of_a_narrow_angled_wide_wall_is_that_of_phi_4_theory() -> None:
-    chain = chain_of((0.5, 0.05), 3)
-    lean = chain.rotor_length * math.sin(chain.rest_angle)
-    expected = 4 / 3 * chain.mass * lean**2 * chain.lean_ratio / chain.spacing**2
-    assert effective_mass(chain) == pytest.approx(expected, rel=chain.lean_ratio**2)
 
 
 @pytest.mark.parametrize('example', [(0.1, 0.2), *EXAMPLES, (1.45, 0.5), (20.0, 1.2)])
@@ -402,13 +360,6 @@ def test_a_wall_is_found_on_its_leg(
         assert shown_leg(chain, angles, place, turned) == leg
         assert soliton.rotor == pytest.approx(place, abs=0.1)
         assert soliton.charge == 1
-
-
-def test_at_d_1_legs_are_told_apart_as_well() -> None:
-    chain = Chain(21, spacing=0.1, rotor_length=0.1, rest_angle=math.asin(0.5))
-    assert chain.lean_ratio == pytest.approx(1, abs=EPS)
-    for leg in range(4):
-        assert shown_leg(chain, static_wall(chain, 9.3, leg), 9.3, False) == leg
 
 
 @pytest.mark.parametrize('rest_angle', [0.3, 0.77, 1.5])

@@ -18,7 +18,6 @@ from chains import (
     WIDE_FLIPPER,
     WIDE_SPINNER,
     WOBBLER,
-    any_chain,
     any_configuration,
     chain_of,
 )
@@ -84,17 +83,6 @@ def walls(example: tuple[float, float], rotors: int = 40) -> list[tuple[Chain, f
                 (chain, float(truth), frame) for truth, frame in zip(truths, frames, strict=True)
             ]
     return result
-
-
-@given(any_chain(most=40), st.sampled_from([-1, 1]), st.booleans())
-def test_a_uniform_state_has_no_soliton(chain: Chain, lean: int, upside_down: bool) -> None:
-    angles = chain.uniform_state(lean)
-    if upside_down:
-        angles = np.pi - angles
-    assert find_solitons(chain, angles, 0 * angles) == ()
-    assert polarisation(chain, angles) == pytest.approx(lean, abs=1e-6)
-    field, _ = order_field(chain, angles)
-    assert field == pytest.approx(lean, abs=1e-9)
 
 
 @pytest.mark.parametrize(('rotors', 'turned'), [(20, False), (21, True)])
@@ -363,15 +351,6 @@ def test_an_edge_rotor_that_toggles_moves_no_wall(
     assert np.abs(chain.spring_extensions(toggled)).max() <= limit
     before, after = (only(find_solitons(chain, frame)) for frame in (angles, toggled))
     assert after.rotor == pytest.approx(before.rotor, abs=1e-12)
-
-
-@pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, SPINNER])
-def test_a_wall_in_ten_thousand_rotors_is_found_as_in_forty(example: tuple[float, float]) -> None:
-    short, long = chain_of(example, 40), chain_of(example, 10_000)
-    expected = only(find_solitons(short, wall_between(short, 20)))
-    soliton = only(find_solitons(long, wall_between(long, 5000)))
-    assert soliton.rotor - 5000 == pytest.approx(expected.rotor - 20, abs=1e-6)
-    assert soliton.width == pytest.approx(expected.width, rel=1e-4, nan_ok=True)
 
 
 def test_what_is_no_frame_is_refused_by_name_and_value() -> None:

@@ -20,7 +20,7 @@ from linkage_motion import TOLERANCE, closed_orbit, distance, site
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage.solitons.track import Track, find_crossings, follow, track_point
@@ -83,22 +83,6 @@ def test_frames_in_which_the_soliton_was_not_found_are_passed_over() -> None:
     crossings = find_crossings(CHAIN, Track(track.times, rotors, track.place_rates))
     assert [crossing.direction for crossing in crossings] == [1, -1]
     assert [crossing.place_rate for crossing in crossings] == pytest.approx([2, 2], rel=1e-9)
-
-
-@pytest.mark.parametrize('rotors', [NOTHING, np.full(5, np.nan), np.linspace(0, 3, 5)])
-def test_a_path_without_a_crossing_has_none(rotors: Array) -> None:
-    track = Track(np.arange(len(rotors), dtype=float), rotors, rotors)
-    assert find_crossings(CHAIN, track) == ()
-
-
-def test_a_recording_without_rates_has_the_same_places_and_no_velocities() -> None:
-    recording = nudged(CHAIN, 0.1, 20, 1)
-    blind = dataclasses.replace(recording, rates=np.empty((0, 21)))
-    track, places = follow(CHAIN, recording), follow(CHAIN, blind)
-    assert np.array_equal(places.rotors, track.rotors, equal_nan=True)
-    assert np.array_equal(places.times, recording.times)
-    assert np.isnan(places.place_rates).all()
-    assert np.isfinite(track.place_rates[-5:]).all()
 
 
 @pytest.mark.parametrize(
@@ -176,14 +160,3 @@ def test_flippers_are_restored_by_two_round_trips_and_not_by_one(
     half = gaps[4 * len(gaps) // 10 : 6 * len(gaps) // 10]
     assert half.min() > 1.0
     assert np.abs(chain.spring_extensions(orbit)).max() < 1e4 * TOLERANCE * chain.rotor_length
-
-
-def test_an_elastic_flipper_is_restored_by_two_round_trips() -> None:
-    chain = chain_of(FLIPPER, 20)
-    recording = nudged(chain, 0.1, 470, 0.25)
-    gaps = distance(recording.angles, recording.angles[0])
-    times = recording.times / chain.time_unit
-    assert gaps[times > 400].min() < 0.05
-    assert gaps[(times > 100) & (times < 330)].min() > 1.0
-    crossings = find_crossings(chain, follow(chain, recording))
-    assert [crossing.direction for crossing in crossings] == [1, -1, 1, -1]
