@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 from pages import ROOT
 
-from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
-from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
+from soliton_linkage.microcontroller.frames import (
+    FrameDecoder,
+    FrameKind,
+    Protocol,
+    SerialFrame,
+    encode,
+)
 
 FIRMWARE = ROOT / 'examples/serial_firmware/serial_firmware.ino'
 

@@ -15,7 +15,7 @@ import pytest
 from graphs import Graph, values
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.microcontroller.frame_decoder import Protocol
+from soliton_linkage.microcontroller.frames import Protocol
 from soliton_linkage.microcontroller.simulated_controller import (
     ControllerSettings,
     SimulatedController,

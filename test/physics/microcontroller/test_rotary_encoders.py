@@ -8,8 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
-from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
+from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
+from soliton_linkage.microcontroller.rotary_encoders import (
+    AngleReader,
+    AngleStream,
+    RotaryEncoders,
+)
+
+MILLISECOND = 10**6
 
 
 def counts(*values: float) -> SerialFrame:
@@ -65,3 +71,42 @@ def test_what_does_not_fit_the_chain_is_refused() -> None:
         AngleReader(RotaryEncoders(signs=(1.0, 1.0)), 3)
     with pytest.raises(ValueError, match='it has 2 readings for a chain of 3 rotors'):
         AngleReader(RotaryEncoders(), 3).read(counts(1, 2))
+
+
+def stream() -> AngleStream:
+    return AngleStream(AngleReader(RotaryEncoders(), 1))
+
+
+def reading(number: int | None, time: int | None = None) -> SerialFrame:
+    return SerialFrame(FrameKind.COUNTS, number, time, np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'lost'),
+    [
+        ([SEQUENCES - 3, SEQUENCES - 1, 0, 1, 5], 1 + 3),
+        ([7, None, 90, None, 200], 0),
+        ([41, 42, 0, 1], 0),  # a controller without a clock that has restarted
+    ],
+)
+def test_missing_numbers_are_lost_frames(numbers: list[int | None], lost: int) -> None:
+    taking = stream()
+    for count, number in enumerate(numbers):
+        assert taking.take(reading(number), count * MILLISECOND) is not None
+    assert taking.lost == lost
+
+
+@pytest.mark.parametrize('greeted', [True, False])
+def test_what_a_new_beginning_skips_is_not_lost(greeted: bool) -> None:
+    taking = stream()
+    for number in (40, 41, 42):
+        taking.take(reading(number, 1000 * number), number * MILLISECOND)
+    if greeted:
+        assert taking.take(SerialFrame(FrameKind.HELLO), 43 * MILLISECOND) is None
+    assert taking.take(reading(60, 1), 1000 * MILLISECOND) is not None
+    assert (taking.lost, taking.clock.restarts) == (0, 1)
+
+
+def test_commands_are_no_readings() -> None:
+    with pytest.raises(ValueError, match='torques are commands to a controller'):
+        stream().take(SerialFrame(FrameKind.TORQUES, 0, 0, np.zeros(1)), 0)

@@ -8,10 +8,18 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.microcontroller.angle_stream import AngleStream
-from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
-from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
-from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
+from soliton_linkage.microcontroller.frames import (
+    FrameDecoder,
+    FrameKind,
+    Protocol,
+    SerialFrame,
+    encode,
+)
+from soliton_linkage.microcontroller.rotary_encoders import (
+    AngleReader,
+    AngleStream,
+    RotaryEncoders,
+)
 from soliton_linkage.microcontroller.simulated_controller import (
     ControllerSettings,
     SimulatedController,

@@ -1,5 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from a microcontroller: what is said on its serial line, and when by its clock.
-
-Bytes and times go in, angles and instants come out. docs/serial.md describes the line.
-"""
+"""Angles from a microcontroller: the frames of its serial line, its clock and its encoders."""

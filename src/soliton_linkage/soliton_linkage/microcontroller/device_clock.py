@@ -1,57 +1,144 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The clock of a microcontroller, as seen by the clock of the computer that hears it."""
+"""Offset and drift of a microcontroller's clock, by the arrival times of its messages.
+
+A message that was sent at x by the clock of the sender arrives with the delay
+
+    y = a + b x + d,    d >= 0,
+
+by the clock of the receiver: a is the difference of the clocks plus the least delay, b the drift
+and d the waiting time. Of all lines below the points, the one with the least mean distance passes
+through the edge of their lower convex hull above the mean of x (S. Moon, P. Skelly and D. Towsley,
+INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). The points are the earliest messages of equal
+intervals.
+"""
 
 from __future__ import annotations
 
-from soliton_linkage.microcontroller.delay_envelope import DelayEnvelope
+import math
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.microcontroller.frames import CLOCK_RANGE
 
 _MICROSECOND = 1000
 """In nanoseconds."""
 _SECOND = 10**9
 """In nanoseconds."""
+_INTERVALS = 64
+"""Intervals whose earliest messages are kept [1]. Sensitivity: at 0.5x, the line is known half as
+well; at 2x, a fit takes four times as long."""
+_FIRST_INTERVAL = 1 / 16
+"""Duration of the first intervals [s]: the drift is known from the second one on."""
+_LONGEST_INTERVAL = 2.0
+"""Duration of the last intervals [s], together two minutes. Sensitivity: at 0.5x, the line follows
+a clock that warms up more closely; at 2x, a steady clock is known better."""
+LARGEST_DRIFT = 0.01
+"""Largest drift of a clock [1]: twice that of the ceramic resonator of an Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
-"""By which a measurement may be later than now [s]: a drift of 1 % in 25 s without a frame. What
-is later still is of a clock that has begun anew."""
+"""Largest time by which a measurement may be later than now [s]: a drift of 1 % in 25 s without a
+frame. If it is later, the clock has restarted."""
 _FROM_THE_PAST = 10.0
-"""By which it may be late [s]: what the system keeps of a line of 9600 baud takes four. What is
-earlier still is of a clock that has stood still, or counts something else."""
+"""Largest delay [s]: the system's buffer holds four seconds of a line of 9600 baud. If it is
+larger, the clock has stopped or does not count microseconds."""
+
+
+class DelayEnvelope:
+    """Line below the delays of messages."""
+
+    def __init__(self) -> None:
+        self.drift = 0.0
+        """Slope of the line [1]."""
+        self.offset = math.inf
+        """Delay of the line at 0 [s]."""
+        self.scatter = math.nan
+        """Mean height of the earliest messages above the line [s], NaN if unknown.
+
+        It is the median over ln 2, as for exponential times, because a machine that stalls has a
+        few messages far above. The line is nearer than that to the line of the least delay: by the
+        number of intervals if delays are exponential, less if few messages are nearly as quick as
+        the quickest.
+        """
+        self._points: list[tuple[float, float]] = []
+        self._interval = _FIRST_INTERVAL
+        self._end = -math.inf
+        self._best = (0.0, math.inf)
+
+    def add(self, x: float, y: float) -> None:
+        """Add a message that was sent at x [s], after the one before, with a delay y [s]."""
+        if x >= self._end:
+            if self._points or math.isfinite(self._best[1]):
+                self._fit()
+            self._best, self._end = (x, y), x + self._interval
+        elif self._above((x, y)) < self._above(self._best):
+            self._best = (x, y)
+        self.offset = min(self.offset, y - self.drift * x)
+
+    def at(self, x: float) -> float:
+        """Return the delay of the line [s]."""
+        return self.offset + self.drift * x
+
+    def _fit(self) -> None:
+        """Close an interval and fit the line again."""
+        self._points.append(self._best)
+        oldest = self._points[-1][0] - _INTERVALS * _LONGEST_INTERVAL
+        self._points = [point for point in self._points if point[0] >= oldest]
+        if len(self._points) >= _INTERVALS and self._interval < _LONGEST_INTERVAL:
+            self._interval *= 2
+            pairs = zip(self._points[::2], self._points[1::2], strict=True)
+            self._points = [min(pair, key=self._above) for pair in pairs]
+        if len(self._points) > 1:
+            xs, ys = np.array(self._points).T
+            self.drift = float(np.clip(_slope_under(xs, ys), -LARGEST_DRIFT, LARGEST_DRIFT))
+            above = ys - self.drift * xs
+            self.offset = float(above.min())
+            if len(xs) > 2:
+                self.scatter = float(np.median(np.sort(above - self.offset)[2:])) / math.log(2)
+
+    def _above(self, point: tuple[float, float]) -> float:
+        return point[1] - self.drift * point[0]
+
+
+def _slope_under(xs: Array, ys: Array) -> float:
+    """Return the slope of the edge of the lower convex hull above the mean of x."""
+    middle = xs.mean()
+    left, right = xs < middle, xs >= middle
+    run = xs[right] - xs[left, None]
+    rise = ys[right] - ys[left, None]
+    crossing = ys[left, None] + rise / run * (middle - xs[left, None])
+    lowest = np.unravel_index(np.argmin(crossing), crossing.shape)
+    return float(rise[lowest] / run[lowest])
 
 
 class DeviceClock:
-    """Instants of measurements by the clock here, of times by that of the controller.
+    """Time stamps of measurements by the host's clock, from times of the controller's clock.
 
-    The offset and the drift of the controller's clock come from when the messages arrive, of
-    which none can arrive before it was sent. The least delay of all is part of the offset:
-    nothing at this end can tell it. Stamps grow from measurement to measurement.
+    Offset and drift follow from the arrival times, because no message arrives before it was sent.
+    The least delay is part of the offset, because nothing at this end can measure it. Stamps
+    increase from measurement to measurement.
     """
 
     def __init__(self) -> None:
         self.restarts = 0
-        """How often the controller's clock has begun anew."""
+        """Number of restarts of the controller's clock."""
         self.delay = 0.0
-        """What the last measurement took to arrive, but for the least delay [s]."""
+        """Delay of the last measurement beyond the least delay [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.begin_anew()
 
     @property
     def drift(self) -> float:
-        """By how much the controller's clock is slow [1]: a second of it lasts 1 + drift here."""
+        """Drift of the controller's clock [1]: its second lasts 1 + drift by the host's clock."""
         return self._envelope.drift
 
     @property
     def scatter(self) -> float:
-        """What stamps are sure to, but for the least delay [s]; NaN where it is not known yet."""
+        """Uncertainty of stamps apart from the least delay [s], NaN while it is unknown."""
         return self._envelope.scatter
 
-    @property
-    def known(self) -> bool:
-        """Whether there has been a measurement since the clock began."""
-        return self._last is not None
-
     def begin_anew(self) -> None:
-        """Forget the clock: the controller has begun anew, or is another."""
+        """Forget the clock, because the controller has restarted or is another."""
         if self._last is not None:
             self.restarts += 1
         self._last = None
@@ -60,12 +147,12 @@ class DeviceClock:
         self._envelope = DelayEnvelope()
 
     def stamp(self, time: int, arrival: int) -> int:
-        """Instant [ns] of a measurement at a time of the controller [us] that arrives at one [ns].
+        """Return the stamp [ns] of a measurement at a controller time [us], arrived at [ns].
 
-        Raises ValueError for a time that is the one before.
+        Raises ValueError if the time is that of the measurement before.
         """
         if self._last is not None:
-            self._elapsed_to(time, arrival)
+            self._advance(time, arrival)
         if self._last is None:
             self._begun = arrival
         self._last = time
@@ -77,12 +164,12 @@ class DeviceClock:
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
-        """Instant [ns] of a measurement whose time is not told: when it arrives."""
+        """Return the stamp [ns] of a measurement without a time: its arrival."""
         self._stamp = max(arrival, self._stamp + 1)
         return self._stamp
 
-    def _elapsed_to(self, time: int, arrival: int) -> None:
-        """Go on to a time, or begin anew where that would be in the future or long past."""
+    def _advance(self, time: int, arrival: int) -> None:
+        """Advance to a time, or restart if that would be in the future or too late."""
         assert self._last is not None
         gone = (time - self._last) % CLOCK_RANGE
         if not gone:
@@ -95,7 +182,7 @@ class DeviceClock:
         elapsed = self._elapsed + gone
         elapsed += max((latest - elapsed) // CLOCK_RANGE, 0) * CLOCK_RANGE
         earliest = latest - round(1e6 * (_FROM_THE_FUTURE + _FROM_THE_PAST))
-        if not earliest <= elapsed <= latest:
-            self.begin_anew()
-        else:
+        if earliest <= elapsed <= latest:
             self._elapsed = elapsed
+        else:
+            self.begin_anew()

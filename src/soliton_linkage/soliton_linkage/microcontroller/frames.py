@@ -1,30 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a microcontroller and a computer tell each other, however it is written."""
+"""Frames of a serial line to a microcontroller, as lines of text or as bytes (docs/serial.md).
+
+A binary frame is a header, the values and the CRC-32 of zlib (CRC-32/ISO-HDLC). Consistent
+overhead byte stuffing removes the zeros, so that a zero ends the frame: S. Cheshire and M. Baker,
+IEEE/ACM Transactions on Networking 7, 159 (1999), doi:10.1109/90.769765.
+"""
 
 from __future__ import annotations
 
+import math
+import re
+import struct
+import zlib
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
 
 SEQUENCES = 2**16
-"""Numbers of frames [1], after which they begin anew: those of uint16_t."""
+"""Period of frame numbers [1]: they are uint16_t."""
 CLOCK_RANGE = 2**32
-"""Range of a controller's clock [us], 71.6 minutes: that of micros() of Arduino."""
+"""Period of a controller's clock [us], 71.6 minutes: micros() of Arduino."""
+VERSION = 1
+"""Version of the binary layout [1]; other versions are rejected."""
+LONGEST_FRAME = 2**16
+"""Longest frame [bytes]: 2500 rotors in text. Longer input without an end is noise."""
+_LINE_END, _FRAME_END = b'\n', b'\0'
+_HEADER = struct.Struct('<cBHI')
+"""Letter of the kind, version, frame number, time [us]; the values after it are aligned."""
+_CHECKSUM = struct.Struct('<I')
+_LONGEST_BLOCK = 254
+"""Longest block without a zero in byte stuffing [bytes]."""
+_TEXT_CHECKSUM = re.compile(rb'\*([0-9A-Fa-f]{8})')
+"""CRC-32 of all characters before it."""
+_REAL = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?')
+_WHOLE = re.compile(r'[-+]?\d{1,15}')
+"""Number that a double holds exactly."""
+_COUNTER = re.compile(r'\d{1,20}')
+"""Number of at most 64 bits."""
+_MISSING = '-'
+"""Missing value; the libraries of controllers print `nan` instead."""
 
 
 class FrameKind(Enum):
-    """What the values of a frame are."""
+    """Meaning of the values of a frame."""
 
     COUNTS = 'counts'
-    """Readings of encoders [1]."""
+    """Encoder counts [1]."""
     RADIANS = 'radians'
     """Angles [rad]."""
     HELLO = 'hello'
-    """Nothing: the controller has begun anew."""
+    """No values: the controller has restarted."""
     TORQUES = 'torques'
     """Commands to the valves [N m]."""
     PRESSURES = 'pressures'
@@ -32,9 +61,26 @@ class FrameKind(Enum):
 
 
 READINGS = frozenset({FrameKind.COUNTS, FrameKind.RADIANS})
-"""Kinds that a controller measures."""
+"""Kinds that a controller sends."""
 COMMANDS = frozenset({FrameKind.TORQUES, FrameKind.PRESSURES})
-"""Kinds that a controller is told."""
+"""Kinds that a controller receives."""
+_KINDS = {kind.value: kind for kind in FrameKind}
+_LAYOUTS: dict[bytes, tuple[FrameKind, np.dtype[Any]]] = {
+    b'c': (FrameKind.COUNTS, np.dtype('<i2')),
+    b'C': (FrameKind.COUNTS, np.dtype('<i4')),
+    b'r': (FrameKind.RADIANS, np.dtype('<f4')),
+    b'h': (FrameKind.HELLO, np.dtype('<i2')),
+    b't': (FrameKind.TORQUES, np.dtype('<f4')),
+    b'p': (FrameKind.PRESSURES, np.dtype('<f4')),
+}
+"""Kind and type of the values by the letter in a binary header."""
+
+
+class Protocol(Enum):
+    """Encoding of frames on the line."""
+
+    TEXT = 'text'
+    BINARY = 'binary'
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +89,235 @@ class SerialFrame:
 
     kind: FrameKind
     sequence: int | None = None
-    """Number of the frame modulo `SEQUENCES`, None where it is not told."""
+    """Frame number modulo `SEQUENCES`, None if it is not sent."""
     time: int | None = None
-    """Of readings, when they were measured by the controller's clock, modulo `CLOCK_RANGE`, None
-    where it is not told; of commands, for how long they hold [us]."""
+    """Reading: time of measurement by the controller's clock modulo `CLOCK_RANGE` [us], None if it
+    is not sent. Command: time for which it holds [us]."""
     values: Array = field(default_factory=lambda: np.zeros(0))
-    """One a rotor, NaN for one that is missing."""
+    """One value per rotor, NaN for a missing one."""
+
+
+def encode(frame: SerialFrame, protocol: Protocol) -> bytes:
+    """Return the bytes of a frame, its end included."""
+    return encode_binary(frame) if protocol is Protocol.BINARY else encode_text(frame)
+
+
+def encode_text(frame: SerialFrame) -> bytes:
+    """Return the line of a frame with its checksum."""
+    format_ = '.0f' if frame.kind is FrameKind.COUNTS else '.9g'
+    words = [frame.kind.value]
+    words += [_MISSING if each is None else str(each) for each in (frame.sequence, frame.time)]
+    words += [
+        _MISSING if math.isnan(value) else format(value, format_)
+        for value in frame.values.tolist()
+    ]
+    line = ' '.join(words).encode()
+    return b'%b*%08X%b' % (line, zlib.crc32(line), _LINE_END)
+
+
+def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
+    """Return the frame of a line and whether it has a checksum; ValueError if it is invalid."""
+    content = line = line.removesuffix(b'\r')
+    checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
+    if checksum:
+        content = line[:-9]
+        if zlib.crc32(content) != int(checksum[1], 16):
+            raise ValueError('the checksum of a line is wrong')
+    try:
+        words = content.decode('ascii').split()
+        kind = _KINDS[words[0]]
+    except (ValueError, LookupError):
+        raise ValueError(
+            f'a line begins with none of {", ".join(_KINDS)}; see docs/serial.md'
+        ) from None
+    sequence, time = [*words[1:3], _MISSING, _MISSING][:2]
+    values = np.array([_value(word, kind) for word in words[3:]], dtype=np.float64)
+    numbers = _counter(sequence, SEQUENCES), _counter(time, CLOCK_RANGE)
+    return SerialFrame(kind, *numbers, values), checksum is not None
+
+
+def _counter(word: str, period: int) -> int | None:
+    if word == _MISSING:
+        return None
+    if not _COUNTER.fullmatch(word):
+        raise ValueError(f'{word!r} is not a frame number or a time; send - for none')
+    return int(word) % period
+
+
+def _value(word: str, kind: FrameKind) -> float:
+    if word.lower() in (_MISSING, 'nan'):
+        return math.nan
+    pattern, what = (_WHOLE, 'a whole') if kind is FrameKind.COUNTS else (_REAL, 'a finite')
+    if not pattern.fullmatch(word) or math.isinf(float(word)):
+        raise ValueError(f'{word!r} is not {what} number; send - for a missing rotor')
+    return float(word)
+
+
+def encode_binary(frame: SerialFrame) -> bytes:
+    """Return a frame as bytes, counts in the shortest integers that hold them."""
+    for letter, (kind, type_) in _LAYOUTS.items():
+        packed = _packed(frame.values, type_) if kind is frame.kind else None
+        if packed is not None:
+            sequence, time = (frame.sequence or 0) % SEQUENCES, (frame.time or 0) % CLOCK_RANGE
+            content = _HEADER.pack(letter, VERSION, sequence, time) + packed
+            return stuff(content + _CHECKSUM.pack(zlib.crc32(content))) + _FRAME_END
+    raise ValueError(f'{frame.kind.value} exceed the range of 32-bit integers')
+
+
+def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
+    """Return values as bytes; None if an integer type cannot hold them."""
+    if type_.kind == 'i':
+        limits, missing = np.iinfo(type_), np.isnan(values)
+        known = values[~missing]
+        if not ((known > limits.min) & (known <= limits.max)).all():
+            return None
+        values = np.where(missing, float(limits.min), np.round(values))
+    return values.astype(type_).tobytes()
+
+
+def decode_binary(piece: bytes) -> SerialFrame:
+    """Return the frame of the bytes before an end; ValueError if they are invalid."""
+    whole = unstuff(piece)
+    if len(whole) < _HEADER.size + _CHECKSUM.size:
+        raise ValueError(f'a frame of {len(whole)} bytes is too short')
+    content, checksum = whole[: -_CHECKSUM.size], whole[-_CHECKSUM.size :]
+    if _CHECKSUM.pack(zlib.crc32(content)) != checksum:
+        raise ValueError('the checksum of a frame is wrong')
+    letter, version, sequence, time = _HEADER.unpack_from(content)
+    if letter not in _LAYOUTS or version != VERSION:
+        raise ValueError(
+            f'frames of kind {letter!r} and version {version} are unknown; see docs/serial.md'
+        )
+    kind, type_ = _LAYOUTS[letter]
+    data = content[_HEADER.size :]
+    if len(data) % type_.itemsize:
+        raise ValueError(
+            f'{len(data)} bytes of values are not a multiple of {type_.itemsize} bytes each'
+        )
+    values = np.frombuffer(data, type_).astype(np.float64)
+    if type_.kind == 'i':
+        values[values == np.iinfo(type_).min] = np.nan
+    elif np.isinf(values).any():
+        raise ValueError(f'a value of {kind.value} is infinite; send NaN for a missing one')
+    return SerialFrame(kind, sequence, time, values)
+
+
+def stuff(data: bytes) -> bytes:
+    """Return bytes without a zero that encode `data`."""
+    stuffed = bytearray()
+    for block in data.split(b'\0'):
+        while len(block) >= _LONGEST_BLOCK:
+            stuffed.append(_LONGEST_BLOCK + 1)
+            stuffed += block[:_LONGEST_BLOCK]
+            block = block[_LONGEST_BLOCK:]
+        stuffed.append(len(block) + 1)
+        stuffed += block
+    return bytes(stuffed)
+
+
+def unstuff(stuffed: bytes) -> bytes:
+    """Return the bytes that stuffed ones encode; ValueError if they are invalid."""
+    data = bytearray()
+    at, size = 0, len(stuffed)
+    while at < size:
+        code = stuffed[at]
+        following = at + code
+        if code == 0 or following > size:
+            raise ValueError('a frame is truncated')
+        data += stuffed[at + 1 : following]
+        if code <= _LONGEST_BLOCK and following < size:
+            data.append(0)
+        at = following
+    return bytes(data)
+
+
+class FrameDecoder:
+    """Decoder of a stream of either protocol, cut into chunks anywhere.
+
+    The protocol is that of the last valid frame. Input before the first one is ignored, because it
+    is the rest of a frame or comes from another program. After a line of text with a checksum,
+    lines without one are rejected.
+    """
+
+    def __init__(self) -> None:
+        self.protocol: Protocol | None = None
+        """Protocol of the last frame, None before the first one."""
+        self.frames = 0
+        """Number of valid frames."""
+        self.corrupted = 0
+        """Number of invalid frames of the protocol."""
+        self.complaint = ''
+        """Error of the last invalid frame."""
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Expect another controller; the counts continue."""
+        self.protocol = None
+        self._checked = False
+        self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)
+
+    def feed(self, chunk: bytes) -> list[SerialFrame]:
+        """Return the frames that end in a chunk, in their order."""
+        ended = [(end, Protocol.TEXT, line) for end, line in self._lines.feed(chunk)]
+        ended += [(end, Protocol.BINARY, piece) for end, piece in self._pieces.feed(chunk)]
+        ended.sort(key=lambda each: each[0])
+        decoded = (self._decoded(protocol, written) for _, protocol, written in ended)
+        frames = [frame for frame in decoded if frame is not None]
+        self.frames += len(frames)
+        return frames
+
+    def _decoded(self, protocol: Protocol, written: bytes | None) -> SerialFrame | None:
+        try:
+            if written is None:
+                raise ValueError(f'{LONGEST_FRAME} bytes arrived without an end of a frame')
+            if protocol is Protocol.TEXT:
+                if not written.strip() or written.startswith(b'#'):
+                    return None
+                frame, checked = decode_text(written)
+                if self._checked and not checked:
+                    raise ValueError('a line has no checksum, but lines before it had one')
+                self._checked = checked
+            elif written:
+                frame = decode_binary(written)
+            else:
+                return None
+        except ValueError as error:
+            if protocol is self.protocol:
+                self.corrupted += 1
+                self.complaint = str(error)
+            return None
+        self.protocol = protocol
+        return frame
+
+
+class _Splitter:
+    """Splitter of a stream at each end of a frame."""
+
+    def __init__(self, end: bytes) -> None:
+        self._end = end
+        self._rest = b''
+        self._begin = 0
+        self._too_long = False
+
+    def feed(self, chunk: bytes) -> list[tuple[int, bytes | None]]:
+        """Return the pieces that end in a chunk with the offsets of their ends.
+
+        A piece that is too long is None, once, as soon as it is.
+        """
+        found: list[tuple[int, bytes | None]] = []
+        *whole, rest = (self._rest + chunk).split(self._end)
+        for piece in whole:
+            if not self._too_long:
+                short = len(piece) <= LONGEST_FRAME
+                end = self._begin + (len(piece) if short else LONGEST_FRAME)
+                found.append((end, piece if short else None))
+            self._begin += len(piece) + 1
+            self._too_long = False
+        self._rest = rest
+        if self._too_long or len(rest) > LONGEST_FRAME:
+            if not self._too_long:
+                found.append((self._begin + LONGEST_FRAME, None))
+            self._too_long = True
+            self._begin += len(rest)
+            self._rest = b''
+        return found

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What encoders read, and the angles of the rotors that they sit on."""
+"""Rotor angles from the frames of a controller: encoder mounting, turns, stamps, lost frames."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE, check_quantities, quantity
-from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
+from soliton_linkage.microcontroller.device_clock import DeviceClock
+from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
 _TURN = 2 * math.pi
-"""In radians."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class RotaryEncoders:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Reject values out of their range."""
         check_quantities(self)
         for counts in self.counts_per_turn:
             if not (math.isfinite(counts) and counts >= 1):
@@ -57,29 +58,24 @@ class RotaryEncoders:
 
     def check_fit(self, rotors: int) -> None:
         """Raise ValueError unless there is one value for each rotor, or one for all."""
-        for name, fits in (
-            ('counts_per_turn', (1, rotors)),
-            ('signs', (0, rotors)),
-            ('offsets', (0, rotors)),
-        ):
+        for name, least in (('counts_per_turn', 1), ('signs', 0), ('offsets', 0)):
             given = len(getattr(self, name))
-            if given not in fits:
+            if given not in (least, rotors):
                 raise ValueError(
                     f'{name} has {given} values for a chain of {rotors} rotors; '
-                    f'give {fits[0] or "none"} or {rotors}'
+                    f'give {least or "none"} or {rotors}'
                 )
 
     def per_radian(self) -> Array:
-        """Counts that an angle of one radian adds to a reading [1/rad], shape (1,) or (N,)."""
-        per_radian: Array = np.asarray(self.signs or 1.0) * self.counts_per_turn / _TURN
-        return per_radian
+        """Return the counts that one radian adds to a reading [1/rad], shape (1,) or (N,)."""
+        return np.asarray(np.asarray(self.signs or 1.0) * self.counts_per_turn / _TURN)
 
 
 class AngleReader:
-    """Turns readings into angles that go on from frame to frame, however often rotors turn."""
+    """Conversion of readings into angles that count the turns of the rotors."""
 
     def __init__(self, encoders: RotaryEncoders, rotors: int) -> None:
-        """Read a chain of so many rotors; ValueError where the encoders do not fit it."""
+        """Raise ValueError if the encoders do not fit a chain of so many rotors."""
         encoders.check_fit(rotors)
         self.rotors = rotors
         self._wrapped = encoders.wrapped
@@ -91,10 +87,10 @@ class AngleReader:
         self._last = np.zeros(rotors)
 
     def read(self, frame: SerialFrame) -> Array:
-        """Angle of each rotor [rad], shape (N,), NaN where it is missing.
+        """Return the angle of each rotor [rad], shape (N,), NaN if it is missing.
 
-        Readings that wrap continue those of the last frame in which the rotor was not missing,
-        by less than half a turn. Raises ValueError unless there is a reading of each rotor.
+        Readings that wrap continue those of the last frame with the rotor by less than half a
+        turn. Raises ValueError unless there is a reading for each rotor.
         """
         if len(frame.values) != self.rotors:
             raise ValueError(
@@ -106,3 +102,58 @@ class AngleReader:
             angles = angles + _TURN * np.round((self._last - angles) / _TURN)
             self._last = np.where(np.isnan(angles), self._last, angles)
         return np.asarray(angles)
+
+
+class StampedAngles(NamedTuple):
+    """Angles of a frame."""
+
+    stamp: int
+    """Time of the measurement by the host's clock [ns]."""
+    angles: Array
+    """Rotor angles [rad], shape (N,), NaN for a missing one."""
+
+
+class AngleStream:
+    """Angles of successive frames, with the number of lost frames."""
+
+    def __init__(self, reader: AngleReader) -> None:
+        self.clock = DeviceClock()
+        """Clock of the controller."""
+        self.lost = 0
+        """Number of numbered frames that did not arrive."""
+        self._reader = reader
+        self._last: int | None = None
+
+    def begin_anew(self) -> None:
+        """Expect a controller that has restarted."""
+        self.clock.begin_anew()
+        self._last = None
+
+    def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
+        """Return the angles of a frame that arrives at [ns]; None if it is a greeting.
+
+        Raises ValueError for a frame that is no reading, does not fit the chain, or is a repeat.
+        """
+        if frame.kind is FrameKind.HELLO:
+            self.begin_anew()
+            return None
+        if frame.kind not in READINGS:
+            raise ValueError(
+                f'{frame.kind.value} are commands to a controller; send counts or radians'
+            )
+        angles = self._reader.read(frame)
+        restarts = self.clock.restarts
+        if frame.time is None:
+            stamp = self.clock.stamp_of_arrival(arrival)
+        else:
+            stamp = self.clock.stamp(frame.time, arrival)
+        if (
+            self.clock.restarts == restarts
+            and frame.sequence is not None
+            and self._last is not None
+        ):
+            missing = (frame.sequence - self._last - 1) % SEQUENCES
+            # A smaller number comes from a controller without a clock that has restarted.
+            self.lost += missing if missing < SEQUENCES // 2 else 0
+        self._last = frame.sequence
+        return StampedAngles(stamp, angles)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A microcontroller for people without one: it says and hears what a real one does."""
+"""Simulated microcontroller, which sends readings of encoders and obeys commands to valves."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import numpy as np
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import check_quantities, quantity
-from soliton_linkage.microcontroller.delay_envelope import LARGEST_DRIFT
-from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
+from soliton_linkage.microcontroller.device_clock import LARGEST_DRIFT
 from soliton_linkage.microcontroller.frames import (
     CLOCK_RANGE,
     COMMANDS,
     SEQUENCES,
+    FrameDecoder,
     FrameKind,
+    Protocol,
     SerialFrame,
+    encode,
 )
 from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
 
@@ -36,12 +38,12 @@ class ControllerSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Reject values out of their range."""
         check_quantities(self)
 
 
 class SimulatedController:
-    """Writes readings of encoders, and does what its valves are told for as long as that holds."""
+    """Controller of a chain; each command to its valves holds for the time that it states."""
 
     def __init__(
         self,
@@ -49,7 +51,7 @@ class SimulatedController:
         encoders: RotaryEncoders | None = None,
         settings: ControllerSettings | None = None,
     ) -> None:
-        """Have so many rotors; ValueError where the encoders do not fit them."""
+        """Raise ValueError if the encoders do not fit so many rotors."""
         self._encoders = encoders or RotaryEncoders()
         self._encoders.check_fit(rotors)
         self._settings = settings or ControllerSettings()
@@ -57,26 +59,27 @@ class SimulatedController:
         self._decoder = FrameDecoder()
         self._rotors = rotors
         self.commands = 0
-        """Commands to the valves that were carried out."""
+        """Number of commands carried out."""
         self.start(0.0)
 
     def start(self, now: float) -> bytes:
-        """Begin, or begin anew, at an instant [s]; return what it says then."""
+        """Start or restart at a time [s]; return the bytes that it sends."""
         self._begun, self._sequence = now, 0
         self._torques, self._hold_until = np.zeros(self._rotors), now
         return encode(SerialFrame(FrameKind.HELLO), self._protocol)
 
     def measure(self, now: float, angles: Array) -> bytes:
-        """What it says of the angles [rad], shape (N,), at an instant [s]; NaN for none."""
+        """Return the bytes that it sends for angles [rad], shape (N,), at a time [s]."""
         readings = (angles + (self._encoders.offsets or 0.0)) * self._encoders.per_radian()
         if self._encoders.wrapped:
             readings %= self._encoders.counts_per_turn
-        frame = SerialFrame(FrameKind.COUNTS, self._sequence, self._clock(now), np.round(readings))
+        clock = round((now - self._begun) * (1 + self._settings.drift) * 1e6) % CLOCK_RANGE
+        frame = SerialFrame(FrameKind.COUNTS, self._sequence, clock, np.round(readings))
         self._sequence = (self._sequence + 1) % SEQUENCES
         return encode(frame, self._protocol)
 
     def hear(self, now: float, chunk: bytes) -> None:
-        """Take what it is told at an instant [s]; what does not fit its rotors it leaves."""
+        """Receive bytes at a time [s]; ignore frames that do not fit its rotors."""
         for frame in self._decoder.feed(chunk):
             if frame.kind in COMMANDS and len(frame.values) == self._rotors:
                 pressures = frame.kind is FrameKind.PRESSURES
@@ -86,8 +89,5 @@ class SimulatedController:
                 self.commands += 1
 
     def torques(self, now: float) -> Array:
-        """Torque on each rotor at an instant [N m], shape (N,); none where nobody renewed it."""
+        """Return the torque on each rotor at a time [s] [N m], shape (N,)."""
         return self._torques if now < self._hold_until else np.zeros(self._rotors)
-
-    def _clock(self, now: float) -> int:
-        return round((now - self._begun) * (1 + self._settings.drift) * 1e6) % CLOCK_RANGE

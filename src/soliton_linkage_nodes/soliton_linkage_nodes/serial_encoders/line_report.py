@@ -8,8 +8,8 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from soliton_linkage.microcontroller.angle_stream import AngleStream
-from soliton_linkage.microcontroller.frame_decoder import FrameDecoder
+from soliton_linkage.microcontroller.frames import FrameDecoder
+from soliton_linkage.microcontroller.rotary_encoders import AngleStream
 from soliton_linkage_nodes.runtime.diagnostics import Report
 
 _LONGEST_DELAY = 0.5

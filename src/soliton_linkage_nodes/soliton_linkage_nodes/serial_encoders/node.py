@@ -10,10 +10,12 @@ from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from soliton_linkage.microcontroller.angle_stream import AngleStream
-from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, encode
-from soliton_linkage.microcontroller.frames import SerialFrame
-from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
+from soliton_linkage.microcontroller.frames import FrameDecoder, SerialFrame, encode
+from soliton_linkage.microcontroller.rotary_encoders import (
+    AngleReader,
+    AngleStream,
+    RotaryEncoders,
+)
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
     ChainSource,

@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.microcontroller.frame_decoder import FrameDecoder, Protocol, encode
-from soliton_linkage.microcontroller.frames import FrameKind, SerialFrame
+from soliton_linkage.microcontroller.frames import (
+    FrameDecoder,
+    FrameKind,
+    Protocol,
+    SerialFrame,
+    encode,
+)
 from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
 from soliton_linkage.microcontroller.simulated_controller import SimulatedController
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names

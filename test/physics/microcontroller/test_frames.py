@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of both protocols are decoded from any stream, and no corrupted frame is accepted."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage.microcontroller.frames import (
+    LONGEST_FRAME,
+    FrameDecoder,
+    FrameKind,
+    Protocol,
+    SerialFrame,
+    decode_binary,
+    decode_text,
+    encode,
+    encode_binary,
+    encode_text,
+    stuff,
+    unstuff,
+)
+
+ROTORS = 40
+PIECES = st.sampled_from(
+    [
+        *(
+            encode(SerialFrame(FrameKind.COUNTS, number, 10 * number, np.arange(3.0)), protocol)
+            for number in (1, 10, 300)
+            for protocol in Protocol
+        ),
+        b'counts 1 2 3\n',
+        b'counts 1 2 x\n',
+        b'# said for people\n',
+        b'\0',
+        b'\n',
+        b'noise',
+        b'#' * (LONGEST_FRAME + 1),
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ('data', 'stuffed'),
+    [
+        (b'', b'\x01'),
+        (b'\x00', b'\x01\x01'),
+        (b'\x11\x22\x00\x33', b'\x03\x11\x22\x02\x33'),
+        (b'\x11\x00\x00\x00', b'\x02\x11\x01\x01\x01'),
+        (bytes([1] * 255), b'\xff' + bytes([1] * 254) + b'\x02\x01'),
+    ],
+)
+def test_stuffing_is_that_of_cheshire_and_baker(data: bytes, stuffed: bytes) -> None:
+    assert stuff(data) == stuffed
+
+
+@given(st.lists(st.sampled_from([b'', b'\0', b'\0\0', b'\x01', bytes([7] * 253)]), max_size=6))
+def test_stuffed_bytes_have_no_zero_and_come_back(parts: list[bytes]) -> None:
+    data = b'\0'.join(parts)
+    assert 0 not in stuff(data)
+    assert unstuff(stuff(data)) == data
+
+
+def test_a_run_may_end_with_the_code_of_nothing_or_without() -> None:
+    run = bytes([1] * 254)
+    assert unstuff(b'\xff' + run) == unstuff(b'\xff' + run + b'\x01') == run
+
+
+@pytest.mark.parametrize(
+    ('kind', 'values', 'size'),
+    [
+        (FrameKind.COUNTS, [1.0, -32767.0, np.nan], 2),
+        (FrameKind.COUNTS, [1.0, -32768.0, np.nan], 4),
+        (FrameKind.COUNTS, [2.0**31 - 1, 0.0], 4),
+        (FrameKind.RADIANS, [0.5, -0.25, np.nan], 4),
+        (FrameKind.TORQUES, [0.5], 4),
+        (FrameKind.HELLO, [], 0),
+    ],
+)
+def test_values_come_back_in_the_shortest_form_that_holds_them(
+    kind: FrameKind, values: list[float], size: int
+) -> None:
+    written = encode_binary(SerialFrame(kind, 65535, 2**32 - 1, np.array(values)))
+    read = decode_binary(written[:-1])
+    assert (read.kind, read.sequence, read.time) == (kind, 65535, 2**32 - 1)
+    np.testing.assert_array_equal(read.values, values)
+    assert len(unstuff(written[:-1])) == 8 + size * len(values) + 4
+
+
+def test_every_pattern_of_up_to_four_flipped_bits_has_a_checksum_of_its_own() -> None:
+    # CRCs are linear: a pattern goes unnoticed where the syndromes of its bits add up to zero.
+    size = 8 + 4 * ROTORS
+    nothing = zlib.crc32(bytes(size))
+    of_bits = [
+        zlib.crc32((1 << bit).to_bytes(size, 'little')) ^ nothing for bit in range(8 * size)
+    ]
+    single = np.array([*of_bits, *(1 << bit for bit in range(32))], dtype=np.uint32)
+    first, second = np.triu_indices(len(single), 1)
+    pairs = single[first] ^ single[second]
+    syndromes = np.sort(np.concatenate([pairs, single, np.zeros(1, dtype=np.uint32)]))
+    assert (np.diff(syndromes) > 0).all()
+
+
+def test_no_bit_of_a_frame_on_the_line_can_be_flipped_unnoticed() -> None:
+    counts = np.random.default_rng(0).integers(-(10**6), 10**6, ROTORS).astype(float)
+    piece = encode_binary(SerialFrame(FrameKind.COUNTS, 12, 3456, counts))[:-1]
+    for bit in range(8 * len(piece)):
+        flipped = bytearray(piece)
+        flipped[bit // 8] ^= 1 << bit % 8
+        for part in bytes(flipped).split(b'\0'):
+            with pytest.raises(ValueError, match=r'checksum|short|truncated'):
+                decode_binary(part)
+
+
+@pytest.mark.parametrize(
+    ('content', 'complaint'),
+    [
+        (b'x\x01\0\0\0\0\0\0', 'kind'),
+        (b'c\x02\0\0\0\0\0\0', 'version 2'),
+        (b'C\x01\0\0\0\0\0\0\1\2', 'multiple of 4'),
+        (b'r\x01\0\0\0\0\0\0\0\0\x80\x7f', 'infinite'),
+    ],
+)
+def test_a_whole_frame_of_something_else_is_refused(content: bytes, complaint: str) -> None:
+    checksum = zlib.crc32(content).to_bytes(4, 'little')
+    with pytest.raises(ValueError, match=complaint):
+        decode_binary(stuff(content + checksum))
+
+
+@pytest.mark.parametrize(
+    ('line', 'sequence', 'time', 'values'),
+    [
+        (b'counts 7 1250000 512 - -3', 7, 1250000, [512, np.nan, -3]),
+        (b'counts - - 512 nan', None, None, [512, np.nan]),
+        (b'radians 65536 4294967297 .5 -1e-3 NaN\r', 0, 1, [0.5, -1e-3, np.nan]),
+        (b'hello', None, None, []),
+        (b'torques 1 100000 0.01', 1, 100000, [0.01]),
+    ],
+)
+def test_lines_as_they_are_typed(
+    line: bytes, sequence: int | None, time: int | None, values: list[float]
+) -> None:
+    frame, checked = decode_text(line)
+    assert (frame.sequence, frame.time, checked) == (sequence, time, False)
+    np.testing.assert_array_equal(frame.values, values)
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        b'angles 1 2 3',
+        b'counts 1 2 1.5',
+        b'counts 1 2 1_0',
+        b'counts -1 2 3',
+        b'counts 1 2.5 3',
+        b'radians 1 2 inf',
+        b'radians 1 2 1e999',
+        b'radians 1 2 0x10',
+        'radians 1 2 ٣'.encode(),
+        b'counts 1 2 ' + b'9' * 5000,
+        b'counts 1 2 3*00000000',
+        b'\xff\xfe',
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_line(line: bytes) -> None:
+    with pytest.raises(ValueError, match=r'.') as raised:
+        decode_text(line)
+    assert '\n' not in str(raised.value)
+
+
+def test_a_checksum_vouches_for_every_character() -> None:
+    written = encode_text(SerialFrame(FrameKind.COUNTS, 3, 40, np.array([1.0, np.nan, -20.0])))
+    line = written[:-1]
+    assert line.startswith(b'counts 3 40 1 - -20*')
+    assert decode_text(line)[1]
+    for place in range(len(line) - 9):
+        for bit in range(8):
+            flipped = bytearray(line)
+            flipped[place] ^= 1 << bit
+            with pytest.raises(ValueError, match=r'checksum'):
+                decode_text(bytes(flipped))
+
+
+def written(frames: list[SerialFrame]) -> list[bytes]:
+    return [encode_text(frame) for frame in frames]
+
+
+def seen(chunks: list[bytes]) -> tuple[list[bytes], int, Protocol | None]:
+    decoder = FrameDecoder()
+    frames = [frame for chunk in chunks for frame in decoder.feed(chunk)]
+    assert decoder.frames == len(frames)
+    return written(frames), decoder.corrupted, decoder.protocol
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_taken_and_none_of_them_is_a_frame(noise: bytes) -> None:
+    assert seen([noise])[0] == []
+
+
+@given(st.lists(PIECES | st.binary(max_size=20), max_size=8), st.randoms(use_true_random=False))
+def test_it_does_not_matter_how_a_stream_is_cut(
+    pieces: list[bytes], chance: random.Random
+) -> None:
+    stream = b''.join(pieces)
+    cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(5))
+    chunks = [stream[a:b] for a, b in itertools.pairwise([0, *cuts, len(stream)])]
+    assert seen(chunks) == seen([stream])
+
+
+@pytest.mark.parametrize('protocol', Protocol)
+def test_the_protocol_is_recognised_in_the_middle_of_a_frame(protocol: Protocol) -> None:
+    frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(10, 10.0 * n)) for n in range(20)]
+    stream = b''.join(encode(frame, protocol) for frame in frames)
+    whole = written(frames)
+    for begin in range(1, len(encode(frames[0], protocol))):
+        assert seen([stream[begin:]]) == (whole[1:], 0, protocol)
+
+
+def test_frames_that_are_broken_are_counted_and_never_given() -> None:
+    frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(40, 1000.0 * n)) for n in range(200)]
+    chance = np.random.default_rng(0)
+    for protocol in Protocol:
+        pieces = [encode(frame, protocol) for frame in frames]
+        broken = [bytearray(piece) for piece in pieces]
+        hit = set(chance.choice(np.arange(1, 200), 50, replace=False).tolist())
+        for number in hit:
+            place = int(chance.integers(len(broken[number]) - 1))
+            broken[number][place] ^= 1 << int(chance.integers(8))
+        found, corrupted, _ = seen([b''.join(map(bytes, broken))])
+        assert found == written([f for n, f in enumerate(frames) if n not in hit])
+        assert corrupted >= len(hit)
+
+
+def test_once_lines_had_checksums_all_must() -> None:
+    checked = encode_text(SerialFrame(FrameKind.COUNTS, 1, 2, np.array([3.0])))
+    decoder = FrameDecoder()
+    assert len(decoder.feed(b'counts 0 1 2\n' + checked + b'counts 2 3 4\n')) == 2
+    assert (decoder.corrupted, decoder.complaint) == (
+        1,
+        'a line has no checksum, but lines before it had one',
+    )
+    decoder.begin_anew()
+    assert len(decoder.feed(b'counts 2 3 4\n')) == 1
+
+
+def test_noise_without_an_end_does_not_fill_the_memory() -> None:
+    decoder = FrameDecoder()
+    decoder.feed(b'counts 0 1 2\n')
+    for _ in range(5):
+        decoder.feed(b'x' * LONGEST_FRAME)
+    assert decoder.corrupted == 1
+    assert len(decoder.feed(b'\ncounts 1 2 3\n')) == 1
