@@ -14,8 +14,6 @@ from soliton_linkage.linkage.quantities import LARGEST_ANGLE, check_quantities, 
 from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
-_TURN = 2 * math.pi
-
 
 @dataclass(frozen=True)
 class RotaryEncoders:
@@ -68,7 +66,7 @@ class RotaryEncoders:
 
     def per_radian(self) -> Array:
         """Return the counts that one radian adds to a reading [1/rad], shape (1,) or (N,)."""
-        return np.asarray(np.asarray(self.signs or 1.0) * self.counts_per_turn / _TURN)
+        return np.asarray(np.asarray(self.signs or 1.0) * self.counts_per_turn / math.tau)
 
 
 class AngleReader:
@@ -99,7 +97,7 @@ class AngleReader:
             )
         angles = frame.values * self._radians[frame.kind] - self._offsets
         if self._wrapped:
-            angles = angles + _TURN * np.round((self._last - angles) / _TURN)
+            angles = angles + math.tau * np.round((self._last - angles) / math.tau)
             self._last = np.where(np.isnan(angles), self._last, angles)
         return np.asarray(angles)
 
