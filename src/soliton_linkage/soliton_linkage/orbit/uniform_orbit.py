@@ -185,7 +185,6 @@ class _ShortOrbit:
             self.length,
             self._knots,
             self._coefficients,
-            _DEGREE,
             values,
         )
         return Stretch(first, values[low:high], values[rotors + low : rotors + high])
