@@ -51,10 +51,8 @@ from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
 from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
-from soliton_linkage_nodes.serial_encoders.parameters import (
-    SerialEncodersParameters,
-    ValveParameters,
-)
+from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters
+from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser

@@ -24,7 +24,7 @@ from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import 
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
-from soliton_linkage_nodes.serial_encoders.parameters import ValveParameters
+from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
 
 ROTORS = 4
 ANGLES = np.array([0.5, -1.0, 2.0, math.nan])

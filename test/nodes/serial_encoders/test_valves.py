@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage_nodes.serial_encoders.parameters import ValveParameters
-from soliton_linkage_nodes.serial_encoders.valves import Valves
+from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 
 TORQUES = np.array([0.02, -0.05])
 

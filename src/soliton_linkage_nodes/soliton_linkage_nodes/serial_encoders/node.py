@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import math
 import time
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import FrameDecoder, SerialFrame, encode
 from soliton_linkage.microcontroller.rotary_encoders import (
     AngleReader,
@@ -36,20 +39,47 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
-from soliton_linkage_nodes.serial_encoders.line_report import LineAccount, line_in_words
-from soliton_linkage_nodes.serial_encoders.parameters import (
-    SerialEncodersParameters,
-    ValveParameters,
-)
 from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, ports_in_words, pyserial
-from soliton_linkage_nodes.serial_encoders.valves import Valves
+from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 
-_MOST_LOOKS = 3
-"""At two clocks, where other programs come in between [1]."""
-_SAID_AGAIN = 1.0
-"""After which another restart of the controller is said [s]: a person reads no faster."""
-_QUICK_LOOK = 20_000
-"""At two clocks [ns], which is as sure as they need to be; it takes a tenth of that."""
+_MOST_READINGS = 3
+"""Readings of two clocks, repeated if other programs run in between [1]."""
+_QUICK_READING = 20_000
+"""Duration of a reading of two clocks that is exact enough [ns]: ten times the usual one."""
+_WARNING_PERIOD = 1.0
+"""Period of warnings about restarts of the controller [s]: a person reads no faster."""
+_LONGEST_DELAY = 0.5
+"""Delay of a frame without a warning [s]: beyond it the analyser skips frames, too."""
+
+
+@dataclass(frozen=True)
+class SerialEncodersParameters:
+    """Serial port of the controller."""
+
+    port: str = quantity(
+        '', 'serial port of the controller, as /dev/ttyACM0 or a path in /dev/serial/by-id'
+    )
+    baud_rate: int = quantity(
+        115_200, 'symbols a second of a UART; USB itself has none', 'baud', 300, 12_000_000
+    )
+    least_delay: float = quantity(
+        0.0,
+        'least time from a measurement to its arrival, which nothing at this end can tell: stamps '
+        'are late by what it is more; on a UART ten bits a byte',
+        's',
+        0.0,
+        1.0,
+    )
+
+
+class _LineCounts(NamedTuple):
+    """What has arrived on the line."""
+
+    bytes: int = 0
+    frames: int = 0
+    corrupted: int = 0
+    lost: int = 0
+    restarts: int = 0
 
 
 class SerialEncoders(ManagedNode):
@@ -86,9 +116,9 @@ class SerialEncoders(ManagedNode):
         self._named: NamedChain | None = None
         self._port: ReopenedPort | None = None
         self._bytes, self._stamp = 0, 0
-        self._reported = LineAccount(seconds=time.monotonic())
+        self._counted, self._reported_at = _LineCounts(), time.monotonic()
         self.diagnostics = Diagnostics(self, 'serial line', self.reporting(self._report))
-        self._restarts = Complaints(self.get_logger().warning, _SAID_AGAIN)
+        self._restarts = Complaints(self.get_logger().warning, _WARNING_PERIOD)
         self._take = self.diagnostics.refusing('frame', self._on_frame)
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._impulses = interfaces.DELIVERED_IMPULSES.publisher(self)
@@ -170,12 +200,12 @@ class SerialEncoders(ManagedNode):
     def _clock_ahead(self) -> int:
         """By what the clock of the node is ahead of the monotonic one [ns]."""
         clock, brackets = self.get_clock(), []
-        for _ in range(_MOST_LOOKS):
+        for _ in range(_MOST_READINGS):
             before = time.monotonic_ns()
             now = clock.now().nanoseconds
             after = time.monotonic_ns()
             brackets.append((after - before, now - (before + after) // 2))
-            if after - before < _QUICK_LOOK:
+            if after - before < _QUICK_READING:
                 break
         return min(brackets)[1]
 
@@ -188,7 +218,13 @@ class SerialEncoders(ManagedNode):
         if self.decoder.protocol is None:
             raise ValueError(f'the controller on {self.settings.port} has not been heard yet')
         given = current(self, ValveParameters, 'valves.')
-        check_of_now(self, message, given.stamp_tolerance)
+        stamp, tolerance = time_from_msg(message.header.stamp), given.stamp_tolerance
+        apart = abs(self.get_clock().now().nanoseconds - stamp) / SECOND
+        if stamp and tolerance and apart > tolerance:
+            raise ValueError(
+                f'its stamp is {apart:.3g} s from now, the limit is {tolerance:g} s; stamp it '
+                'with now or with 0, or raise valves.stamp_tolerance'
+            )
         torques = torques_from_msg(self._named.numbers, message, given.torque_limit)
         if self.valves.shut and not torques.any():
             return
@@ -218,20 +254,40 @@ class SerialEncoders(ManagedNode):
     def _report(self) -> Report:
         if self.stream is None or self._port is None:
             return Report('waiting for the topic chain', warning=True)
-        before, now = self._reported, LineAccount.now(self._bytes, self.decoder, self.stream)
-        self._reported = now
-        told = 0 if self.valves is None else self.valves.told
-        return line_in_words(now, before, self.settings.port, self.decoder, self.stream, told)
-
-
-def check_of_now(node: ManagedNode, message: JointState, tolerance: float) -> None:
-    """Raise ValueError for torques whose stamp is another time [s] than now."""
-    stamp = time_from_msg(message.header.stamp)
-    apart = abs(node.get_clock().now().nanoseconds - stamp) / SECOND
-    if stamp and tolerance and apart > tolerance:
-        raise ValueError(
-            f'its stamp is {apart:.3g} s from now, the limit is {tolerance:g} s; stamp it with '
-            'now or with 0, or raise valves.stamp_tolerance'
+        decoder, clock, port = self.decoder, self.stream.clock, self.settings.port
+        lost = self.stream.lost
+        now = _LineCounts(self._bytes, decoder.frames, decoder.corrupted, lost, clock.restarts)
+        new = _LineCounts(*(a - b for a, b in zip(now, self._counted, strict=True)))
+        begin, self._reported_at, self._counted = self._reported_at, time.monotonic(), now
+        values: dict[str, Any] = {
+            'rate [Hz]': new.frames / max(self._reported_at - begin, 1e-9),
+            'frames': now.frames,
+            'frames lost': now.lost,
+            'frames corrupted': now.corrupted,
+            'restarts of the controller': now.restarts,
+            'commands to the valves': 0 if self.valves is None else self.valves.told,
+            'drift of the controller [ppm]': 1e6 * clock.drift,
+            'delay [s]': clock.delay,
+        }
+        if not math.isnan(clock.scatter):
+            values['stamps sure to [s]'] = clock.scatter
+        if not new.frames:
+            silent = f'waiting for frames on {port}'
+            noise = f'{new.bytes} bytes and no frame on {port}; check baud_rate and the protocol'
+            return Report(noise if new.bytes else silent, values, warning=True)
+        told = [f'{new.lost} frames were lost'] if new.lost else []
+        if new.corrupted:
+            told.append(f'{new.corrupted} frames were corrupted: {decoder.complaint}')
+        if new.restarts:
+            told.append(f'the clock of the controller has begun anew, {now.restarts} times in all')
+        if clock.delay > _LONGEST_DELAY:
+            told.append(
+                f'frames are {clock.delay:.2g} s late, or the times of the controller are no '
+                'microseconds'
+            )
+        protocol = decoder.protocol.value if decoder.protocol is not None else 'no'
+        return Report(
+            '; '.join(told) or f'hearing {protocol} frames on {port}', values, bool(told)
         )
 
 

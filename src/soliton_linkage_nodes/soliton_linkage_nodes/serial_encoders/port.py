@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A serial port that is read in a thread, and opened again when it comes back."""
+"""Serial port that is read in a thread and opened again after it was lost."""
 
 from __future__ import annotations
 
@@ -16,19 +16,17 @@ from typing import Any
 from soliton_linkage_nodes.runtime.scheduling import go_first
 
 _LONGEST_SILENCE = 0.1
-"""Of the port before the thread looks whether it is to end [s]."""
+"""Time without input after which the thread checks whether it has to end [s]."""
 _LONGEST_WRITE = 0.05
-"""After which a command is given up [s]: half of what the controller holds one for."""
+"""Timeout of a command [s]: half of the time for which the controller holds one."""
 _OPENED_AGAIN = 0.2
-"""Between two tries to open a port that is gone [s]."""
+"""Interval between attempts to open a lost port [s]."""
 _MOST_BYTES = 2**16
-"""Read at once [1]: what the system keeps of a port is less."""
-_NOT_KNOWN = 'n/a'
-"""What pyserial says of a port that says nothing of itself."""
+"""Bytes per read [1]: more than the system buffers."""
 
 
 def pyserial() -> ModuleType:
-    """Return pyserial; raises ValueError that says how to install it."""
+    """Return pyserial; ValueError with the remedy if it is not installed."""
     try:
         return import_module('serial')
     except ImportError as error:
@@ -39,20 +37,18 @@ def pyserial() -> ModuleType:
 
 
 def ports_in_words() -> str:
-    """Which serial ports this machine has."""
+    """Return the serial ports of this machine as a sentence."""
     pyserial()
-    found = import_module('serial.tools.list_ports').comports()
-    if not found:
-        return 'this machine has no serial port'
-    told = [
-        each.device if each.description == _NOT_KNOWN else f'{each.device} ({each.description})'
-        for each in sorted(found)
+    found = [
+        # pyserial describes a port without a description as n/a.
+        each.device if each.description == 'n/a' else f'{each.device} ({each.description})'
+        for each in sorted(import_module('serial.tools.list_ports').comports())
     ]
-    return f'this machine has {", ".join(told)}'
+    return f'this machine has {", ".join(found) or "no serial port"}'
 
 
 class ReopenedPort:
-    """Hands over what comes until it is closed, and says when the port goes and comes back."""
+    """Serial port that a thread reads, and opens again after it was lost."""
 
     def __init__(
         self,
@@ -62,10 +58,10 @@ class ReopenedPort:
         changed: Callable[[str], object],
         real_time: bool = False,
     ) -> None:
-        """Open it and take from it in a thread each chunk with when it came (monotonic, [ns]).
+        """Open the port; the thread calls `take` with each chunk and its arrival [ns, monotonic].
 
-        `changed` is told why the port is gone, and nothing when it is back, in the thread. Raises
-        ValueError where the port cannot be opened.
+        The thread calls `changed` with the reason if the port is lost, and with an empty string
+        when it is back. Raises ValueError if the port cannot be opened.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -83,32 +79,29 @@ class ReopenedPort:
 
     @property
     def open(self) -> bool:
-        """Whether the port is there."""
+        """Whether the port is open."""
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Send bytes, unless the port is gone; raises OSError where they do not get away."""
+        """Send bytes unless the port is lost; OSError if they cannot be sent."""
         port = self._port
         if port is None:
             return
         try:
             port.write(data)
         except TypeError as error:
-            # The thread has closed it meanwhile, and pyserial writes to a file that is None.
+            # The thread has closed the port meanwhile, and pyserial writes to a file that is None.
             raise OSError('the port is gone') from error
 
     def close(self) -> None:
-        """Take no more, and let go of the port."""
+        """Stop the thread and close the port."""
         self._closing.set()
         self._thread.join()
         self._drop()
 
     def _opened(self) -> Any:
         port = self._serial.Serial(
-            self._path,
-            self._baud_rate,
-            write_timeout=_LONGEST_WRITE,
-            exclusive=True,
+            self._path, self._baud_rate, write_timeout=_LONGEST_WRITE, exclusive=True
         )
         with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
             port.set_low_latency_mode(True)
@@ -122,26 +115,20 @@ class ReopenedPort:
             except (OSError, TypeError, ValueError) as error:
                 self._drop()
                 self._changed(_reason(error))
-                self._wait()
+                while self._port is None and not self._closing.wait(_OPENED_AGAIN):
+                    with contextlib.suppress(OSError, ValueError):
+                        self._port = self._opened()
+                        self._changed('')
 
     def _read(self) -> None:
-        # In place of pyserial's read, which looks four times at the system for what comes at once.
+        # pyserial's read makes four system calls for a chunk that has arrived; this makes two.
         file = self._port.fileno()
         ready, _, _ = select.select([file], [], [], _LONGEST_SILENCE)
-        if not ready:
-            return
-        chunk = os.read(file, _MOST_BYTES)
-        if not chunk:
-            raise OSError('the device is no more there')
-        self._take(chunk, time.monotonic_ns())
-
-    def _wait(self) -> None:
-        """Open the port again, as soon as it is there."""
-        while not self._closing.wait(_OPENED_AGAIN):
-            with contextlib.suppress(OSError, ValueError):
-                self._port = self._opened()
-                self._changed('')
-                return
+        if ready:
+            chunk = os.read(file, _MOST_BYTES)
+            if not chunk:
+                raise OSError('the device is no more there')
+            self._take(chunk, time.monotonic_ns())
 
     def _drop(self) -> None:
         port, self._port = self._port, None
@@ -151,7 +138,7 @@ class ReopenedPort:
 
 
 def _reason(error: Exception) -> str:
-    """What an error of a port says, in one line: pyserial wraps that of the system in its own."""
+    """Return the message of a port's error in one line: pyserial wraps that of the system."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)
