@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from soliton_linkage.estimation.nearest_point import fit_near
+from soliton_linkage.estimation.relocalisation import fit_near
 from soliton_linkage.identification.geometry.adjustment import adjusted, bound
 from soliton_linkage.identification.geometry.bundle import Bundle
 from soliton_linkage.identification.geometry.lengths import lengths_of

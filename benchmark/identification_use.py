@@ -14,7 +14,7 @@ from identification_draws import CHAINS, NOISE, RATE, SPREAD, chain_of, passage,
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.nearest_point import fit_anywhere
+from soliton_linkage.estimation.relocalisation import fit_anywhere
 from soliton_linkage.identification.geometry.adjustment import adjusted
 from soliton_linkage.identification.geometry.start import equal_rotors
 from soliton_linkage.identification.identification import Identification

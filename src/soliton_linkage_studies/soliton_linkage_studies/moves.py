@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.linear.normal_modes import phonon_energy
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from soliton_linkage.estimation.walls.soliton_event import EventKind
+from soliton_linkage.estimation.estimates import EventKind
 from soliton_linkage_msgs.msg import SolitonEvent
 from soliton_linkage_nodes.messages.event_conversions import KINDS
 

@@ -15,10 +15,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, CyclePhase, cycle_phase
+from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
 from soliton_linkage.estimation.motion_class import MotionClass
-from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_msgs import msg

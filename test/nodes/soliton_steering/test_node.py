@@ -14,7 +14,7 @@ from graphs import Graph, values
 from rclpy.action import ActionClient
 from std_srvs.srv import SetBool, Trigger
 
-from soliton_linkage.estimation.nearest_point import fit_anywhere
+from soliton_linkage.estimation.relocalisation import fit_anywhere
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, Disorder
 from soliton_linkage.orbit.deviating_orbit import orbit_of

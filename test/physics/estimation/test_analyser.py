@@ -14,11 +14,9 @@ import pytest
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
-from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
-from soliton_linkage.estimation.unknown_chain import UnknownChainAnalyser
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.estimation.analysis import Analysis, UnknownChainAnalyser
+from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped

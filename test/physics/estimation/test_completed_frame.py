@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage.estimation.completed_frame import OnOrbit, Unwrapper, complete
+from soliton_linkage.estimation.frames import OnOrbit, Unwrapper, complete
 from soliton_linkage.linkage.chain import Array, Chain, wrapped
 
 CHAINS = {

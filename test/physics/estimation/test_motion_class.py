@@ -21,11 +21,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.estimation.loops.tail_loops import next_deviation
 from soliton_linkage.estimation.motion_class import (
     NO_EVIDENCE,
     MotionEvidence,
     MotionObserver,
+    next_deviation,
 )
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped

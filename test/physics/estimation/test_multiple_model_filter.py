@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from soliton_linkage.estimation.loops.filter_loops import COVARIANCE
+from soliton_linkage.estimation.filter_loops import COVARIANCE
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.linkage.chain import Array

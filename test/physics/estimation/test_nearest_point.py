@@ -9,22 +9,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from chains import (
-    FLIPPER,
-    SPINNER,
-    WIDE_FLIPPER,
-    WIDE_SPINNER,
-    WOBBLER,
-    chain_of,
-)
+from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER, chain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soliton_linkage.estimation.nearest_point import (
-    NearestPoint,
-    fit_anywhere,
-    fit_near,
-)
+from soliton_linkage.estimation.relocalisation import NearestPoint, fit_anywhere, fit_near
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit

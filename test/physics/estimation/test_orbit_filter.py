@@ -12,9 +12,9 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from scipy import stats
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.estimation.nearest_point import fit_near
+from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
-from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus
+from soliton_linkage.estimation.relocalisation import fit_near
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit

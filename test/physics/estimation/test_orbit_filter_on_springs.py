@@ -19,10 +19,10 @@ import pytest
 from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
+from soliton_linkage.estimation.frames import Push
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
-from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus
-from soliton_linkage.estimation.places.pushes import Push
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain

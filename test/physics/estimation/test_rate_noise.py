@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.rate_noise import RateNoise
+from soliton_linkage.estimation.noise import RateNoise
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linear.normal_modes import normal_modes
 from soliton_linkage.linkage.chain import Array, Chain

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.robust import FREEDOMS_OF_MEDIAN, median, robust_deviation
+from soliton_linkage.estimation.noise import FREEDOMS_OF_MEDIAN, median, robust_deviation
 
 
 @pytest.mark.parametrize('count', [1, 2, 5, 8, 101, 1000])

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
+from soliton_linkage.estimation.measurement import FrameLikelihood
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets
-from soliton_linkage.estimation.places.frame_view import FrameLikelihood
 from soliton_linkage.estimation.settings import (
     DEFAULTS,
     EstimationSettings,

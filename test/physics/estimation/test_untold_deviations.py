@@ -12,12 +12,12 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from scipy import stats
 from scipy.optimize import brentq
 
+from soliton_linkage.estimation.lattice import WallLine
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.estimation.state_report import FrameState
-from soliton_linkage.estimation.walls.wall_line import WallLine
-from soliton_linkage.estimation.walls.wall_placing import WallPlacer
-from soliton_linkage.estimation.walls.wall_shapes import WallShapes
+from soliton_linkage.estimation.wall_placing import WallPlacer
+from soliton_linkage.estimation.wall_shapes import WallShapes
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array

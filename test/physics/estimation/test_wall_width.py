@@ -20,7 +20,8 @@ from chains import (
 from continuum_theories import WIDEST_FLIPPER, theory_of
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
+from soliton_linkage.estimation.wall_shapes import WallShapes
 from soliton_linkage.estimation.wall_width import (
     UNTOLD,
     ContractionMean,
@@ -29,7 +30,6 @@ from soliton_linkage.estimation.wall_width import (
     WidthReporter,
     passage_scatter,
 )
-from soliton_linkage.estimation.walls.wall_shapes import WallShapes
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit

@@ -17,8 +17,8 @@ from sampled_orbit import closed_orbit
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last, zero_mode
 from soliton_linkage.linear.statics import toggled_angle, unstretched
 from soliton_linkage.linkage.chain import Array, Chain, Motion

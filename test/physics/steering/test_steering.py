@@ -12,7 +12,7 @@ from chains import FLIPPER, SPINNER, WOBBLER
 from driven_walls import Loop, RigidWall, SpringWall, orbit_of_example
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.estimation.nearest_point import fit_anywhere
+from soliton_linkage.estimation.relocalisation import fit_anywhere
 from soliton_linkage.linear.normal_modes import phonon_energy
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain

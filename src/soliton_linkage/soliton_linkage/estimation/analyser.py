@@ -12,21 +12,28 @@ import math
 import numpy as np
 
 from soliton_linkage.estimation.analysis import Analysis, cycle_phase
-from soliton_linkage.estimation.completed_frame import (
+from soliton_linkage.estimation.estimates import (
+    AnalysedSoliton,
+    OrbitEstimate,
+    SolitonEvent,
+    TrackingStatus,
+    lost,
+)
+from soliton_linkage.estimation.frames import (
     CompletedFrame,
+    FrameClock,
+    Push,
     Unwrapper,
+    WaitingPushes,
+    all_within,
+    check_deviations,
     complete,
     on_orbit,
     whole_frame,
 )
-from soliton_linkage.estimation.frame_clock import FrameClock
-from soliton_linkage.estimation.loops.frame_loops import all_within
 from soliton_linkage.estimation.motion_class import MotionObserver
+from soliton_linkage.estimation.noise import RateNoise
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
-from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus, lost
-from soliton_linkage.estimation.places.pushes import Push, WaitingPushes
-from soliton_linkage.estimation.places.reading_scales import check_deviations
-from soliton_linkage.estimation.rate_noise import RateNoise
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.estimation.state_report import (
     ArcRate,
@@ -35,12 +42,10 @@ from soliton_linkage.estimation.state_report import (
     StateReport,
     StateReporter,
 )
+from soliton_linkage.estimation.wall_frame import WallFrame
+from soliton_linkage.estimation.wall_reporter import WallReporter
+from soliton_linkage.estimation.wall_track import WallTrack
 from soliton_linkage.estimation.wall_width import TheoryWidth, WidthReporter
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
-from soliton_linkage.estimation.walls.soliton_event import SolitonEvent
-from soliton_linkage.estimation.walls.wall_frame import WallFrame
-from soliton_linkage.estimation.walls.wall_reporter import WallReporter
-from soliton_linkage.estimation.walls.wall_track import WallTrack
 from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
 from soliton_linkage.linkage.chain import Array, Chain, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -210,10 +215,13 @@ class Analyser:
         corrected = seen - self.offsets
         expected = None
         if estimate.status is not TrackingStatus.LOST:
-            whole = whole_frame(self.chain, corrected, rates, view) if all_known else None
+            whole = None
+            if all_known and view is not None:
+                whole = whole_frame(self.chain, corrected, rates, view.largest)
             if whole is not None:
                 return estimate, whole
-            expected = on_orbit(self._filter.orbit, estimate, view)
+            residuals = np.full(len(seen), np.nan) if view is None else view.residuals
+            expected = on_orbit(self._filter.orbit, estimate, residuals)
         last = self._unwrapper.last - self.offsets
         return estimate, complete(self.chain, corrected, rates, expected, last)
 

@@ -41,8 +41,8 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation.loops import filter_loops
-from soliton_linkage.estimation.loops.filter_loops import FILTER, Records
+from soliton_linkage.estimation import filter_loops
+from soliton_linkage.estimation.filter_loops import FILTER, Records
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]

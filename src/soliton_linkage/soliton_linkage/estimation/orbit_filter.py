@@ -13,18 +13,20 @@ import math
 
 import numpy as np
 
+from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
+from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
+from soliton_linkage.estimation.frames import Push, swing_of
+from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
+from soliton_linkage.estimation.measurement import (
+    FrameLikelihood,
+    FrameTrust,
+    FrameView,
+    ReadingScales,
+)
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.places.encoder_offsets import EncoderOffsets
-from soliton_linkage.estimation.places.frame_comparison import FrameComparison
-from soliton_linkage.estimation.places.frame_trust import FrameTrust
-from soliton_linkage.estimation.places.frame_view import FrameLikelihood, FrameView, swing_of
-from soliton_linkage.estimation.places.orbit_estimate import OrbitEstimate, TrackingStatus, lost
-from soliton_linkage.estimation.places.place_hypotheses import Hypotheses, Hypothesis
-from soliton_linkage.estimation.places.place_search import Place, PlaceSearch, ScanBudget
-from soliton_linkage.estimation.places.pushes import Push
-from soliton_linkage.estimation.places.reading_scales import ReadingScales
-from soliton_linkage.estimation.places.rotor_variance import RotorVariance
-from soliton_linkage.estimation.places.yielding import Yielding
+from soliton_linkage.estimation.noise import RotorVariance
+from soliton_linkage.estimation.orbit_model import FrameComparison, Yielding
+from soliton_linkage.estimation.relocalisation import Place, PlaceSearch, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape

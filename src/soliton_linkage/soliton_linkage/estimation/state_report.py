@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soliton_linkage.estimation.loops import state_loops
-from soliton_linkage.estimation.loops.frame_loops import Flags
+from soliton_linkage.estimation import state_loops
+from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.estimation.loops import wall_loops
+from soliton_linkage.estimation import wall_loops
 from soliton_linkage.estimation.settings import DEFAULTS, WidthSettings
-from soliton_linkage.estimation.walls.wall_shapes import WallShapes
+from soliton_linkage.estimation.wall_shapes import WallShapes
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory

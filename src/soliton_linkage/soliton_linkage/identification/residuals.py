@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation.robust import robust_deviation
+from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.identification.rounding import repeats, rounding_noise
 from soliton_linkage.linkage.chain import Array

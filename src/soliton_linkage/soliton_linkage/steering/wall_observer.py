@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from soliton_linkage.estimation.estimates import TrackingStatus
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
-from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
 from soliton_linkage.estimation.settings import EstimationSettings, FilterSettings, NoiseSettings
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.vision.dots import Picture
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.overlay import PlacedWall, overlaid

@@ -8,7 +8,7 @@ from typing import Any
 from std_msgs.msg import Header
 
 from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.walls.soliton_event import EventKind, SolitonEvent
+from soliton_linkage.estimation.estimates import EventKind, SolitonEvent
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg

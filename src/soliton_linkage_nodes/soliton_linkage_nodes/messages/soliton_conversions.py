@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage_msgs import msg
 
 

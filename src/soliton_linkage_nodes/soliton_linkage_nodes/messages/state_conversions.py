@@ -14,9 +14,8 @@ from typing import Any, get_type_hints
 from rclpy.serialization import deserialize_message
 
 from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
+from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
 from soliton_linkage.estimation.wobble import Wobble
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage_msgs import msg

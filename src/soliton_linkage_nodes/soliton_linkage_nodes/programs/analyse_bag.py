@@ -19,20 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.read.reading import (
-    find_topic,
-    open_bag,
-)
-from soliton_linkage_nodes.messages.conversions import (
-    JointStates,
-    NamedChain,
-)
+from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
+from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.event_conversions import EVENT_COLUMNS, event_rows
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.state_conversions import columns, row

@@ -7,9 +7,8 @@ import math
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.places.reading_scales import check_deviations
-from soliton_linkage.estimation.unknown_chain import UnknownChainAnalyser
+from soliton_linkage.estimation.analysis import Analysis, UnknownChainAnalyser
+from soliton_linkage.estimation.frames import check_deviations
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain

@@ -9,7 +9,7 @@ import numpy as np
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.places.orbit_estimate import TrackingStatus
+from soliton_linkage.estimation.estimates import TrackingStatus
 from soliton_linkage.linear.bands import gap
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 

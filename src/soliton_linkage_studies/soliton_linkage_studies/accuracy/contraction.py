@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from scipy.special import stdtrit
 
-from soliton_linkage.estimation.nearest_point import NearestPoint, fit_anywhere, fit_near
+from soliton_linkage.estimation.relocalisation import NearestPoint, fit_anywhere, fit_near
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc, static_wall

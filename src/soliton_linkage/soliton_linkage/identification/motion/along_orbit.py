@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.estimation.nearest_point import fit_anywhere, fit_near
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.identification.geometry.bundle import factor, misclosures
 from soliton_linkage.identification.geometry.lengths import Lengths, split
 from soliton_linkage.linkage.chain import Array

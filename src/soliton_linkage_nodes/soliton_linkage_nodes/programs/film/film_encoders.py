@@ -45,11 +45,7 @@ from soliton_linkage_nodes.camera_encoders.sight import (
     in_words,
     median_deviation,
 )
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    chain_to_msg,
-    without_offsets,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file

@@ -12,7 +12,7 @@ import numpy as np
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
-from soliton_linkage.estimation.walls.analysed_soliton import AnalysedSoliton
+from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.accuracy.cells.cells import AccuracyCell

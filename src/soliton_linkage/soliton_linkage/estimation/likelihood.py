@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the rotors of a frame: how likely an arc of the orbit makes it.
+
+The difference d of a rotor's angle from the orbit's, in its deviations r = d / sqrt(V), has the
+density
+
+    p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
+    rho = r^2 / 2 up to k, k^2 (1/2 + log(r / k)) beyond,
+
+of which the share e is of readings that tell nothing. Its logarithm has the slope -w d / V with
+the weight w = min(1, k^2 / r^2) P, where P is the probability that the reading tells anything:
+sqrt(w) r <= k, so that no reading alone moves an arc by more than k of its deviations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import (
+    COUNT,
+    NUMBER,
+    READ,
+    READ_COUNTS,
+    READ_FLAGS,
+    READ_TABLE,
+    ROW,
+    TABLE,
+    YES,
+    compiled,
+)
+from soliton_linkage.estimation.frames import Flags, wrapped
+from soliton_linkage.linkage.chain import Array
+
+Counts = NDArray[np.int64]
+
+
+@compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
+def compare(
+    angles: Array,
+    corrections: Array,
+    upside_down: bool,
+    before: Array,
+    about: Array,
+    beyond: Array,
+    first: int,
+    differences: Array,
+) -> None:
+    """Set differences of angles less corrections from those of a wall, -pi to pi [rad], (N,).
+
+    The wall has angles about it from the first of its rotors on, and before and beyond them
+    those of a background, shape (N,) each.
+    """
+    end = first + about.size
+    for n in range(angles.size):
+        angle = angles[n] - corrections[n]
+        if upside_down:
+            angle = math.pi - angle
+        expected = before[n] if n < first else about[n - first] if n < end else beyond[n]
+        differences[n] = wrapped(angle - expected)
+
+
+@compiled(NUMBER, NUMBER)
+def _core(square: float, inner: float) -> float:
+    """Minus rho of a square r^2, by that of the bound k [1]."""
+    return -0.5 * (square if square <= inner else inner * (1 + math.log(square / inner)))
+
+
+@compiled(NUMBER, NUMBER, NUMBER)
+def _log_likelihood(square: float, bound: float, floor: float) -> float:
+    """Logarithm of p(d) over (1 - e) C / sqrt(V), of a square r^2 in variances [1]."""
+    core = _core(square, bound * bound)
+    if square <= bound * bound:
+        return core
+    return max(core, floor) + math.log1p(math.exp(-abs(core - floor)))
+
+
+@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
+def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
+    """The same of a difference [rad] and a variance [rad^2], 0 where it is not known."""
+    if not math.isfinite(apart):
+        return 0.0
+    return _log_likelihood(apart * apart / variance, bound, floor)
+
+
+@compiled(NUMBER, NUMBER, NUMBER)
+def _weight(square: float, bound: float, floor: float) -> float:
+    """Weight w of a rotor with a square r^2 in variances [1]."""
+    inner = bound * bound
+    if square <= inner:
+        return 1.0
+    return inner / square / (1 + math.exp(min(floor - _core(square, inner), 700.0)))
+
+
+@compiled(READ, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW)
+def _weigh(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    variance: float,
+    spread: float,
+    bound: float,
+    floor: float,
+    doubtful: Flags,
+    weights: Array,
+) -> tuple[float, float, float, float]:
+    """Set the weights w of all rotors [1], shape (N,), 0 of the unknown and the doubtful.
+
+    Differences [rad] of shape (N,), NaN where unknown, are from an arc that is itself unsure by
+    the spread [rad^2], a variance; doubtful flags are of shape (N,) or (0,). Returns the
+    information on the arc, sum w t^2 [1], the step ahead that it is likeliest at [rad], and the
+    same sum with all that might have counted, and with all that are known [1].
+    """
+    end = first + tangent.size
+    information, ahead, whole, known = 0.0, 0.0, 0.0, 0.0
+    for n in range(differences.size):
+        apart = differences[n]
+        weights[n] = 0.0
+        if not math.isfinite(apart):
+            continue
+        moves = tangent[n - first] if first <= n < end else 0.0
+        known += moves * moves
+        if doubtful.size > 0 and doubtful[n]:
+            continue
+        whole += moves * moves
+        square = apart * apart / (variance + spread * moves * moves)
+        weights[n] = _weight(square, bound, floor)
+        information += weights[n] * moves * moves
+        ahead += weights[n] * moves * apart
+    ahead = ahead / information if information > 0 else 0.0
+    return information, ahead, whole, known
+
+
+@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW, ROW)
+def weigh_frame(
+    differences: Array,
+    first: int,
+    tangent: Array,
+    variance: float,
+    spread: float,
+    bound: float,
+    floor: float,
+    gross: float,
+    least_share: float,
+    doubtful: Flags,
+    weights: Array,
+    left: Array,
+) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
+    """Weigh rotors, and take what a step ahead of the arc explains off the differences [rad].
+
+    Arguments are those of `_weigh`; all that is known counts where rotors that are not doubtful
+    have less than the least share of sum t^2. What remains of the rotors about the wall is left,
+    0 of all others and of those with less than half a weight [rad], shape (N,). Returns
+    information, step ahead and information of all as `_weigh` does; how many of the rotors about
+    the wall remain, how many are known at all, how many are off, with less than half a weight and
+    a gross difference [rad] or more, how many of these are side by side at most, and how many have
+    less than half a weight at all; the sum of squares of left [rad^2], the logarithm of the
+    likelihood of the whole frame [1], and the largest difference [rad], infinite where one is not
+    known.
+    """
+    information, ahead, whole, everything = _weigh(
+        differences, first, tangent, variance, spread, bound, floor, doubtful, weights
+    )
+    if whole < least_share * everything:
+        information, ahead, whole, _ = _weigh(
+            differences, first, tangent, variance, spread, bound, floor, doubtful[:0], weights
+        )
+    end = first + tangent.size
+    used, known, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
+    squares, likelihood, largest = 0.0, 0.0, 0.0
+    for n in range(differences.size):
+        inside = first <= n < end
+        left[n] = 0.0
+        if inside:
+            differences[n] -= ahead * tangent[n - first]
+        apart = differences[n]
+        if not math.isfinite(apart):
+            largest = math.inf
+            continue
+        known += 1
+        largest = max(largest, abs(apart))
+        likelihood += _log_likelihood(apart * apart / variance, bound, floor)
+        believed = weights[n] >= 0.5
+        unbelieved += not believed
+        if believed or abs(apart) < gross:
+            running = 0
+        else:
+            off += 1
+            running += 1
+            run = max(run, running)
+        if inside and believed:
+            used += 1
+            left[n] = apart
+            squares += apart * apart
+    counts = used, known, off, run, unbelieved
+    return (information, ahead, whole), counts, (squares, likelihood, largest)
+
+
+@compiled(READ, READ_TABLE, NUMBER, NUMBER, NUMBER, TABLE)
+def sum_likelihoods(
+    angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
+) -> None:
+    """Set the running sums of the logarithms of the likelihoods of the rotors, shape (S, N + 1).
+
+    Each row is of a state of the chain [rad], shape (S, N).
+    """
+    for row in range(states.shape[0]):
+        sums[row, 0] = 0.0
+        for n in range(angles.size):
+            apart = wrapped(angles[n] - states[row, n])
+            gained = _of_rotor(apart, variance, bound, floor)
+            sums[row, n + 1] = sums[row, n] + gained
+
+
+@compiled(NUMBER, NUMBER, NUMBER, ROW)
+def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
+    """Set the logarithms of the likelihoods of even differences from 0 to pi, both ends."""
+    for n in range(table.size):
+        apart = math.pi * n / (table.size - 1)
+        table[n] = _of_rotor(apart, variance, bound, floor)
+
+
+@compiled(NUMBER, READ)
+def _looked_up(apart: float, table: Array) -> float:
+    """Logarithm of the likelihood of a difference from -pi to pi [rad], 0 where not known."""
+    if not math.isfinite(apart):
+        return 0.0
+    at = abs(apart) * ((table.size - 1) / math.pi)
+    low = min(int(at), table.size - 2)
+    return float(table[low] + (at - low) * (table[low + 1] - table[low]))
+
+
+@compiled(
+    READ,
+    READ_TABLE,
+    READ_TABLE,
+    READ_COUNTS,
+    READ_COUNTS,
+    READ_COUNTS,
+    READ,
+    READ,
+    ROW,
+)
+def scan(
+    angles: Array,
+    before: Array,
+    beyond: Array,
+    legs: Counts,
+    firsts: Counts,
+    begins: Counts,
+    walls: Array,
+    table: Array,
+    likelihoods: Array,
+) -> None:
+    """Set the logarithm of the likelihood of a frame at samples of the orbit, shape (S,).
+
+    Before and beyond are running sums by the backgrounds of each leg, shape (legs, N + 1). Each
+    sample is of a leg and has rotors about its wall, from a first one on, whose angles [rad] are
+    those of the walls from its begin to that of the next, of which there is one more. The table
+    is of `tabulate`.
+    """
+    for sample in range(likelihoods.size):
+        leg, first, begin = legs[sample], firsts[sample], begins[sample]
+        count = begins[sample + 1] - begin
+        end = first + count
+        whole = before[leg, first] + beyond[leg, angles.size] - beyond[leg, end]
+        for n in range(count):
+            apart = wrapped(angles[first + n] - walls[begin + n])
+            whole += _looked_up(apart, table)
+        likelihoods[sample] = whole
+
+
+@compiled(READ, NUMBER, NUMBER, NUMBER)
+def frame_likelihood(differences: Array, variance: float, bound: float, floor: float) -> float:
+    """Logarithm of the likelihood of a frame by its differences [rad], shape (N,)."""
+    likelihood = 0.0
+    for n in range(differences.size):
+        likelihood += _of_rotor(differences[n], variance, bound, floor)
+    return likelihood

@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Noise of angles and rates, told apart from what lasts from frame to frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.compiling import COUNT, NUMBER, READ, YES, compiled, records
+from soliton_linkage.estimation.measurement import FrameView
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.settings import (
+    DEFAULTS,
+    EstimationSettings,
+    NoiseSettings,
+    record_dtype,
+)
+from soliton_linkage.linear.bands import band_edges
+from soliton_linkage.linkage.chain import Array, Chain
+
+DEVIATION_PER_MEDIAN = 1.4826
+"""Standard deviation of normal noise over the median of its absolute values [1]: 1 / 0.67449."""
+FREEDOMS_OF_MEDIAN = 0.368
+"""Normal errors whose root mean square is as sure as the deviation by the median of one [1]."""
+
+
+def median(values: Array) -> float:
+    """Median of numbers of which none is NaN, whose order is lost: numpy's takes far longer."""
+    half = len(values) // 2
+    if len(values) % 2:
+        values.partition(half)
+        return float(values[half])
+    values.partition((half - 1, half))
+    return (float(values[half - 1]) + float(values[half])) / 2
+
+
+def robust_deviation(sizes: Array) -> float:
+    """Root mean square of errors by the median of their sizes, whose order is lost; 0 of none."""
+    return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
+
+
+Records = NDArray[np.void]
+Estimate = tuple[float, float, float, float, float, float]
+"""As `estimate` returns it."""
+
+_SQUARES = ('squares', 'freedoms', 'recent_squares', 'recent_freedoms')
+PAIRS = ('products', 'pairs', 'wall', 'wall_share', 'wall_chance')
+NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
+"""Fading sums: of squares [rad^2] and their degrees of freedom [1], of all frames and of late; of
+products of frames apart [rad^2] and how many they are [1], the same by t^2, the weights of these
+and the squares of the weights [1]."""
+_SUMS = records(NOISE, writable=True)
+_READ_SUMS = records(NOISE)
+_NUMBERS = records(record_dtype(NoiseSettings))
+
+
+@compiled(READ, READ, READ, READ, COUNT)
+def products_in_time(
+    oldest: Array, older: Array, left: Array, tangent: Array, first: int
+) -> tuple[float, float, float, float]:
+    """Sums of p = x (4 x' - x'') / 3 of what three frames running left of rotors [rad], (N,).
+
+    They are over those about the wall, from a first one on: sum p, sum t^2 p, sum f and sum
+    f^2 with f = t^2 - t^4.
+    """
+    whole, wall, free, chance = 0.0, 0.0, 0.0, 0.0
+    for n in range(tangent.size):
+        before = older[first + n] * (4 / 3) - oldest[first + n] / 3
+        product = left[first + n] * before
+        share = tangent[n] * tangent[n]
+        alone = share - share * share
+        whole += product
+        wall += share * product
+        free += alone
+        chance += alone * alone
+    return whole, wall, free, chance
+
+
+@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
+def _by_chance(
+    square: float, squared_weights: float, largest: float, significance: float
+) -> float:
+    """Bernstein's bound of a sum of weighted products of noise [rad^2], 17 / 9 as variable."""
+    deviation = significance * math.sqrt(17 / 9 * squared_weights)
+    return square * (deviation + significance**2 / 2 * largest)
+
+
+@compiled(_READ_SUMS, _NUMBERS, NUMBER)
+def estimate(noise: Records, settings: Records, given: float) -> Estimate:
+    """Variance of the noise [rad^2], by the sums so far and by the one that is given.
+
+    Returns it and what of it is noise for sure, what frames have of late with what lasts, what
+    lasts of all rotors, and of the wall [rad^2], and the degrees of freedom of the sums [1].
+    """
+    sums, significance = noise[0], settings[0]['significance']
+    freedoms, recent = sums['freedoms'], sums['recent_freedoms']
+    whole = sums['squares'] / freedoms if freedoms else 0.0
+    scatter = sums['recent_squares'] / recent if recent else 0.0
+    chance = _by_chance(whole, sums['pairs'], 1.0, significance)
+    sure = sums['products'] > chance and chance > 0
+    lasting = sums['products'] / sums['pairs'] if sure else 0.0
+    sure = sums['wall'] > _by_chance(whole, sums['wall_chance'], 0.25, significance)
+    excess = sums['wall'] / sums['wall_share'] if sure else 0.0
+    white = max(whole - lasting, settings[0]['least_noise'] ** 2)
+    doubt = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
+    variance = white if white > given * doubt else given
+    most = (sums['products'] + chance) / sums['pairs'] if sums['pairs'] else whole
+    least = variance if given else max(whole - most, 0.0)
+    return variance, least, scatter, lasting, excess, freedoms
+
+
+@compiled(
+    *(_SUMS, _NUMBERS, NUMBER, NUMBER, YES, READ, COUNT, READ, COUNT),
+    *(READ, COUNT, READ, COUNT, NUMBER),
+)
+def learn(
+    noise: Records,
+    settings: Records,
+    elapsed: float,
+    given: float,
+    third: bool,
+    oldest: Array,
+    oldest_freedoms: int,
+    older: Array,
+    older_freedoms: int,
+    left: Array,
+    freedoms: int,
+    tangent: Array,
+    first: int,
+    squares: float,
+) -> Estimate:
+    """Take in what is left of a frame, a time [s] after the last; returns the `estimate`.
+
+    What is left of rotors [rad], (N,), has so many degrees of freedom, in this frame and in the
+    two before, which count where it is the third; the tangent begins at a first rotor.
+    """
+    sums, numbers = noise[0], settings[0]
+    fade = 1 - 1 / numbers['memory']
+    sums['squares'] = fade * sums['squares'] + squares
+    sums['freedoms'] = fade * sums['freedoms'] + freedoms
+    recent = math.exp(-min(elapsed / numbers['recent_time'], 1 / numbers['recent_frames']))
+    sums['recent_squares'] = recent * sums['recent_squares'] + squares
+    sums['recent_freedoms'] = recent * sums['recent_freedoms'] + freedoms
+    if third:
+        whole, wall, free, chance = products_in_time(oldest, older, left, tangent, first)
+        pairs = min(oldest_freedoms, older_freedoms, freedoms)
+        sums['products'] = fade * sums['products'] + whole
+        sums['pairs'] = fade * sums['pairs'] + pairs
+        sums['wall'] = fade * sums['wall'] + wall
+        sums['wall_share'] = fade * sums['wall_share'] + free
+        sums['wall_chance'] = fade**2 * sums['wall_chance'] + chance
+    return estimate(noise, settings, given)
+
+
+class FrameNoise:
+    """What the orbit leaves of the angles, told apart by what lasts from frame to frame.
+
+    Noise differs from frame to frame, so that the product of what is left of a rotor in two
+    frames running has mean 0. What lasts - waves, deviations and offsets - has its square but
+    for what it changes meanwhile: the products of frames one and two apart lead back to it,
+    c_0 = (4 c_1 - c_2) / 3.
+    """
+
+    def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
+        """Begin without frames, with the standard deviation that is given [rad]."""
+        self._settings = settings.record
+        self._given = 0.0 if given is None else given**2
+        self._sums = np.zeros(1, NOISE)
+        self._freedoms = 0.0
+        self.variance = self._given
+        self.least = 0.0
+        """Variance that is noise for sure [rad^2]: all that a single frame shows may last."""
+        self._earlier: tuple[FrameView, ...] = ()
+        self.forget_what_lasted()
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the noise in use [rad]."""
+        return math.sqrt(self.variance)
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom of the variance; infinite where it is given."""
+        return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
+
+    def update(self, view: FrameView, elapsed: float) -> None:
+        """Take in what is left of a frame, a time [s] after the last."""
+        third = len(self._earlier) == 2
+        oldest, older = self._earlier if third else (view, view)
+        self._earlier = *self._earlier[-1:], view
+        self._take(
+            learn(
+                self._sums,
+                self._settings,
+                elapsed,
+                self._given,
+                third,
+                oldest.left,
+                oldest.degrees_of_freedom,
+                older.left,
+                older.degrees_of_freedom,
+                view.left,
+                view.degrees_of_freedom,
+                view.tangent,
+                view.first,
+                view.squares,
+            )
+        )
+
+    def forget_what_lasted(self) -> None:
+        """Begin anew with all but the noise, as what encoders add has been found out."""
+        self._earlier = ()
+        self._sums['squares'] = self.variance * self._freedoms
+        for name in PAIRS:
+            self._sums[name] = 0.0
+        self._take(estimate(self._sums, self._settings, self._given))
+
+    def _take(self, told: Estimate) -> None:
+        self.variance, self.least, self.scatter, self.lasting, self.excess, self._freedoms = told
+
+
+@compiled(READ, READ, READ)
+def median_change(first: Array, second: Array, third: Array) -> float:
+    """Median of the absolute second differences of three rows that are known, NaN of none."""
+    changes, known = np.empty(first.size), 0
+    for n in range(first.size):
+        change = abs(first[n] - 2 * second[n] + third[n])
+        if change < math.inf:
+            changes[known] = change
+            known += 1
+    return float(np.median(changes[:known])) if known else math.nan
+
+
+class RateNoise:
+    """Standard deviation of the noise of rates, from second differences in time.
+
+    Of three frames an even time dt apart, white noise leaves r_1 - 2 r_2 + r_3 with the variance
+    6 sigma^2, and a phonon of angular frequency w only (w dt)^4 / 2 of its squared amplitude.
+    The median over the rotors, which is too large by 1 / (3 N) of itself, leaves out those in a
+    wall. Frames further apart than half a radian of the fastest phonon cannot tell noise from
+    phonons.
+    """
+
+    def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
+        """Begin without any frame."""
+        self._settings = settings
+        self._longest = settings.slowest_frames / band_edges(chain)[1]
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all frames."""
+        self._median, self._frames = 0.0, 0
+        self._before: tuple[float, Array] | None = None
+        self._last: tuple[float, Array] | None = None
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the noise [rad/s], NaN where it cannot be told."""
+        if not self._frames:
+            return math.nan
+        return DEVIATION_PER_MEDIAN / math.sqrt(6) * self._median
+
+    def update(self, time: float, rates: Array) -> None:
+        """Take in the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
+        row = np.ascontiguousarray(rates, dtype=np.float64)
+        before, self._before, self._last = self._before, self._last, (time, row)
+        if before is None or self._before is None:
+            return
+        first, second = self._before[0] - before[0], time - self._before[0]
+        uneven = abs(first - second) > self._settings.unevenness * first
+        if uneven or max(first, second) > self._longest:
+            return
+        change = median_change(before[1], self._before[1], row)
+        if math.isnan(change):
+            return
+        self._frames = min(self._frames + 1, self._settings.rate_memory)
+        self._median += (change - self._median) / self._frames
+
+
+class RotorVariance:
+    """Variance of a rotor from the orbit, and with it that of the arc that a frame shows."""
+
+    def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
+        """Begin with the swing that a rotor makes as a wall passes [rad] and its noise [rad]."""
+        given = settings.likelihood
+        self._given_noise, self._settings = noise, settings
+        self._tracking = settings.tracking
+        self.elastic = (given.elastic_share * swing) ** 2
+        """What springs may do to a wall before it is known [rad^2]."""
+        self.largest_field = (given.field_share * swing) ** 2
+        """Largest variance beside noise that a frame may have [rad^2]."""
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self.noise = FrameNoise(self._given_noise, self._settings.noise)
+        self.way = math.inf
+        """How far the wall went since the last frame [rotor spacings]."""
+        self.frames = 0
+        """Frames of which it was learnt."""
+        self.at_edge = False
+        """Whether springs take up or give back energy."""
+
+    def begin(self, best: FrameView) -> None:
+        """Begin anew with the likeliest view of a frame; the way is that of before."""
+        self.frames = 0
+        self.noise = FrameNoise(self._given_noise, self._settings.noise)
+        self.noise.update(best, 0.0)
+
+    def learn(self, view: FrameView, elapsed: float) -> None:
+        """Learn from a view of a frame, a time [s] after the last."""
+        self.noise.update(view, elapsed)
+        self.frames += 1
+
+    def of_rotor(self) -> float:
+        """Variance of a rotor from the orbit, by noise and the field beside it [rad^2].
+
+        The field is that of late, and what it may have changed by since the last frame.
+        """
+        noise = self.noise
+        field = max(noise.scatter - noise.variance, 0.0)
+        field += self._tracking.field_ratio * noise.excess
+        changed = max(min(self.way, 1.0), math.exp(-self.frames / self._tracking.settled))
+        edge_ratio = self._tracking.edge_ratio if self.at_edge else 1.0
+        field += self.elastic * changed * edge_ratio
+        return noise.variance + min(field, self.largest_field)
+
+    def of_arc(self, motion: MultipleModelFilter, view: FrameView, elapsed: float) -> float:
+        """Variance of the arc that a frame shows [rad^2], a time [s] after the last.
+
+        Rotors of which some are not seen have another nearest point than all of them, by what
+        the frame is beside the orbit and springs do not tell, for as long as the wall takes to
+        pass a rotor; those of which some are not believed only in this frame.
+        """
+        known = max(view.information_of_all, view.information)
+        unseen, unbelieved = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
+        way = abs(motion.expected_rate) * elapsed
+        frames = max(motion.site_arc / max(way, 1e-9), 1.0)
+        noise = self.noise
+        field = noise.excess + (self.elastic if self.at_edge else 0.0)
+        lasting = field * unseen * view.untold * min(frames, self._tracking.most_alike)
+        fleeting = max(noise.scatter - noise.variance, field) * unbelieved
+        return noise.variance / view.information + lasting + fleeting
+
+    def calm(self, rate: float) -> float:
+        """How little the field beside the orbit disturbs a wall of an arc rate [1], from 0 to 1.
+
+        Waves of an angle phi change the rate w of a wall by a share of about phi / w, in units of
+        the chain's time; the field tells that there are any by its share of the noise.
+        """
+        noise = self.noise
+        field = max(noise.scatter - noise.variance, noise.excess, 0.0)
+        steady = rate**2 * noise.variance
+        disturbed = self._tracking.wave_doubt * field * (noise.variance + field)
+        return steady / (steady + disturbed) if disturbed else 1.0

@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where on its orbit a chain may be, from one frame alone: all the places that compete.
+
+The logarithm of the likelihood is scanned along the orbit with a deviation several times that of
+the noise, so that no place is between two samples. Each local maximum is refined with the noise
+itself, by reweighted Gauss and Newton steps, and counts by its share of the whole likelihood,
+
+    exp(L) sqrt(2 pi V / I)    against    integral of exp(L) ds wherever none of them is near,
+
+which is that of the frames that do not tell a place, as where no rotor near the wall is seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.estimation import likelihood
+from soliton_linkage.estimation.frames import swing_of
+from soliton_linkage.estimation.likelihood import compare
+from soliton_linkage.estimation.measurement import FrameLikelihood, FrameView
+from soliton_linkage.estimation.noise import robust_deviation
+from soliton_linkage.estimation.settings import (
+    DEFAULTS,
+    EstimationSettings,
+    LikelihoodSettings,
+    ScanSettings,
+    SearchSettings,
+)
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linkage.chain import Array, check_shape
+from soliton_linkage.orbit.orbit import Orbit, Stretch
+
+
+class Place(NamedTuple):
+    """A local maximum of the likelihood along the orbit."""
+
+    arc: float
+    """Arc length [rad]."""
+    upside_down: bool
+    """Whether the chain is the image phi -> pi - phi of the orbit's."""
+    view: FrameView
+    """The frame from there."""
+    variance: float
+    """Variance of a rotor that it was seen with [rad^2]."""
+    evidence: float
+    """Logarithm of the integral of the likelihood about it [1]."""
+
+
+class Competition(NamedTuple):
+    """Places of a frame, the likeliest first, and how much they leave to all others."""
+
+    places: list[Place]
+    elsewhere: float
+    """Logarithm of the likelihood's integral over the arcs near none of them [1]."""
+
+    @property
+    def told(self) -> float:
+        """Probability that it is one of the places [1]."""
+        if not self.places:
+            return 0.0
+        top = max(self.places[0].evidence, self.elsewhere)
+        found = sum(math.exp(each.evidence - top) for each in self.places)
+        return found / (found + math.exp(self.elsewhere - top))
+
+
+@dataclass(frozen=True)
+class OrbitSamples:
+    """Points of an orbit, with the rotors about their walls one after the other."""
+
+    arcs: Array
+    """Arc lengths [rad], shape (S,)."""
+    places: Array
+    """Places of the walls [rotor spacings], shape (S,)."""
+    legs: NDArray[np.int64]
+    """Legs of the orbit, shape (S,)."""
+    firsts: NDArray[np.int64]
+    """First rotor about each wall, shape (S,)."""
+    begins: NDArray[np.int64]
+    """Where each wall begins in the walls, and where the last one ends, shape (S + 1,)."""
+    walls: Array
+    """Angles of the rotors about the walls [rad]."""
+
+
+def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
+    """Sample an orbit at arc lengths [rad], shape (S,)."""
+    about = [orbit.stretch(arc) for arc in arcs.tolist()]
+    counts = np.array([len(each.angles) for each in about], dtype=np.int64)
+    return OrbitSamples(
+        arcs,
+        np.array([orbit.place(arc) for arc in arcs.tolist()]),
+        np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
+        np.array([each.first for each in about], dtype=np.int64),
+        np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
+        np.concatenate([each.angles for each in about]),
+    )
+
+
+class PlaceSearch:
+    """Searches frames for the walls of an orbit, or of its image upside down."""
+
+    def __init__(self, orbit: Orbit, likelihood: LikelihoodSettings, scan: ScanSettings) -> None:
+        """Sample the orbit, where it is short enough for that."""
+        self._orbit, self._settings, self._given = orbit, scan, likelihood
+        chain = orbit.chain
+        legs = range(orbit.number_of_legs)
+        states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
+        self._before = np.ascontiguousarray([left for left, _ in states])
+        self._beyond = np.ascontiguousarray([right for _, right in states])
+        self._corrections = np.zeros(chain.number_of_rotors)
+        swing = swing_of(chain)
+        self._likelihood = FrameLikelihood(swing, likelihood)
+        self._elastic = (likelihood.elastic_share * swing) ** 2
+        self._coarse = (scan.deviation * swing) ** 2
+        self._largest = min(likelihood.field_share * swing, likelihood.largest_noise) ** 2
+        depth = penetration_depth(chain) / chain.spacing
+        self._step = min(scan.step * swing, max(depth, 1.0) * orbit.site_arc)
+        self._core = math.ceil(2 + 2 * max(chain.wall_width / chain.spacing, depth))
+        count = orbit.length / self._step
+        self._all = None
+        if count * min(chain.number_of_rotors, 30 * depth + 12) < scan.most_numbers:
+            self._all = samples_of(orbit, np.arange(0.0, orbit.length, self._step))
+
+    def find(
+        self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
+    ) -> Competition:
+        """Places of a frame of angles [rad], shape (N,), NaN where unknown.
+
+        The noise is its standard deviation [rad] where it is known, else 0.
+        """
+        images = {each: math.pi - angles if each else angles for each in upside_down}
+        wide = max(self._coarse, (self._settings.times_noise * noise) ** 2)
+        peaks: list[tuple[float, float, bool]] = []
+        scans: list[tuple[bool, OrbitSamples]] = []
+        for turned, image in images.items():
+            samples = self._samples(image, wide)
+            found = self._scanned(image, samples, wide)
+            scans.append((turned, samples))
+            tops = (found >= np.roll(found, 1)) & (found >= np.roll(found, -1))
+            peaks += [
+                (float(found[index]), float(samples.arcs[index]), turned)
+                for index in np.flatnonzero(tops).tolist()
+            ]
+        peaks.sort(reverse=True)
+        known = int(np.count_nonzero(np.isfinite(angles)))
+        if not known or not peaks:
+            return Competition([], math.inf)
+        within = peaks[0][0] - self._settings.margin
+        likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
+        variance = self._variance(images[likely[0][2]], likely[0][1], wide, noise)
+        places: list[Place] = []
+        for _, arc, turned in likely:
+            place = self._refined(images[turned], arc, turned, wide, variance)
+            same = any(
+                each.upside_down == turned
+                and abs(math.remainder(each.arc - place.arc, self._orbit.length))
+                < self._settings.same_arc
+                for each in places
+            )
+            if place.view.information > 0 and not same:
+                places.append(place)
+        places.sort(key=lambda each: -each.evidence)
+        return Competition(places, self._elsewhere(images, scans, places, variance))
+
+    def _variance(self, image: Array, arc: float, wide: float, noise: float) -> float:
+        """Variance of a rotor [rad^2], by the median of what a place leaves of all of them."""
+        place = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
+        left = np.abs(place.view.residuals[np.isfinite(place.view.residuals)])
+        seen = robust_deviation(left) ** 2 if len(left) > 3 else noise**2
+        if noise:
+            return noise**2 + min(max(seen - noise**2, self._elastic), self._largest)
+        return min(seen + self._elastic, max(self._largest, self._given.largest_noise**2))
+
+    def _refined(
+        self, image: Array, arc: float, turned: bool, wide: float, variance: float
+    ) -> Place:
+        """The local maximum near an arc, with a variance that comes down to that of a rotor."""
+        settings, seen_with = self._settings, max(wide, variance)
+        for _ in range(settings.iterations):
+            seen_with = max(variance, seen_with * settings.narrowing)
+            view = self._view(image, arc, seen_with)
+            step = min(max(view.arc - arc, -settings.longest_step), settings.longest_step)
+            arc += step
+            if abs(step) < settings.close and seen_with == variance:
+                break
+        view = self._view(image, arc, variance)
+        spread = min(variance / max(view.information, 1e-12), self._orbit.site_arc**2)
+        evidence = view.likelihood + 0.5 * math.log(2 * math.pi * spread)
+        return Place(arc % self._orbit.length, turned, view, variance, evidence)
+
+    def _view(self, image: Array, arc: float, variance: float) -> FrameView:
+        about, leg = self._orbit.stretch(arc), self._orbit.leg(arc)
+        differences = np.empty_like(image)
+        compare(
+            image,
+            self._corrections,
+            False,
+            self._before[leg],
+            about.angles,
+            self._beyond[leg],
+            about.first,
+            differences,
+        )
+        return self._likelihood.view(arc, about.first, about.tangent, differences, variance)
+
+    def _elsewhere(
+        self,
+        images: dict[bool, Array],
+        scans: list[tuple[bool, OrbitSamples]],
+        places: list[Place],
+        variance: float,
+    ) -> float:
+        """Logarithm of the integral of the likelihood over the arcs that are near no place."""
+        between = (self._step / 4) ** 2
+        terms = []
+        for turned, samples in scans:
+            found = self._scanned(images[turned], samples, variance, between)
+            for place in places:
+                if place.upside_down == turned:
+                    apart = np.abs(samples.places - self._orbit.place(place.arc))
+                    found[apart < self._settings.near] = -math.inf
+            terms.append(found)
+        joined = np.concatenate(terms)
+        top = float(joined.max())
+        if top == -math.inf:
+            return -math.inf
+        return top + math.log(float(np.exp(joined - top).sum()) * self._step)
+
+    def _scanned(
+        self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
+    ) -> Array:
+        """Logarithm of the likelihood at samples, shape (S,).
+
+        Rotors about the wall may be off by a variance [rad^2] more, as between two samples.
+        """
+        sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
+        variance += between
+        step = math.sqrt(variance) / self._settings.steps_of_table
+        table = np.empty(2 + math.ceil(math.pi / step))
+        floor = self._likelihood.floor(variance)
+        likelihood.tabulate(variance, self._given.bound, floor, table)
+        likelihood.scan(
+            image,
+            sums[0],
+            sums[1],
+            samples.legs,
+            samples.firsts,
+            samples.begins,
+            samples.walls,
+            table,
+            found,
+        )
+        return found
+
+    def _sums(self, image: Array, variance: float) -> Array:
+        """Running sums of log likelihoods before the wall and beyond it, (2, legs, N + 1)."""
+        bound, floor = self._given.bound, self._likelihood.floor(variance)
+        sums = np.empty((2, len(self._before), len(image) + 1))
+        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
+            likelihood.sum_likelihoods(image, states, variance, bound, floor, row)
+        return sums
+
+    def _samples(self, image: Array, variance: float) -> OrbitSamples:
+        """Samples of the whole orbit, or of where uniform parts let the wall be in a long one."""
+        if self._all is not None:
+            return self._all
+        orbit, sums = self._orbit, self._sums(image, variance)
+        split = sums[0] + sums[1][:, -1:] - sums[1]
+        least = split.max() + self._likelihood.floor(variance) * self._core
+        likely = split.max(axis=0) >= least
+        places = np.flatnonzero(likely) - 0.5
+        low, high = float(places.min()) - self._core, float(places.max()) + self._core
+        arcs = []
+        for leg in range(orbit.number_of_legs):
+            begin, end = orbit.leg_arcs(leg)
+            ends = sorted((orbit.arc_at(low, leg), orbit.arc_at(high, leg)))
+            swing = orbit.reach if high > len(image) - 1 or low < 0 else 0.0
+            first, last = max(begin, ends[0] - swing), min(end, ends[1] + swing)
+            count = min(math.ceil((last - first) / self._step), self._settings.most_samples)
+            arcs.append(np.linspace(first, last, max(count, 2)))
+        return samples_of(orbit, np.concatenate(arcs))
+
+
+class ScanBudget:
+    """How many scans may be made in a second of stamps, so that no stream falls behind."""
+
+    def __init__(self, settings: ScanSettings) -> None:
+        """Begin with as many as may be made at once."""
+        self._settings = settings
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew, as where the clock was set."""
+        self._left, self._last = self._settings.burst, math.nan
+
+    def spend(self, time: float) -> bool:
+        """Take one at an instant [s]; say whether there was any."""
+        if not math.isnan(self._last):
+            gained = (time - self._last) * self._settings.rate
+            self._left = min(self._left + gained, self._settings.burst)
+        self._last = time
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+@dataclass(frozen=True)
+class NearestPoint:
+    """The nearest point of the orbit to a frame.
+
+    arc: arc length from the start of the orbit [rad]; NaN where no rotor at all is known.
+    information: information on the arc in units of that of a noise of 1 rad [1]: 1 if all rotors
+        are seen. The standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6
+        the arc is not fitted, but is where it was looked for.
+    misfit: root mean square of what is left of the rotors about the wall [rad], NaN for one or
+        none. It estimates sigma: the sum of squares is divided by one less than the number of
+        rotors.
+    """
+
+    arc: float
+    information: float
+    misfit: float
+
+
+def fit_near(
+    orbit: Orbit, angles: Array, arc: float, settings: SearchSettings = DEFAULTS.search
+) -> NearestPoint:
+    """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
+
+    Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
+    with differences counted from -pi to pi. The arc may leave the range of one round, so that a
+    series of fits counts cycles. Raises ValueError for angles of another shape or infinite ones,
+    and for an arc that is not finite.
+    """
+    if not math.isfinite(arc):
+        raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
+    return _fit_near(orbit, _checked(orbit, angles), arc, settings)
+
+
+def fit_anywhere(
+    orbit: Orbit, angles: Array, settings: EstimationSettings = DEFAULTS
+) -> NearestPoint:
+    """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
+
+    It is near the likeliest of all places, as `PlaceSearch` finds it. The arc is from 0 to that
+    of the whole orbit; of frames without any known angle it is NaN, and the information 0. Raises
+    ValueError for angles of another shape or infinite ones.
+    """
+    frame = _checked(orbit, angles)
+    found = _search(orbit, settings).find(frame, 0.0, (False,)).places
+    if not found:
+        return NearestPoint(math.nan, 0.0, math.nan)
+    nearest = _fit_near(orbit, frame, found[0].arc, settings.search)
+    return replace(nearest, arc=nearest.arc % orbit.length)
+
+
+@lru_cache(maxsize=1)
+def _search(orbit: Orbit, settings: EstimationSettings) -> PlaceSearch:
+    """Search of an orbit, of which sampling it is the most: frames come from one at a time."""
+    return PlaceSearch(orbit, settings.likelihood, settings.scan)
+
+
+def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:
+    for _ in range(settings.iterations):
+        difference, tangent = _compared(frame, orbit.stretch(arc))
+        information = float(tangent @ tangent)
+        if information < settings.least_information:
+            break
+        step = float(tangent @ difference) / information
+        step = min(max(step, -settings.longest_step), settings.longest_step)
+        arc += step
+        if abs(step) < settings.close:
+            break
+    squares, known = float(difference @ difference), len(difference)
+    return NearestPoint(
+        arc, information, math.sqrt(squares / (known - 1)) if known > 1 else math.nan
+    )
+
+
+def _compared(frame: Array, about: Stretch) -> tuple[Array, Array]:
+    """Differences from the orbit [rad], -pi to pi, and tangent [1] of the rotors that are known.
+
+    Only those about the wall, shape (known,) each.
+    """
+    difference = frame[about.first : about.first + len(about.angles)] - about.angles
+    difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
+    if math.isfinite(difference @ difference):
+        return difference, about.tangent
+    known = np.isfinite(difference)
+    return difference[known], about.tangent[known]
+
+
+def _checked(orbit: Orbit, angles: Array) -> Array:
+    """Angles as an array; ValueError where they are infinite or not one a rotor."""
+    frame = np.asarray(angles, dtype=np.float64)
+    check_shape(frame, orbit.chain.number_of_rotors)
+    infinite = np.isinf(frame)
+    if infinite.any():
+        rotor = int(np.argmax(infinite))
+        raise ValueError(
+            f'angle of rotor {rotor} = {frame[rotor]} must be a finite number, or NaN where it '
+            'is unknown'
+        )
+    return frame

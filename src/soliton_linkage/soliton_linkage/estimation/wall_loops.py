@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over the bonds and rotors of a frame: which domains it has, and where their walls are."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from soliton_linkage.compiling import (
+    COUNT,
+    FLAGS,
+    NUMBER,
+    READ,
+    ROW,
+    TABLE,
+    YES,
+    compiled,
+    named_tuple,
+)
+from soliton_linkage.estimation.frames import Flags, wrapped
+from soliton_linkage.linkage.chain import Array
+
+_SCAN_STEP = 0.125
+"""From place to place [rotor spacings]: less than any wall is wide."""
+_STEPS = 12
+"""Of Gauss and Newton [1], which converges within half of them."""
+_LONGEST_STEP = 0.3
+"""Of them [rotor spacings]."""
+_SHORTER = 0.6
+"""Of steps that go to and fro, over those before [1]."""
+_CLOSE = 1e-6
+"""Step that is the last [rotor spacings]."""
+_NARROWEST, _WIDEST = 0.2, 2.0
+"""Of a wall, over its width at rest [1]."""
+
+
+class WallTable(NamedTuple):
+    """Staggered angles that rotors have at a distance from a wall."""
+
+    angles: Array
+    """Of even and of odd rotors [rad], and their slopes [rad a spacing], shape (4, J)."""
+    points: float
+    """Columns in a spacing [1]."""
+    reach: float
+    """Distance of the first column before the wall, and of the last beyond it [rotor spacings]."""
+
+
+_TABLE = named_tuple(WallTable, TABLE, NUMBER, NUMBER)
+
+
+@compiled(READ, NUMBER, FLAGS)
+def domains(polarised: Array, cost: float, right: Flags) -> None:
+    """Set which bonds are of domains that lean right, shape (B,), by their polarisations (B,).
+
+    Of all ways to divide the chain it is that with the largest sum of the polarisations, no more
+    than 1 each, of domains that lean right less that of those that lean left, less a cost for
+    each wall.
+    """
+    count = polarised.size
+    # Best sums that end in a left-leaning and in a right-leaning bond, and where each came from.
+    left, rightmost = 0.0, 0.0
+    from_right = np.empty(count, dtype=np.bool_)
+    from_left = np.empty(count, dtype=np.bool_)
+    for n in range(count):
+        score = min(max(polarised[n], -1.0), 1.0)
+        from_right[n] = n > 0 and rightmost - cost > left
+        from_left[n] = n > 0 and left - cost > rightmost
+        before_left = rightmost - cost if from_right[n] else left
+        before_right = left - cost if from_left[n] else rightmost
+        left, rightmost = before_left - score, before_right + score
+    leans = rightmost >= left
+    for n in range(count - 1, -1, -1):
+        right[n] = leans
+        leans = (not from_left[n]) if leans else from_right[n]
+
+
+@compiled(_TABLE, COUNT, NUMBER)
+def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
+    """Staggered angle of a rotor at a distance x from a wall [rad], by a cubic between points.
+
+    The second number is the slope of the angle [rad a spacing], 0 beyond the table.
+    """
+    angles, points, reach = table
+    at = (x + reach) * points
+    last = angles.shape[1] - 1
+    k = min(max(math.floor(at), 0), last - 1)
+    s = min(max(at - k, 0.0), 1.0)
+    p, q = angles[parity, k], angles[parity, k + 1]
+    u, v = angles[2 + parity, k] / points, angles[2 + parity, k + 1] / points
+    bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
+    angle: float = p + s * (u + s * (bend + s * twist))
+    slope: float = (u + s * (2 * bend + 3 * s * twist)) * points if 0 < at < last else 0.0
+    return angle, slope
+
+
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, ROW)
+def leave(
+    theta: Array, first: int, table: WallTable, place: float, stretch: float, left: Array
+) -> None:
+    """Set what a wall leaves of staggered angles of rotors from a first one on [rad], (n,).
+
+    The wall is at a place [rotor spacings], and wider than the table's by a factor of stretch.
+    """
+    for k in range(theta.size):
+        n = first + k
+        shape, _ = _shape(table, n % 2, (n - place) / stretch)
+        left[k] = wrapped(theta[k] - shape)
+
+
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER)
+def scan(
+    theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
+) -> tuple[float, float]:
+    """Least sum of squares, each no more than a bound [rad^2], and its place, so far beside."""
+    best, least = start, np.inf
+    steps = math.ceil(beside / _SCAN_STEP)
+    for step in range(-steps, steps + 1):
+        place = start + step * _SCAN_STEP
+        whole = 0.0
+        for k in range(theta.size):
+            n = first + k
+            shape, _ = _shape(table, n % 2, n - place)
+            apart = wrapped(theta[k] - shape)
+            if math.isfinite(apart):
+                whole += min(apart * apart, bound)
+        if whole < least:
+            best, least = place, whole
+    return least, best
+
+
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+def sums_of_fit(
+    theta: Array,
+    first: int,
+    table: WallTable,
+    place: float,
+    stretch: float,
+    variance: float,
+    bound: float,
+    free: bool,
+) -> tuple[float, float, float, float, float]:
+    """Sums over rotors of w p^2, w q^2, w p q, w p x and w q x; arguments as of `fit`.
+
+    What a wall leaves of a rotor is x [rad], with the derivatives p by the place [rad a spacing]
+    and q by the stretch [rad], 0 unless it is free, and the weight w.
+    """
+    of_place, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(theta.size):
+        n = first + k
+        x = (n - place) / stretch
+        shape, slope = _shape(table, n % 2, x)
+        apart = wrapped(theta[k] - shape)
+        if not math.isfinite(apart):
+            continue
+        square = apart * apart / variance
+        weight = 1.0 if square < bound * bound else bound * bound / square
+        by_place = -slope / stretch
+        by_stretch = by_place * x if free else 0.0
+        of_place += weight * by_place * by_place
+        of_stretch += weight * by_stretch * by_stretch
+        both += weight * by_place * by_stretch
+        ahead += weight * by_place * apart
+        wider += weight * by_stretch * apart
+    return of_place, of_stretch, both, ahead, wider
+
+
+@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+def fit(
+    theta: Array,
+    first: int,
+    table: WallTable,
+    place: float,
+    stretch: float,
+    variance: float,
+    bound: float,
+    free: bool,
+) -> tuple[float, float, float, float]:
+    """Place of a wall and its stretch, where that is free, by reweighted Gauss and Newton steps.
+
+    A rotor of a variance [rad^2] counts in full up to a bound in deviations. Returns place,
+    stretch and the information on each, in units of that of a noise of 1 rad.
+    """
+    of_place, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
+    for _ in range(_STEPS):
+        of_place, of_stretch, both, ahead, wider = sums_of_fit(
+            theta, first, table, place, stretch, variance, bound, free
+        )
+        determinant = of_place * of_stretch - both * both
+        if of_place <= 0:
+            break
+        step, change = ahead / of_place, 0.0
+        if free and determinant > 1e-3 * of_place * of_stretch:
+            step = (of_stretch * ahead - both * wider) / determinant
+            change = (of_place * wider - both * ahead) / determinant
+        # Where steps go to and fro they are too long.
+        share *= _SHORTER if change * last < -0.5 * last * last else 1.0
+        last = change
+        place += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        change = share * min(max(change, -_LONGEST_STEP), _LONGEST_STEP)
+        stretch = min(max(stretch + change, _NARROWEST), _WIDEST)
+        if abs(step) < _CLOSE and abs(change) < _CLOSE:
+            break
+    return place, stretch, of_place, of_stretch
+
+
+@compiled(READ, NUMBER, COUNT, _TABLE, NUMBER, NUMBER)
+def fit_about(
+    angles: Array, span: float, last: int, table: WallTable, place: float, stretch: float
+) -> tuple[float, float, tuple[float, float, float, float, float]]:
+    """Place and stretch of a wall by `fit`, and `sums_of_fit` there, each rotor in full.
+
+    Of actual angles [rad], shape (N,), within a span of a place [rotor spacings]; the first rotor
+    and the last count for nothing.
+    """
+    first, end = max(math.ceil(place - span), 1), min(math.floor(place + span) + 1, last)
+    theta = np.empty(max(end - first, 0))
+    for k in range(theta.size):
+        angle = angles[first + k]
+        theta[k] = math.pi - angle if (first + k) % 2 else angle
+    place, stretch, _, _ = fit(theta, first, table, place, stretch, 1.0, math.inf, True)
+    sums = sums_of_fit(theta, first, table, place, stretch, 1.0, math.inf, True)
+    return place, stretch, sums
+
+
+@compiled(READ, READ, COUNT, _TABLE, NUMBER, NUMBER)
+def lasting(
+    left: Array, before: Array, first: int, table: WallTable, place: float, stretch: float
+) -> tuple[float, float]:
+    """Mean product of what a wall leaves of rotors in two frames running [rad^2], by t^2.
+
+    Both are of the rotors from a first one on [rad], shape (n,), NaN where unknown. Noise has
+    mean 0; the second number is its variance over the fourth power of its deviation.
+    """
+    whole, squares, product = 0.0, 0.0, 0.0
+    for k in range(left.size):
+        apart = left[k] * before[k]
+        if not math.isfinite(apart):
+            continue
+        n = first + k
+        _, moves = _shape(table, n % 2, (n - place) / stretch)
+        share = moves * moves
+        whole += share
+        squares += share * share
+        product += share * apart
+    if whole <= 0:
+        return 0.0, 0.0
+    return product / whole, squares / (whole * whole)
