@@ -6,10 +6,16 @@ from __future__ import annotations
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.vision.films.renderer import FilmSettings, Hand, Motion, Renderer
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.layout import MarkerLayout
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.lens.plane import ChainPlane, posed_plane
+from soliton_linkage.vision.plane import ChainPlane
+from soliton_linkage_studies.camera.renderer import (
+    FilmSettings,
+    Hand,
+    Motion,
+    Renderer,
+    posed_plane,
+)
 
 LENS = (-0.12, 0.05, 0.0005, -0.0003, 0.0)
 CAMERA = Camera(640, 360, (560.0, 560.0), (318.6, 181.2), LENS, row_time=25e-6, exposure=0.004)

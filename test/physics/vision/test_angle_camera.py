@@ -12,12 +12,11 @@ import pytest
 from filmed_chains import CAMERA, PERIOD, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.vision.angle_camera import AngleCamera
-from soliton_linkage.vision.angle_frame import AngleFrame
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.films.footage import Shot, read_film, write_film
-from soliton_linkage.vision.films.renderer import Hand
+from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
+from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.opencv import Picture
+from soliton_linkage_studies.camera.renderer import Hand
 
 cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
 CHAIN = Chain(number_of_rotors=10)

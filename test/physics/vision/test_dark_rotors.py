@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.vision.camera import uncalibrated
 from soliton_linkage.vision.dark_rotors import DarkRotors
 from soliton_linkage.vision.layout import MarkerLayout
-from soliton_linkage.vision.lens.camera import uncalibrated
 
 cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
 CHAIN = Chain(number_of_rotors=8)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.overlay import PlacedWall, overlaid
 
 pytest.importorskip('cv2', reason='cameras need OpenCV')

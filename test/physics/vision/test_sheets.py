@@ -11,9 +11,9 @@ import pytest
 from filmed_chains import CAMERA, renderer
 
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.vision.camera import uncalibrated
 from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
-from soliton_linkage.vision.lens.camera import uncalibrated
 from soliton_linkage.vision.sheets import write_sheets
 
 pytest.importorskip('cv2', reason='the cells of frame markers come from OpenCV')

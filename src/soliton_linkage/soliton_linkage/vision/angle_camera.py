@@ -12,29 +12,68 @@ mean, with the rate omega and acceleration alpha of the last sightings.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.angle_frame import AngleFrame, check_picture, no_rotors
-from soliton_linkage.vision.dots import Dots, Picture, find_dots
-from soliton_linkage.vision.errors.repeats import Repeats
-from soliton_linkage.vision.errors.scatter import Scatter, Sightings
+from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.dots import Dots, find_dots
 from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.identities import NOBODY, identified
 from soliton_linkage.vision.layout import DOT_SHARE, MarkerLayout
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.lens.plane import ChainPlane
-from soliton_linkage.vision.opencv import opencv
-from soliton_linkage.vision.pivots import Pivots
-from soliton_linkage.vision.rotor_tracks import RotorTracks
+from soliton_linkage.vision.opencv import Picture, opencv
+from soliton_linkage.vision.plane import ChainPlane
+from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
+from soliton_linkage.vision.scatter import Repeats, Scatter, Sightings
 
 _SLACK = 0.7
 """By which distances of dots in pictures are uncertain when they are identified [pixels]."""
 _LEAST_RADIUS = 1.5
 """Of a dot whose place can be told [pixels]."""
+
+
+@dataclass(frozen=True)
+class AngleFrame:
+    """What a picture shows of N rotors."""
+
+    delay: float
+    """From the time of the picture to that of the angles [s]."""
+    angles: Array
+    """Actual angles, unwrapped [rad], NaN of rotors that are not seen, shape (N,)."""
+    deviations: Array
+    """Standard deviation of each angle [rad], NaN of rotors that are not seen, shape (N,)."""
+    masses: Array
+    """Where the dots of the masses are [pixels], NaN where they are not seen, shape (N, 2)."""
+    pivots: Array
+    """Where the pivots are [pixels], NaN where that is not known, shape (N, 2)."""
+    frame_dots: Array
+    """Where the dots of the frame markers are [pixels], shape (K, 2)."""
+    status: str
+    """What keeps rotors from being seen; empty where all are."""
+
+    @property
+    def seen(self) -> int:
+        """Number of rotors that are seen."""
+        return int(np.isfinite(self.angles).sum())
+
+
+def no_rotors(rotors: int, delay: float, status: str) -> AngleFrame:
+    """A picture in which none of so many rotors is seen, and why."""
+    none = np.full(rotors, np.nan)
+    nowhere = np.full((rotors, 2), np.nan)
+    return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
+
+
+def check_picture(camera: Camera, picture: Picture) -> None:
+    """Raise ValueError for what is no picture of a camera."""
+    size = (camera.height, camera.width)
+    if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
+        raise ValueError(
+            f'a picture of {picture.dtype} and shape {picture.shape} is none of the camera, '
+            f'whose have uint8 and shape {size} or {(*size, 3)}'
+        )
 
 
 class AngleCamera:

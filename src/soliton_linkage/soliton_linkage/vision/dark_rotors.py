@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.angle_frame import AngleFrame, check_picture, no_rotors
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.errors.fading import FadingSquare
+from soliton_linkage.vision.angle_camera import AngleFrame, check_picture, no_rotors
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.layout import MarkerLayout
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
+from soliton_linkage.vision.scatter import FadingSquare
 
 _LEAST_SHARE = 0.4
 """Area of a rotor over that of most, at least [1]: parts of hidden ones are none."""

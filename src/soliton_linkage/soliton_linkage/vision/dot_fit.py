@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where dots are, to a small part of a pixel, and how well that is known.
+"""Least-squares fit of dots to pixels, with the covariance of their places.
 
 A dot of radius R at p is fitted, by least squares, to the pixels of its label:
 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
-white w, contrast c, gradient of the light g, blur b, and places s_k on its way while the picture
-was exposed; R and b are fitted too. The matrix S, of determinant 1, makes a circle of the ellipse
-that is seen aside or through a lens. Where noise is the same in all pixels this is as exact as
-the pixels allow, and the covariance of the place follows from the normal matrix. Pixels at the
-edge of the label do not count: what is beyond it is not the same on all sides, and would draw the
-dot there.
+white w, contrast c, gradient of the light g, blur b, and places s_k on its way during the
+exposure; R and b are fitted too. The matrix S, of determinant 1, turns the ellipse of the image
+into a circle. If the noise of all pixels is equal, the fit reaches the Cramer-Rao bound, and the
+covariance of the place follows from the normal matrix. Pixels at the edge of the label do not
+count, because the surroundings differ from side to side and would bias the place.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.special import erfc
 
 from soliton_linkage.compiling import (
-    NUMBER,
     READ_PICTURE,
     ROW,
     TABLE,
@@ -69,9 +67,10 @@ _LEAST_SMEAR = 0.3
 """Way below which a dot is as good as at rest [pixels]."""
 
 
-@compiled(READ_PICTURE, ROW, NUMBER, ROW)
-def begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array) -> None:
-    """White, contrast, gradient and place to begin with."""
+@compiled(READ_PICTURE, ROW, ROW)
+def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
+    """Set the first state of a fit by the lightest and darkest pixels within the reach."""
+    start, reach = dot, dot[3]
     height, width = grey.shape
     low, high = 255.0, 0.0
     for row in range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 2, height)):
@@ -82,17 +81,18 @@ def begin_loop(grey: NDArray[np.uint8], start: Array, reach: float, state: Array
     state[0], state[1] = high, max(high - low, 1.0)
     state[2] = state[3] = 0.0
     state[4], state[5] = start[0], start[1]
+    state[6], state[7] = dot[2], _BLUR
 
 
 def _share_of_dot(
-    x: float, y: float, places: int, way: Array, shape: Array, radius: float, blur: float
+    x: float, y: float, places: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Share T of a dot in a pixel at x, y of it, and slopes of T by its p, R and b."""
-    sxx, sxy, syx, syy = shape
+    """Return the share T of a dot in a pixel at x, y of it, and its derivatives by p, R and b."""
+    sxx, sxy, syx, syy, right_way, down_way = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
     for k in range(places):
         share = (k - (places - 1) / 2) / places
-        right_of, below = x - share * way[0], y - share * way[1]
+        right_of, below = x - share * right_way, y - share * down_way
         across = sxx * right_of + sxy * below
         up = syx * right_of + syy * below
         distance = max(math.sqrt(across * across + up * up), 1e-9)
@@ -121,7 +121,7 @@ def _add_pixel(
     squared: Array,
     last: bool,
 ) -> None:
-    """Add what a pixel of a weight leaves to the normal equations."""
+    """Add the residual of a weighted pixel to the normal equations."""
     for i in range(_PARAMETERS):
         weighted = weight * derivatives[i]
         right[i] += weighted * left
@@ -136,28 +136,27 @@ share_of_dot = compile_loop(_share_of_dot, inlined=True)
 add_pixel = compile_loop(_add_pixel, inlined=True)
 
 
-@compiled(READ_PICTURE, ROW, NUMBER, ROW, ROW, TABLE, ROW, TABLE, ROW, YES)
+@compiled(READ_PICTURE, ROW, ROW, TABLE, ROW, TABLE, YES)
 def normal_loop(
     grey: NDArray[np.uint8],
     state: Array,
-    reach: float,
-    shape: Array,
-    way: Array,
+    dot: Array,
     normal: Array,
     right: Array,
     squared: Array,
-    derivatives: Array,
     last: bool,
 ) -> tuple[float, float]:
-    """Fill the normal equations; return the sum of squares that is left, and of the weights.
+    """Fill the normal equations; return the sums of squared residuals and of weights.
 
-    The shape is S: xx, xy, yx, yy. The last time the matrix with squared weights is filled too.
+    The last time the matrix with squared weights is filled too.
     """
     arrays_do_not_overlap()
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
-    places = _PLACES if math.hypot(way[0], way[1]) > _LEAST_SMEAR else 1
-    sxx, sxy, syx, syy = shape
+    reach = dot[3]
+    sxx, sxy, syx, syy, right_way, down_way = dot[4:]
+    places = _PLACES if math.hypot(right_way, down_way) > _LEAST_SMEAR else 1
+    derivatives = np.empty(_PARAMETERS)
     whole = sxx * sxx + sxy * sxy + syx * syx + syy * syy
     # The longest half axis of the ellipse of area pi: sigma^2 + 1 / sigma^2 is the whole.
     box = reach * math.sqrt((whole + math.sqrt(max(whole * whole - 4.0, 0.0))) / 2)
@@ -173,9 +172,7 @@ def normal_loop(
             weight = min(max(reach - away + 0.5, 0.0), 1.0)
             if weight == 0.0:
                 continue
-            cover, by_x, by_y, by_radius, by_blur = share_of_dot(
-                x, y, places, way, shape, radius, blur
-            )
+            cover, by_x, by_y, by_radius, by_blur = share_of_dot(x, y, places, dot, radius, blur)
             lit = 1.0 + by_column * x + by_row * y
             bare = white - contrast * cover
             derivatives[0], derivatives[1] = lit, -cover * lit
@@ -210,94 +207,83 @@ def solve_loop(matrix: Array, right: Array) -> None:
         right[i] /= max(matrix[i, i], 1e-12)
 
 
-@compiled(READ_PICTURE, TABLE, ROW, ROW, TABLE, TABLE, TABLE)
-def fit_loop(
-    grey: NDArray[np.uint8],
-    starts: Array,
-    radii: Array,
-    reaches: Array,
-    shapes: Array,
-    ways: Array,
-    found: Array,
-) -> None:
-    """Fill rows of place, white, contrast, covariance (xx, xy, yy) and misfit."""
+@compiled(READ_PICTURE, TABLE, TABLE)
+def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
+    """Fit dots: rows of first place (2), radius, reach, S (xx, xy, yx, yy) and way (2).
+
+    Fill rows of place (2), white, contrast, covariance (xx, xy, yy) and misfit.
+    """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
     squared, scratch = np.empty_like(normal), np.empty_like(normal)
-    columns, row = np.empty((2, _PARAMETERS)), np.empty(_PARAMETERS)
-    for dot in range(len(starts)):
-        radius, reach = radii[dot], reaches[dot]
-        begin_loop(grey, starts[dot], reach, state)
-        state[6], state[7] = radius, _BLUR
+    columns = np.empty((2, _PARAMETERS))
+    for n in range(len(dots)):
+        dot = dots[n]
+        begin_loop(grey, dot, state)
         for _ in range(_ITERATIONS):
-            normal_loop(
-                grey, state, reach, shapes[dot], ways[dot], normal, right, squared, row, False
-            )
+            normal_loop(grey, state, dot, normal, right, squared, False)
             solve_loop(normal, right)
             length = math.hypot(right[4], right[5])
             share = min(1.0, _LONGEST_STEP / max(length, 1e-12))
-            for n in range(4):
-                state[n] += right[n]
+            for i in range(4):
+                state[i] += right[i]
             state[1] = max(state[1], 1.0)
             state[4] += share * right[4]
             state[5] += share * right[5]
             state[6] += share * right[6]
-            state[6] = min(max(state[6], _RADII[0] * radius), _RADII[1] * radius)
+            state[6] = min(max(state[6], _RADII[0] * dot[2]), _RADII[1] * dot[2])
             state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
             if length < _SETTLED or not math.isfinite(length):
                 break
-        squares, count = normal_loop(
-            grey, state, reach, shapes[dot], ways[dot], normal, right, squared, row, True
-        )
+        squares, count = normal_loop(grey, state, dot, normal, right, squared, True)
         variance = squares / max(count - _PARAMETERS, 1.0)
-        found[dot, 0], found[dot, 1] = state[4], state[5]
-        found[dot, 2], found[dot, 3] = state[0], state[1]
+        found[n, 0], found[n, 1] = state[4], state[5]
+        found[n, 2], found[n, 3] = state[0], state[1]
         # Of weighted pixels whose noise is the same: N^-1 (A W^2 A) N^-1 with N = A W A.
-        for n in range(2):
+        for axis in range(2):
             scratch[:] = normal
-            columns[n] = 0.0
-            columns[n, 4 + n] = 1.0
-            solve_loop(scratch, columns[n])
-        for n in range(3):
-            one, other = columns[n // 2], columns[(n + 1) // 2]
+            columns[axis] = 0.0
+            columns[axis, 4 + axis] = 1.0
+            solve_loop(scratch, columns[axis])
+        for k in range(3):
+            one, other = columns[k // 2], columns[(k + 1) // 2]
             total = 0.0
             for i in range(_PARAMETERS):
                 for j in range(_PARAMETERS):
                     total += one[i] * squared[i, j] * other[j]
-            found[dot, 4 + n] = variance * total
-        found[dot, 7] = math.sqrt(variance)
+            found[n, 4 + k] = variance * total
+        found[n, 7] = math.sqrt(variance)
 
 
 @dataclass(frozen=True)
 class FittedDots:
-    """Dots of K places in a picture."""
+    """K dots that were fitted to a picture."""
 
     places: Array
-    """Of their centres [pixels], shape (K, 2)."""
+    """Centres [pixels], shape (K, 2)."""
     covariances: Array
-    """Of their places [pixels^2], shape (K, 2, 2)."""
+    """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
     contrasts: Array
-    """Of white and dot [grey levels], shape (K,)."""
+    """Differences of label and dot [grey levels], shape (K,)."""
     whites: Array
-    """Of their labels [grey levels], shape (K,)."""
+    """Brightnesses of the labels [grey levels], shape (K,)."""
     misfits: Array
-    """Root mean square of what the model leaves [grey levels], shape (K,)."""
+    """Root mean square residuals [grey levels], shape (K,)."""
 
 
 def fit_dots(
     grey: NDArray[np.uint8], starts: Array, outlines: Array, share: float, ways: Array
 ) -> FittedDots:
-    """Fit dots near places, each with its way while it was exposed [pixels], (K, 2) each.
+    """Fit dots near places, each with its way during the exposure [pixels], (K, 2) each.
 
-    Outlines, (K, 2, 2), make the outline of each dot, from its centre, the unit circle [1/pixel].
-    The radii of the dots are that share of those of their labels [1].
+    Outlines, (K, 2, 2), map the outline of each dot about its centre to the unit circle
+    [1/pixel]. The radii of the dots are that share of those of their labels [1].
     """
     radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
     shapes = (radii[:, None, None] * outlines).reshape(-1, 4)
-    labels = radii / share - _CLEAR
-    reaches = np.minimum(np.maximum(labels, radii + 0.5), radii + _BEYOND)
+    reaches = np.minimum(np.maximum(radii / share - _CLEAR, radii + 0.5), radii + _BEYOND)
     found = np.empty((len(starts), 8))
-    placed, ended = (np.array(each, dtype=np.float64, order='C') for each in (starts, ways))
-    fit_loop(np.ascontiguousarray(grey), placed, radii, reaches, shapes, ended, found)
+    dots = np.column_stack([starts, radii, reaches, shapes, ways])
+    fit_loop(np.ascontiguousarray(grey), dots, found)
     covariances = found[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     return FittedDots(found[:, :2], covariances, found[:, 3], found[:, 2], found[:, 7])

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.dot_fit import FittedDots, fit_dots
 from soliton_linkage.vision.layout import COLOURS, DOT_SHARE
-from soliton_linkage.vision.opencv import opencv
-
-Picture = NDArray[np.uint8]
+from soliton_linkage.vision.opencv import Picture, opencv
 
 _LEAST_CONTRAST = 20.0
 """Of a dot and its label [grey levels of 256], a tenth of what they have in good light."""

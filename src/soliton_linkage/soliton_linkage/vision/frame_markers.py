@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.dot_fit import fit_dots
 from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.lens.plane import ChainPlane, fitted_plane
 from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.plane import ChainPlane, fitted_plane
 
 Grey = NDArray[np.uint8]
 

@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenCV and PyAV, which need not be installed until somebody looks through a camera."""
+"""OpenCV and PyAV, which are imported when they are used, because they are optional."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from types import ModuleType
 
-_REMEDIES = {
-    'cv2': 'opencv-python-headless, or sudo apt install python3-opencv',
-    'av': 'av, or sudo apt install python3-av',
-}
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+"""Blue, green and red, shape (height, width, 3), or grey, shape (height, width)."""
 
 
 def opencv() -> ModuleType:
-    """Return OpenCV; raises ValueError that says how to install it."""
-    return _imported('cv2', 'cameras need OpenCV')
+    """Return OpenCV; ValueError with the remedy if it is not installed."""
+    return _imported('cv2', 'cameras need OpenCV', 'opencv-python-headless', 'opencv')
 
 
 def pyav() -> ModuleType | None:
-    """Return PyAV, None where it is not installed."""
+    """Return PyAV, None if it is not installed."""
     try:
         return import_module('av')
     except ImportError:
@@ -26,14 +27,15 @@ def pyav() -> ModuleType | None:
 
 
 def pyav_to_write() -> ModuleType:
-    """Return PyAV; raises ValueError that says how to install it."""
-    return _imported('av', 'to write films takes PyAV')
+    """Return PyAV; ValueError with the remedy if it is not installed."""
+    return _imported('av', 'to write films takes PyAV', 'av', 'av')
 
 
-def _imported(name: str, needed: str) -> ModuleType:
+def _imported(name: str, needed: str, wheel: str, package: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError as error:
         raise ValueError(
-            f'{needed}, which is not installed ({error}); run: pip install {_REMEDIES[name]}'
+            f'{needed}, which is not installed ({error}); run: pip install {wheel}, or '
+            f'sudo apt install python3-{package}'
         ) from error

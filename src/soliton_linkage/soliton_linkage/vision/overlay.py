@@ -11,9 +11,8 @@ import numpy as np
 
 from soliton_linkage.colours import GREEN, ORANGE, RED, SKY, WHITE, shares
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.angle_frame import AngleFrame
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.angle_camera import AngleFrame
+from soliton_linkage.vision.opencv import Picture, opencv
 
 Colour = tuple[int, int, int]
 

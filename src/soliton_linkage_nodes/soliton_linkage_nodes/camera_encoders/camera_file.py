@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from sensor_msgs.msg import CameraInfo
 
-from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.camera import Camera
 
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Coefficients of the models of lenses [1]."""

@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from soliton_linkage.vision.dots import Picture
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.layout import MarkerSettings
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.camera_encoders.camera_file import camera_from_msg, read_camera
 from soliton_linkage_nodes.camera_encoders.overlay import Overlay
 from soliton_linkage_nodes.camera_encoders.parameters import (

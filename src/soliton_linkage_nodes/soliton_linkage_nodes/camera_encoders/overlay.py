@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 
 from soliton_linkage.estimation.estimates import AnalysedSoliton
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.overlay import PlacedWall, overlaid
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.camera_encoders.sight import Seen

@@ -11,13 +11,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.angle_camera import AngleCamera
-from soliton_linkage.vision.angle_frame import AngleFrame
+from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
+from soliton_linkage.vision.camera import Camera, uncalibrated
 from soliton_linkage.vision.dark_rotors import DarkRotors
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.films.footage import GapWatch
+from soliton_linkage.vision.footage import GapWatch
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
-from soliton_linkage.vision.lens.camera import Camera, uncalibrated
+from soliton_linkage.vision.opencv import Picture
 from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg

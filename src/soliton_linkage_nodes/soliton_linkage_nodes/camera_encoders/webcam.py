@@ -6,9 +6,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.films.footage import camera_pictures
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.footage import camera_pictures
+from soliton_linkage.vision.opencv import Picture, opencv
 
 _LONGEST_WAIT = 5.0
 """Until the thread has ended [s], which waits for a picture at most."""

@@ -17,9 +17,9 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.solitons.passage import blocked_bonds
-from soliton_linkage.vision.films.footage import Shot
-from soliton_linkage.vision.films.renderer import FilmSettings, Motion, Renderer
+from soliton_linkage.vision.footage import Shot
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
+from soliton_linkage_studies.camera.renderer import FilmSettings, Motion, Renderer
 from soliton_linkage_studies.camera.runs import CAMERA, PERIOD, SIMULATED, motion_of, plane_of
 
 

@@ -15,12 +15,18 @@ from scipy.interpolate import CubicHermiteSpline
 from soliton_linkage.linkage.chain import Array, Chain, wrapped
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.vision.angle_camera import AngleCamera
-from soliton_linkage.vision.films.footage import Shot, read_film, write_film
-from soliton_linkage.vision.films.renderer import FilmSettings, Hand, Motion, Renderer
+from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.lens.plane import ChainPlane, posed_plane
 from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.plane import ChainPlane
+from soliton_linkage_studies.camera.renderer import (
+    FilmSettings,
+    Hand,
+    Motion,
+    Renderer,
+    posed_plane,
+)
 from soliton_linkage_studies.experiments import kicked
 
 CAMERA = Camera(

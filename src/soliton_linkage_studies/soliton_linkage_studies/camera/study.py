@@ -13,7 +13,7 @@ import numpy as np
 
 from soliton_linkage import vision
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.films.renderer import FilmSettings
+from soliton_linkage_studies.camera.renderer import FilmSettings
 from soliton_linkage_studies.camera.runs import FIGURES, FilmedTask
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -123,9 +123,9 @@ def _row(figures: Mapping[str, Array]) -> list[str]:
 
 
 def _fingerprint() -> str:
-    """Of the sources of what sees, so that no table is half of one and half of another."""
+    """Return a hash of the sources, so that no table mixes rows of two versions."""
     found = hashlib.sha256()
-    for folder in vision.__path__:
-        for path in sorted(Path(folder).rglob('*.py')):
+    for folder in (Path(vision.__path__[0]), Path(__file__).parent):
+        for path in sorted(folder.rglob('*.py')):
             found.update(path.read_bytes())
     return found.hexdigest()[:16]

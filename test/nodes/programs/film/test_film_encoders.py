@@ -15,8 +15,7 @@ from filmed_chains import CAMERA, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations
-from soliton_linkage.vision.films.footage import Shot, read_film, write_film
-from soliton_linkage.vision.films.renderer import Renderer
+from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag
@@ -24,6 +23,7 @@ from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write
 from soliton_linkage_nodes.programs.film.film_encoders import main
 from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+from soliton_linkage_studies.camera.renderer import Renderer
 
 CHAIN = """/**:
   ros__parameters:

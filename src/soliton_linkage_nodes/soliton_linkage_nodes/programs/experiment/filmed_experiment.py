@@ -18,7 +18,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.vision.films.footage import Shot, read_film, write_film
+from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
 from soliton_linkage_nodes.camera_encoders.parameters import SightParameters

@@ -23,7 +23,7 @@ from rclpy.serialization import serialize_message
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.vision.films.footage import (
+from soliton_linkage.vision.footage import (
     Footage,
     Shot,
     camera_pictures,

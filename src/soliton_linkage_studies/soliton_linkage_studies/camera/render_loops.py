@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loops that paint rotors and bonds over a picture, pixel by pixel."""
+"""Compiled loops that paint rotors and bonds over a picture, pixel by pixel."""
 
 from __future__ import annotations
 
@@ -32,21 +32,19 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """What each pixel sees of the plane of the rotors, shape (height, width) each [m]."""
+    """Point of the plane of the rotors that each pixel sees [m], shape (height, width) each."""
 
     x: Array
-    """Along the chain."""
     z: Array
-    """Upwards."""
     spread: Array
-    """Standard deviation of the places that it takes light from."""
+    """Standard deviation of the points from which it takes light [m]."""
 
 
 _PIXELS = named_tuple(Pixels, TABLE, TABLE, TABLE)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Part of a pixel that a shape covers whose edge is at a distance [m], below 0 inside."""
+    """Return the share of a pixel inside an edge at a distance [m], negative inside."""
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -56,14 +54,21 @@ def _covered(distance: float, spread: float) -> float:
 
 
 def _from_arm(x: float, z: float, across: float, up: float) -> float:
-    """Distance of a point from the line from the origin to (across, up), ends included."""
+    """Return the distance of a point from the segment from the origin to (across, up)."""
     along = (x * across + z * up) / (across * across + up * up)
     along = min(max(along, 0.0), 1.0)
     return math.hypot(x - along * across, z - along * up)
 
 
+def _mass_of(rotors: Array, rotor: int, time: float) -> tuple[float, float]:
+    """Return the mass of a rotor from its pivot at a time [m], rows of `rotors` as below."""
+    angle = rotors[0, rotor] + time * (rotors[1, rotor] + time * rotors[2, rotor] / 2)
+    return rotors[4, rotor] * math.sin(angle), rotors[4, rotor] * math.cos(angle)
+
+
 covered = compile_loop(_covered, inlined=True)
 from_arm = compile_loop(_from_arm, inlined=True)
+mass_of = compile_loop(_mass_of, inlined=True)
 
 
 def _shares_of_rotor(
@@ -76,7 +81,7 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Of arm, label, dot and the rest in a pixel at x, z of a pivot, sums over the samples."""
+    """Return the shares of arm, label, dot and rest in a pixel, summed over the samples."""
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])
@@ -94,45 +99,36 @@ def _shares_of_rotor(
 shares_of_rotor = compile_loop(_shares_of_rotor, inlined=True)
 
 
-@compiled(
-    *(PAINTED, _PIXELS, COUNT, READ_TABLE, READ, READ),
-    *(READ_PLACES, READ_PAINTS, READ, READ, READ),
-)
+@compiled(PAINTED, _PIXELS, COUNT, READ_TABLE, READ_PLACES, READ_PAINTS, READ, READ_TABLE)
 def paint_rotors(
     canvas: Canvas,
     pixels: Pixels,
     parity: int,
-    motion: Array,
-    pivots: Array,
-    lengths: Array,
+    rotors: Array,
     boxes: Boxes,
     paint: Canvas,
     shape: Array,
-    times: Array,
-    instants: Array,
+    moments: Array,
 ) -> None:
     """Paint every other rotor with its arm and dots.
 
-    `motion` has angles, rates and accelerations at the time 0 of `times`, when rows are exposed
-    in the middle, and `instants` of exposures. `shape` has the radii of labels and dots and the
-    half width of arms [m].
+    `rotors` has rows of angles, rates and accelerations at time 0, pivots and lengths; `shape` the
+    radii of labels and dots and the half width of arms [m]; `moments` the times of the samples of
+    each row [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
-    samples = len(instants)
+    samples = moments.shape[1]
     across, up = np.empty(samples), np.empty(samples)
-    for rotor in range(parity, len(pivots), 2):
+    for rotor in range(parity, len(boxes), 2):
         left, right, top, bottom = boxes[rotor]
         colour = 4 + rotor % (len(paint) - 4)
         for row in range(top, bottom):
             swept = 0.0
             for k in range(samples):
-                t = times[row] + instants[k]
-                angle = motion[0, rotor] + t * (motion[1, rotor] + t * motion[2, rotor] / 2)
-                across[k] = lengths[rotor] * math.sin(angle)
-                up[k] = lengths[rotor] * math.cos(angle)
+                across[k], up[k] = mass_of(rotors, rotor, moments[row, k])
                 swept = max(swept, math.hypot(across[k] - across[0], up[k] - up[0]))
             for column in range(left, right):
-                x = pixels.x[row, column] - pivots[rotor]
+                x = pixels.x[row, column] - rotors[3, rotor]
                 z = pixels.z[row, column]
                 spread = pixels.spread[row, column]
                 if from_arm(x, z, across[0], up[0]) > label + swept + 4 * spread:
@@ -145,38 +141,27 @@ def paint_rotors(
                 under = (1 - pivot_label) / samples
                 white = under * of_label + pivot_label * (1 - pivot_dot)
                 for c in range(3):
+                    below = of_rest * canvas[row, column, c] + of_arm * paint[0, c]
+                    below += of_dot * paint[colour, c]
                     canvas[row, column, c] = (
-                        under
-                        * (
-                            of_rest * canvas[row, column, c]
-                            + of_arm * paint[0, c]
-                            + of_dot * paint[colour, c]
-                        )
-                        + white * paint[1, c]
-                        + pivot_label * pivot_dot * paint[2, c]
+                        under * below + white * paint[1, c] + pivot_label * pivot_dot * paint[2, c]
                     )
 
 
-@compiled(
-    *(PAINTED, _PIXELS, READ_TABLE, READ, READ),
-    *(READ_PLACES, READ_PAINT, NUMBER, READ, READ),
-)
+@compiled(PAINTED, _PIXELS, READ_TABLE, READ_PLACES, READ_PAINT, NUMBER, READ_TABLE)
 def paint_bonds(
     canvas: Canvas,
     pixels: Pixels,
-    motion: Array,
-    pivots: Array,
-    lengths: Array,
+    rotors: Array,
     boxes: Boxes,
     paint: Canvas,
     width: float,
-    times: Array,
-    instants: Array,
+    moments: Array,
 ) -> None:
     """Paint the bonds between the masses of neighbours, of a half width [m]."""
-    samples = len(instants)
+    samples = moments.shape[1]
     masses = np.empty((samples, 4))
-    for bond in range(len(pivots) - 1):
+    for bond in range(len(boxes) - 1):
         left = min(boxes[bond, 0], boxes[bond + 1, 0])
         right = max(boxes[bond, 1], boxes[bond + 1, 1])
         top = min(boxes[bond, 2], boxes[bond + 1, 2])
@@ -184,12 +169,10 @@ def paint_bonds(
         for row in range(top, bottom):
             swept = 0.0
             for k in range(samples):
-                t = times[row] + instants[k]
                 for end in range(2):
-                    rotor = bond + end
-                    angle = motion[0, rotor] + t * (motion[1, rotor] + t * motion[2, rotor] / 2)
-                    masses[k, 2 * end] = pivots[rotor] + lengths[rotor] * math.sin(angle)
-                    masses[k, 2 * end + 1] = lengths[rotor] * math.cos(angle)
+                    across, up = mass_of(rotors, bond + end, moments[row, k])
+                    masses[k, 2 * end] = rotors[3, bond + end] + across
+                    masses[k, 2 * end + 1] = up
                     across = masses[k, 2 * end] - masses[0, 2 * end]
                     up = masses[k, 2 * end + 1] - masses[0, 2 * end + 1]
                     swept = max(swept, math.hypot(across, up))
@@ -222,7 +205,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Make what a sensor says of a canvas in a light [1], with noise that is shifted sideways."""
+    """Expose a canvas in a light [1] to a sensor, with noise that is shifted sideways."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

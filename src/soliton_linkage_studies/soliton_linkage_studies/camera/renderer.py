@@ -14,14 +14,15 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.films.render_loops import Pixels, expose, paint_bonds, paint_rotors
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker_cells
-from soliton_linkage.vision.lens.plane import ChainPlane
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.opencv import Picture, opencv
+from soliton_linkage.vision.plane import ChainPlane
+from soliton_linkage_studies.camera.render_loops import Pixels, expose, paint_bonds, paint_rotors
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
 """Angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]: (T,) to (T, N) each."""
@@ -131,27 +132,17 @@ class Renderer:
         )
         camera, samples = self._camera, self._settings.samples
         instants: Array = camera.exposure * ((np.arange(samples) + 0.5) / samples - 0.5)
-        pixels = self._pixels
-        motion = np.stack([angles, rates, accelerations])
-        chain = self._layout.chain
-        shape = np.array(
-            [
-                self._layout.label_radius,
-                self._layout.dot_radius,
-                _ARM_WIDTH * self._layout.label_radius,
-                _BOND_WIDTH * self._layout.label_radius,
-            ]
-        )
+        chain, radius = self._layout.chain, self._layout.label_radius
+        rotors = np.stack([angles, rates, accelerations, chain.pivots, chain.rotor_lengths])
+        shape = np.array([radius, self._layout.dot_radius, _ARM_WIDTH * radius])
         rows = np.arange(camera.height, dtype=np.float64) - self.middle_row
-        times: Array = np.asarray(camera.row_time * rows)
-        boxes = self._boxes(angles, rates)
-        told = chain.pivots, chain.rotor_lengths, boxes
-        width = float(shape[3])
-        paint_bonds(canvas, pixels[0], motion, *told, self._paint[3], width, times, instants)
-        for parity in (0, 1):
-            paint_rotors(
-                canvas, pixels[parity], parity, motion, *told, self._paint, shape, times, instants
-            )
+        moments = camera.row_time * rows[:, None] + instants
+        boxes, paint = self._boxes(angles, rates), self._paint
+        paint_bonds(
+            canvas, self._pixels[0], rotors, boxes, paint[3], _BOND_WIDTH * radius, moments
+        )
+        for parity, pixels in enumerate(self._pixels):
+            paint_rotors(canvas, pixels, parity, rotors, boxes, paint, shape, moments)
 
     def _boxes(self, angles: Array, rates: Array) -> NDArray[np.int64]:
         """Columns and rows about each rotor: left, right, top, bottom [pixels], shape (N, 4)."""
@@ -282,3 +273,21 @@ def _between(edges: Array, parts: int) -> Array:
     share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
     middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share
     return np.asarray(middles.reshape(-1, *edges.shape[1:]))
+
+
+def posed_plane(
+    camera: Camera,
+    middle: tuple[float, float],
+    distance: float,
+    pan: float = 0.0,
+    pitch: float = 0.0,
+    roll: float = 0.0,
+) -> ChainPlane:
+    """Return the plane whose point `middle` [m] is straight ahead, turned by angles [rad].
+
+    At zero angles the camera faces the plane, x to the right and z up in the picture.
+    """
+    turned = Rotation.from_euler('yxz', [pan, pitch, roll]).as_matrix()
+    axes = turned @ np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
+    origin = np.array([0.0, 0.0, distance]) - axes @ np.array(middle)
+    return ChainPlane(camera, np.column_stack([axes, origin]))

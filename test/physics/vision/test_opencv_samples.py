@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from soliton_linkage.vision.camera import calibrated, uncalibrated
 from soliton_linkage.vision.frame_markers import marker_detector
-from soliton_linkage.vision.lens.calibration import calibrated
-from soliton_linkage.vision.lens.camera import uncalibrated
-from soliton_linkage.vision.lens.plane import fitted_plane
+from soliton_linkage.vision.plane import fitted_plane
 
 DOC = Path(os.environ.get('OPENCV_DOC', '/usr/share/doc/opencv-doc'))
 SAMPLES, TUTORIALS = DOC / 'examples/data', DOC / 'opencv4/html'

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from filmed_chains import CAMERA, LENS
 
-from soliton_linkage.vision.lens.camera import Camera
-from soliton_linkage.vision.lens.plane import fitted_plane, posed_plane
+from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.plane import fitted_plane
+from soliton_linkage_studies.camera.renderer import posed_plane
 
 POINTS = np.array([(x, z) for x in np.linspace(-1, 1, 5) for z in (-0.3, 0.0, 0.4)])
 PLANE = posed_plane(CAMERA, (0.1, 0.0), 2.0, 0.2, -0.15, 0.05)

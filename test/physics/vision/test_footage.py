@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from soliton_linkage.vision.films.footage import (
+from soliton_linkage.vision.footage import (
     GapWatch,
     Shot,
     camera_pictures,

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plane of a chain before a camera.
+"""The plane of a chain in front of a camera.
 
-A point (x, z) of it is on the ray g1 x + g2 z + g3, whose third component is not 1; the columns
-g1 and g2 are the axes of the plane in the camera's frame, of length 1 where the lens is known. A
-point that is nearer to the camera by a height h is on the ray of g3 + h (g1 x g2).
+A point (x, z) of the plane is on the ray g1 x + g2 z + g3, whose third component is not 1; the
+columns g1 and g2 are the axes of the plane in the camera's frame, of length 1 if the lens is
+known. A point that is nearer to the camera by a height h is on the ray of g3 + h (g1 x g2).
 """
 
 from __future__ import annotations
@@ -15,37 +15,32 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.lens.camera import Camera
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.opencv import opencv
 
 _FEWEST_POINTS = 6
-"""That fix a plane and show how well they do."""
+"""Points that fix a plane with a measurable misfit [1]."""
 
 
 @dataclass(frozen=True)
 class ChainPlane:
-    """Maps points (x, z) of the plane of a chain [m] to pixels, and back."""
+    """Map from points (x, z) of the plane of a chain [m] to pixels, and back."""
 
     camera: Camera
     columns: Array
     """g1, g2, g3, shape (3, 3)."""
 
     @cached_property
-    def _towards_camera(self) -> Array:
-        normal = np.cross(self.columns[:, 0], self.columns[:, 1])
-        return np.asarray(normal / np.linalg.norm(normal) * self._unit)
-
-    @cached_property
     def _unit(self) -> float:
         return float(np.sqrt(np.linalg.norm(np.cross(self.columns[:, 0], self.columns[:, 1]))))
 
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Pixels of points [m] at heights [m], shapes (..., 2) and (...)."""
+        """Return the pixels of points [m] at heights [m], shapes (..., 2) and (...)."""
         rays = points @ self.columns[:, :2].T + self._origins(points, heights)
         return self.camera.pixels(rays[..., :2] / rays[..., 2:])
 
     def points(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Points [m] at heights [m] that are seen at pixels, shapes (..., 2) and (...)."""
+        """Return the points [m] at heights [m] that are seen at pixels, shapes (..., 2), (...)."""
         rays = self.camera.rays(pixels)
         origins = self._origins(rays, heights)
         g1, g2 = self.columns[:, 0], self.columns[:, 1]
@@ -58,7 +53,7 @@ class ChainPlane:
         return np.asarray(solved / determinant[..., None])
 
     def pixels_per_metre(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Scale of the picture at points [pixels/m], the mean of all directions, shape (...)."""
+        """Return the scale of the picture at points [pixels/m], mean of all directions, (...)."""
         step = 1e-4 * abs(self.columns[2, 2]) / self._unit
         ends = np.stack([points + side * way for way in step * np.eye(2) for side in (1, -1)])
         right, left, top, bottom = self.pixels(ends, heights)
@@ -67,77 +62,50 @@ class ChainPlane:
         return np.asarray(np.sqrt(area) / (2 * step))
 
     def metres_per_pixel(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Change of a point with its pixel [m/pixel], shape (..., 2, 2)."""
-        steps = np.array([[0.5, 0.0], [0.0, 0.5]])
-        ends = np.stack([pixels + side * step for step in steps for side in (1, -1)])
+        """Return the derivative of a point by its pixel [m/pixel], shape (..., 2, 2)."""
+        ends = np.stack([pixels + side * way for way in 0.5 * np.eye(2) for side in (1, -1)])
         points = self.points(ends, heights)
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
     def centred(self, places: Array, radius: float) -> Array:
-        """Pixels of the centres of circles whose images have centres at places, (K, 2).
+        """Return the pixels of the centres of circles whose images have centres at places, (K, 2).
 
-        The image of a circle is an ellipse, whose centre is not that of the circle.
+        The image of a circle is an ellipse, whose centre is not the image of the circle's centre.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
         outlines = self.pixels(self.points(places)[:, None] + circle) - places[:, None]
-        return np.asarray(places - _centroids(outlines))
+        following = np.roll(outlines, -1, axis=1)
+        crossed = outlines[..., 0] * following[..., 1] - following[..., 0] * outlines[..., 1]
+        moments = np.sum((outlines + following) * crossed[..., None], axis=1)
+        return np.asarray(places - moments / (3 * crossed.sum(axis=1, keepdims=True)))
 
     def _origins(self, points: Array, heights: ArrayLike) -> Array:
         up = np.broadcast_to(np.asarray(heights, dtype=np.float64), points.shape[:-1])
-        return self.columns[:, 2] + up[..., None] * self._towards_camera
-
-
-def _centroids(outlines: Array) -> Array:
-    """Centres of the areas of polygons, shapes (K, V, 2) and (K, 2)."""
-    following = np.roll(outlines, -1, axis=1)
-    crossed = outlines[..., 0] * following[..., 1] - following[..., 0] * outlines[..., 1]
-    moments = np.sum((outlines + following) * crossed[..., None], axis=1)
-    return np.asarray(moments / (3 * crossed.sum(axis=1, keepdims=True)))
+        normal = np.cross(self.columns[:, 0], self.columns[:, 1])
+        towards_camera = normal / np.linalg.norm(normal) * self._unit
+        return np.asarray(self.columns[:, 2] + up[..., None] * towards_camera)
 
 
 def fitted_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
-    """Plane whose points [m] are seen at pixels, (K, 2) each, and the misfit [pixels].
+    """Return the plane whose points [m] are seen at pixels, (K, 2) each, and the misfit [pixels].
 
-    The misfit is the root mean square of each coordinate, for the parameters that were fitted.
-    Raises ValueError where the points do not fix a plane.
+    The misfit is the root mean square of each coordinate, corrected for the fitted parameters.
+    Raises ValueError if the points do not fix a plane.
     """
     if len(points) < _FEWEST_POINTS:
         raise ValueError(
             f'{len(points)} dots of frame markers fix no plane; show two markers or more'
         )
-    # OpenCV fits in numbers of about 1.
+    # OpenCV needs coordinates of about 1.
     scale = float(np.ptp(points, axis=0).max()) or 1.0
     found, _ = opencv().findHomography(points / scale, camera.rays(pixels), 0)
     if found is None or not np.isfinite(found).all():
         raise ValueError('the frame markers stand on a line; spread them about the chain')
     columns = np.asarray(found, dtype=np.float64) / [scale, scale, 1.0]
     columns /= np.sqrt(np.linalg.norm(columns[:, 0]) * np.linalg.norm(columns[:, 1]))
-    middle = np.mean(points, axis=0)
-    if columns[2] @ [*middle, 1.0] < 0:
+    if columns[2] @ [*np.mean(points, axis=0), 1.0] < 0:
         columns = -columns
     plane = ChainPlane(camera, columns)
     missed = plane.pixels(points) - pixels
-    freedoms = max(missed.size - 8, 1)
-    return plane, float(np.sqrt(np.sum(missed**2) / freedoms))
-
-
-def posed_plane(
-    camera: Camera,
-    middle: tuple[float, float],
-    distance: float,
-    pan: float = 0.0,
-    pitch: float = 0.0,
-    roll: float = 0.0,
-) -> ChainPlane:
-    """Plane whose point `middle` [m] is straight ahead at a distance [m], turned by angles [rad].
-
-    Without them the camera looks at it squarely, x to the right and z up in the picture.
-    """
-    (cp, sp), (ct, st), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (pan, pitch, roll))
-    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    about_x = np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]])
-    about_z = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
-    axes = about_z @ about_x @ about_y @ np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
-    origin = np.array([0.0, 0.0, distance]) - axes @ np.array(middle)
-    return ChainPlane(camera, np.column_stack([axes, origin]))
+    return plane, float(np.sqrt(np.sum(missed**2) / max(missed.size - 8, 1)))

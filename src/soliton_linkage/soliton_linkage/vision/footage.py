@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from soliton_linkage.vision.dots import Picture
-from soliton_linkage.vision.opencv import opencv, pyav, pyav_to_write
+from soliton_linkage.vision.opencv import Picture, opencv, pyav, pyav_to_write
 
 _TICKS = 90_000
 """In which files tell times [Hz]: those of video since MPEG."""
