@@ -22,7 +22,7 @@ from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
+from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime.interfaces import SUITE
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator

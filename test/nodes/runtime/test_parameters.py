@@ -32,10 +32,7 @@ from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
-from soliton_linkage_nodes.camera_encoders.parameters import (
-    CameraEncodersParameters,
-    SightParameters,
-)
+from soliton_linkage_nodes.camera_encoders.node import CameraEncodersParameters
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
@@ -45,6 +42,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
+from soliton_linkage_nodes.messages.sight import SightParameters
 from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
     FilmedExperimentParameters,
 )

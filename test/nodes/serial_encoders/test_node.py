@@ -20,7 +20,7 @@ from soliton_linkage.microcontroller.simulated_controller import (
     ControllerSettings,
     SimulatedController,
 )
-from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
+from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders

@@ -3,47 +3,145 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from soliton_linkage.estimation.estimates import AnalysedSoliton
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.footage import camera_pictures
 from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage.vision.opencv import Picture, opencv
-from soliton_linkage_nodes.camera_encoders.camera_file import camera_from_msg, read_camera
-from soliton_linkage_nodes.camera_encoders.overlay import Overlay
-from soliton_linkage_nodes.camera_encoders.parameters import (
-    CameraEncodersParameters,
-    SightParameters,
-)
-from soliton_linkage_nodes.camera_encoders.sight import (
-    Seen,
-    Sight,
-    angles_to_msg,
-    deviations_to_msg,
-    in_words,
-    median_deviation,
-)
-from soliton_linkage_nodes.camera_encoders.webcam import Webcam
+from soliton_linkage.vision.overlay import overlaid
+from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
     ChainSource,
     ChainSourceParameters,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
+from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, chain_to_msg
 from soliton_linkage_nodes.messages.picture_conversions import (
+    camera_from_msg,
     picture_from_compressed_msg,
     picture_from_msg,
+    picture_to_compressed_msg,
+    read_camera,
 )
+from soliton_linkage_nodes.messages.sight import (
+    Seen,
+    Sight,
+    SightParameters,
+    angles_to_msg,
+    deviations_to_msg,
+    in_words,
+    median_deviation,
+    placed,
+)
+from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.stamps import time_from_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+
+_MOST_CAMERAS = 63
+"""Largest number of a camera of Linux [1]."""
+_FRESH = 1.0
+"""Largest age of walls that are drawn [s]."""
+_LONGEST_WAIT = 5.0
+"""Longest wait for the end of the thread, which may be waiting for a picture [s]."""
+
+
+@dataclass(frozen=True)
+class CameraEncodersParameters:
+    """Where the pictures come from."""
+
+    pictures_from: str = quantity(
+        'image',
+        'whether pictures come from the topic image, from the topic image/compressed, or from a '
+        'camera of this machine',
+        choices=('image', 'compressed', 'camera'),
+    )
+    camera: int = quantity(0, 'number of the camera of this machine', '', 0, _MOST_CAMERAS)
+    camera_file: str = quantity(
+        '', 'path of a file of calibrate_camera, empty for what the topic camera_info says'
+    )
+    overlay_rate: float = quantity(
+        20.0,
+        'most pictures a second on camera_overlay, which are drawn while it is heard',
+        'Hz',
+        0.1,
+        1000.0,
+    )
+
+
+class Overlay:
+    """Publisher of annotated pictures, drawn only for subscribers."""
+
+    def __init__(self, node: GuardedNode, diagnostics: Diagnostics, rate: float) -> None:
+        """Publish at most at a rate [Hz], with the walls of `soliton_state`."""
+        self._cv2 = opencv()
+        self._period = round(SECOND / rate)
+        self._publisher = interfaces.CAMERA_OVERLAY.publisher(node)
+        self._state: tuple[int, tuple[AnalysedSoliton, ...]] = (0, ())
+        self._next = 0
+        AdaptiveSubscription(node, interfaces.SOLITON_STATE, self._take, diagnostics)
+
+    def draw(self, named: NamedChain, picture: Picture, seen: Seen) -> None:
+        """Publish a picture if there is a subscriber and the period is over."""
+        if not self._publisher.get_subscription_count():
+            return
+        if 0 <= self._next - seen.stamp <= self._period:
+            return
+        self._next = seen.stamp + self._period
+        stamp, solitons = self._state
+        since = (seen.stamp - stamp) / SECOND
+        walls = placed(solitons, named.chain.spacing, since) if abs(since) < _FRESH else []
+        drawn = overlaid(picture, seen.frame, named.joint_names, walls)
+        self._publisher.publish(picture_to_compressed_msg(self._cv2, seen.stamp, FRAME, drawn))
+
+    def _take(self, message: SolitonState) -> None:
+        self._state = time_from_msg(message.header.stamp), solitons_from_msg(message)
+
+
+class Webcam:
+    """Thread that takes pictures of a camera of this machine."""
+
+    def __init__(
+        self,
+        number: int,
+        take: Callable[[Picture], None],
+        fail: Callable[[str], None],
+    ) -> None:
+        """Call `take` with each picture in the thread, and `fail` with the error that ends it."""
+        opencv()
+        self._closing = threading.Event()
+        self._number, self._take, self._fail = number, take, fail
+        self._thread = threading.Thread(target=self._run, name='camera', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop the thread."""
+        self._closing.set()
+        self._thread.join(_LONGEST_WAIT)
+
+    def _run(self) -> None:
+        try:
+            for taken in camera_pictures(self._number):
+                if self._closing.is_set():
+                    return
+                self._take(taken.picture)
+        except ValueError as error:
+            self._fail(str(error))
 
 
 class CameraEncoders(ManagedNode):

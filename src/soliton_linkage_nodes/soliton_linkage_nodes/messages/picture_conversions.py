@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of cameras, as messages, to arrays of blue, green and red, and back."""
+"""Pictures and cameras as messages, and calibration files of camera_calibration."""
 
 from __future__ import annotations
 
 import array
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
+from soliton_linkage.vision.camera import Camera
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
@@ -27,6 +30,8 @@ _CHANNELS = {
 }
 """Bytes of a pixel, and which of them are blue, green and red."""
 _BEGIN_OF_JPEG = b'\xff\xd8\xff'
+_MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
+"""Coefficients of the models of lenses [1]."""
 
 
 def picture_from_msg(message: Image) -> NDArray[np.uint8]:
@@ -81,4 +86,73 @@ def picture_to_compressed_msg(
         header=Header(stamp=time_to_msg(stamp), frame_id=frame_id),
         format='jpeg',
         data=array.array('B', data.tobytes()),
+    )
+
+
+def read_camera(path: Path) -> Camera:
+    """Return the camera of a calibration file; ValueError or OSError if it is invalid."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        return _camera(
+            int(content['image_width']),
+            int(content['image_height']),
+            str(content['distortion_model']),
+            content['camera_matrix']['data'],
+            content['distortion_coefficients']['data'],
+        )
+    except (ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
+        raise ValueError(
+            f'{path} is no calibration of a camera: {reason}; write one with calibrate_camera'
+        ) from error
+
+
+def write_camera(path: Path, camera: Camera, name: str = 'camera') -> None:
+    """Write a calibration file that camera drivers of ROS read, too."""
+    model = (
+        'plumb_bob' if len(camera.distortion) <= _MODELS['plumb_bob'] else 'rational_polynomial'
+    )
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+    content: dict[str, Any] = {
+        'image_width': camera.width,
+        'image_height': camera.height,
+        'camera_name': name,
+        'camera_matrix': {'rows': 3, 'cols': 3, 'data': matrix},
+        'distortion_model': model,
+        'distortion_coefficients': {
+            'rows': 1,
+            'cols': len(camera.distortion),
+            'data': list(camera.distortion),
+        },
+        'rectification_matrix': {'rows': 3, 'cols': 3, 'data': np.eye(3).ravel().tolist()},
+        'projection_matrix': {
+            'rows': 3,
+            'cols': 4,
+            'data': [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        },
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+
+
+def camera_from_msg(message: CameraInfo) -> Camera | None:
+    """Return the camera of a message, None without a calibration; ValueError if it is invalid."""
+    if not message.k[0]:
+        return None
+    return _camera(message.width, message.height, message.distortion_model, message.k, message.d)
+
+
+def _camera(width: int, height: int, model: str, matrix: Any, distortion: Any) -> Camera:
+    numbers = [float(each) for each in matrix]
+    if len(numbers) != 9:
+        raise ValueError(f'a camera matrix has 9 numbers, and this one {len(numbers)}')
+    if model not in _MODELS and len(distortion):
+        raise ValueError(f'distortion_model {model!r} is none of {", ".join(_MODELS)}')
+    return Camera(
+        width,
+        height,
+        (numbers[0], numbers[4]),
+        (numbers[2], numbers[5]),
+        tuple(float(each) for each in distortion),
     )

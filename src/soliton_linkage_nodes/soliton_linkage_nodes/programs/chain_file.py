@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain that a parameter file describes."""
+"""The chain and the markers of a parameter file."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from typing import Any
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, chain_of
 from soliton_linkage_nodes.messages.conversions import NamedChain, check_names
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
 
+_PREFIX = 'markers.'
 _LONGEST_VALUE = 40
 """Characters of a value that is told: those of many rotors are lists of thousands."""
 
@@ -48,6 +50,26 @@ def chain_of_file(path: Path) -> NamedChain:
             'name one joint a rotor'
         )
     return replace(named, joint_names=joints)
+
+
+def markers_of_file(path: Path) -> MarkerSettings:
+    """Return the printed markers of a parameter file; ValueError for an unknown markers.*."""
+    given: dict[str, Any] = {
+        name.removeprefix(_PREFIX): value
+        for held in read_sections(path).values()
+        for name, value in held.items()
+        if name.startswith(_PREFIX)
+    }
+    known = described_fields(MarkerSettings)
+    for name in given:
+        if name not in known:
+            raise ValueError(
+                f'{path}: {_PREFIX}{name} is unknown; known: {_PREFIX}{{{", ".join(known)}}}'
+            )
+    values: dict[str, Any] = {
+        name: tuple(v) if isinstance(v, list) else v for name, v in given.items()
+    }
+    return MarkerLayout(chain_of_file(path).chain, MarkerSettings(**values)).as_printed
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:

@@ -20,16 +20,14 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
-from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
-from soliton_linkage_nodes.camera_encoders.sight import Sight
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.picture_conversions import read_camera, write_camera
+from soliton_linkage_nodes.messages.sight import Sight, SightParameters
 from soliton_linkage_nodes.programs.analyse_bag import analyse
 from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.chain_file import chain_of_file, markers_of_file
 from soliton_linkage_nodes.programs.experiment.film_page import write_film_page
-from soliton_linkage_nodes.programs.film.film_encoders import Account, film_to_bag
-from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
+from soliton_linkage_nodes.programs.film_encoders import Account, film_to_bag
 from soliton_linkage_nodes.programs.identify_chain.program import identify_bags
 from soliton_linkage_nodes.programs.identify_chain.summary import summary
 from soliton_linkage_nodes.runtime import interfaces

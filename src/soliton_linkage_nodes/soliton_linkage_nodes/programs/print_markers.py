@@ -13,9 +13,8 @@ from pathlib import Path
 
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.sheets import PAPERS, write_sheets
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.chain_file import chain_of_file, markers_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
-from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

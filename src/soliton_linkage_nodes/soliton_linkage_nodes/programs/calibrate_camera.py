@@ -17,7 +17,7 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage.vision.camera import calibrated
 from soliton_linkage.vision.footage import read_film
 from soliton_linkage.vision.opencv import Picture, opencv
-from soliton_linkage_nodes.camera_encoders.camera_file import write_camera
+from soliton_linkage_nodes.messages.picture_conversions import write_camera
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 

@@ -7,8 +7,12 @@ Ctrl-C. The chain starts left-leaning and at rest, and moves as its valves are t
 
 from __future__ import annotations
 
+import contextlib
+import os
+import pty
 import sys
 import time
+import tty
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,7 +26,6 @@ from soliton_linkage.microcontroller.simulated_controller import (
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
-from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.simulator.world import World, WorldParameters
 
@@ -35,6 +38,49 @@ _TOLERANCE = 1e-6
 """Error of the angles in a step of the solver [rad]: a hundredth of a count of 16 bits."""
 _HOPELESSLY_LATE = 1.0
 """Behind the clock [s], from which on the chain is said to be too much for the machine."""
+_MOST_BYTES = 2**16
+"""Bytes per read [1]: more than the system buffers."""
+
+
+class PseudoTerminal:
+    """Both ends of a terminal that passes bytes on as they are."""
+
+    def __init__(self, link: Path | None = None) -> None:
+        """Open it; a link to it has a name that stays from one to the next."""
+        self._here, self._there = pty.openpty()
+        tty.setraw(self._there)
+        os.set_blocking(self._here, False)
+        self._link = link
+        if link is not None:
+            link.unlink(missing_ok=True)
+            link.symlink_to(os.ttyname(self._there))
+
+    @property
+    def path(self) -> str:
+        """To be opened as a serial port."""
+        return str(self._link or os.ttyname(self._there))
+
+    def read(self) -> bytes:
+        """What has come from there."""
+        try:
+            return os.read(self._here, _MOST_BYTES)
+        except BlockingIOError:
+            return b''
+
+    def write(self, data: bytes) -> bool:
+        """Send bytes there; False where nobody takes them and some are lost."""
+        try:
+            return os.write(self._here, data) == len(data)
+        except BlockingIOError:
+            return False
+
+    def close(self) -> None:
+        """Pull the plug."""
+        if self._link is not None:
+            with contextlib.suppress(FileNotFoundError):
+                self._link.unlink()
+        os.close(self._here)
+        os.close(self._there)
 
 
 class PlayedChain:

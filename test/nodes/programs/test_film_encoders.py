@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.append(str(Path(__file__).parents[3] / 'physics'))
+sys.path.append(str(Path(__file__).parents[2] / 'physics'))
 
 from filmed_chains import CAMERA, renderer, swinging
 
@@ -19,9 +19,9 @@ from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag
-from soliton_linkage_nodes.camera_encoders.camera_file import read_camera, write_camera
-from soliton_linkage_nodes.programs.film.film_encoders import main
-from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
+from soliton_linkage_nodes.messages.picture_conversions import read_camera, write_camera
+from soliton_linkage_nodes.programs.chain_file import markers_of_file
+from soliton_linkage_nodes.programs.film_encoders import main
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_studies.camera.renderer import Renderer
 

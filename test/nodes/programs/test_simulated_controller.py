@@ -21,12 +21,12 @@ from soliton_linkage.microcontroller.frames import (
 from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryEncoders
 from soliton_linkage.microcontroller.simulated_controller import SimulatedController
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.programs.simulated_controller.program import (
+from soliton_linkage_nodes.programs.simulated_controller import (
     PlayedChain,
+    PseudoTerminal,
     encoders_of,
     main,
 )
-from soliton_linkage_nodes.programs.simulated_controller.pseudo_terminal import PseudoTerminal
 
 ROTORS = 6
 CHAIN = Chain(number_of_rotors=ROTORS)

@@ -34,21 +34,20 @@ from soliton_linkage.vision.overlay import overlaid
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
-from soliton_linkage_nodes.camera_encoders.camera_file import read_camera
-from soliton_linkage_nodes.camera_encoders.overlay import placed
-from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
-from soliton_linkage_nodes.camera_encoders.sight import (
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
+from soliton_linkage_nodes.messages.picture_conversions import read_camera
+from soliton_linkage_nodes.messages.sight import (
     Seen,
     Sight,
+    SightParameters,
     angles_to_msg,
     deviations_to_msg,
     in_words,
     median_deviation,
+    placed,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.chain_file import chain_of_file, markers_of_file
 from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
-from soliton_linkage_nodes.programs.film.marker_file import markers_of_file
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg

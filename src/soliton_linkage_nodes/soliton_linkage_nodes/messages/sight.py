@@ -1,37 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From pictures with stamps to joint states: the one way of the node and of films."""
+"""Joint states from pictures with stamps, live or of a film."""
 
 from __future__ import annotations
 
-import dataclasses
+import math
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
 from soliton_linkage.vision.camera import Camera, uncalibrated
 from soliton_linkage.vision.dark_rotors import DarkRotors
 from soliton_linkage.vision.footage import GapWatch
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.opencv import Picture
-from soliton_linkage_nodes.camera_encoders.parameters import SightParameters
+from soliton_linkage.vision.overlay import PlacedWall
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 
+@dataclass(frozen=True)
+class SightParameters:
+    """When a camera exposes, and what the chain wears."""
+
+    row_time: float = quantity(
+        0.0,
+        'time from the exposure of a row of the picture to that of the next, 0 of a global '
+        'shutter; a phone has about 2e-5',
+        's',
+        0.0,
+        1e-3,
+    )
+    exposure: float = quantity(
+        0.0, 'how long each row is exposed, 0 where that is not known', 's', 0.0, 1.0
+    )
+    markers_worn: bool = quantity(
+        True,
+        'whether pivots and masses wear markers; else rotors are dark on a light ground, and do '
+        'not touch',
+    )
+
+
 class Seen(NamedTuple):
-    """What a picture shows."""
+    """Angles in a picture and their stamp."""
 
     stamp: int
-    """Of the angles, the middle of the exposure of the row with the pivots [ns]."""
+    """Stamp of the angles [ns]: middle of the exposure of the row with the pivots."""
     frame: AngleFrame
 
 
 class Sight:
-    """Sees the angles of a chain in pictures."""
+    """Measurement of the angles of a chain in successive pictures."""
 
     def __init__(
         self,
@@ -40,11 +65,11 @@ class Sight:
         parameters: SightParameters,
         camera: Camera | None = None,
     ) -> None:
-        """Look through a camera that was calibrated, or, without one, through an ideal lens."""
+        """Use a calibrated camera or, without one, an ideal lens."""
         self.gaps = GapWatch()
-        """Counts pictures that did not come."""
+        """Counter of missing pictures."""
         self.eye: AngleCamera | DarkRotors | None = None
-        """What sees the angles, once there was a picture."""
+        """Measurement by markers or dark rotors, None before the first picture."""
         self._named, self._markers, self._parameters = named, markers, parameters
         self._camera = camera
         self._first: int | None = None
@@ -52,14 +77,14 @@ class Sight:
 
     @property
     def moves(self) -> int:
-        """How often the camera has moved."""
+        """Number of moves of the camera."""
         return self.eye.frame_markers.moves if isinstance(self.eye, AngleCamera) else 0
 
     def look(self, stamp: int, picture: Picture) -> Seen:
-        """Angles in a picture that was begun at a stamp [ns], blue, green and red or grey.
+        """Return the angles in a picture whose exposure began at a stamp [ns].
 
-        Raises ValueError for a picture that is not later than the one before, or not of the size
-        that the camera was calibrated with.
+        Raises ValueError if the picture is not later than the one before, or has not the size of
+        the calibration.
         """
         if stamp <= self._last:
             raise ValueError(
@@ -80,23 +105,23 @@ class Sight:
         told = self._parameters
         height, width = picture.shape[:2]
         camera = self._camera or uncalibrated(width, height)
-        camera = dataclasses.replace(camera, row_time=told.row_time, exposure=told.exposure)
+        camera = replace(camera, row_time=told.row_time, exposure=told.exposure)
         layout = MarkerLayout(self._named.chain, self._markers)
         return AngleCamera(layout, camera) if told.markers_worn else DarkRotors(layout, camera)
 
 
 def angles_to_msg(named: NamedChain, seen: Seen) -> JointState:
-    """Angles as joint states; those of rotors that are not seen are NaN."""
+    """Return angles as joint states, NaN for hidden rotors."""
     return _to_msg(named, seen.stamp, seen.frame.angles)
 
 
 def deviations_to_msg(named: NamedChain, seen: Seen) -> JointState:
-    """Standard deviations of the angles [rad], as positions, with the stamp of the angles."""
+    """Return the standard deviations of the angles [rad] as positions."""
     return _to_msg(named, seen.stamp, seen.frame.deviations)
 
 
 def in_words(sight: Sight, seen: Seen) -> str:
-    """What a picture shows, in a sentence."""
+    """Return a sentence about a picture and those before it."""
     told = [seen.frame.status or 'all rotors are seen']
     if sight.moves:
         times = 'once' if sight.moves == 1 else f'{sight.moves} times'
@@ -107,7 +132,7 @@ def in_words(sight: Sight, seen: Seen) -> str:
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Median of the standard deviations of what is seen [rad], NaN where nothing is."""
+    """Return the median standard deviation of the visible angles [rad], NaN without any."""
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 
@@ -118,3 +143,17 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
         name=list(named.joint_names),
         position=values.tolist(),
     )
+
+
+def placed(
+    solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
+) -> list[PlacedWall]:
+    """Return the walls of a chain of a spacing [m] after a time [s]."""
+    return [
+        PlacedWall(
+            each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),
+            each.position_deviation / spacing,
+            int(each.charge),
+        )
+        for each in solitons
+    ]
