@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation import filter_loops, likelihood, state_loops
+from soliton_linkage.estimation import filter_bank, likelihood, state_loops
 from soliton_linkage.estimation.frames import all_within
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -50,13 +50,14 @@ def test_a_scan_finds_the_likelihood_of_each_sample() -> None:
 
 def test_a_filter_without_a_share_may_be_the_likeliest_by_any_amount() -> None:
     # The steady filter and one with all shares expect 0, one without a share and a kick expect 1.
-    made = np.zeros(4, filter_loops.FILTER)
-    made['arc'] = [0.0, 0.0, 1.0, 1.0]
-    made['arc_arc'] = variance = 1e-12
+    made = np.zeros(4, filter_bank.FILTER)
+    made['state'][:, filter_bank.ARC] = [0.0, 0.0, 1.0, 1.0]
+    variance = 1e-12
+    made['covariance'][:, filter_bank.ARC, filter_bank.ARC] = variance
     made['share'][1] = 1.0
     made['weight'][:2] = 0.5
     made['likelihood'][2] = -2000.0
-    against, largest = filter_loops.update(made, 3, 1.0, variance, math.inf)
+    against, largest = filter_bank.update(made, 3, 1.0, variance, math.inf)
     assert against == pytest.approx(0.0, abs=1e-9)
     assert largest == made['odds'][3] == pytest.approx(1 / (4 * variance))
     assert made['share'][1:3] == pytest.approx([0.0, 1.0])

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from soliton_linkage.estimation.filter_loops import COVARIANCE
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.linkage.chain import Array
 
-STATE = ('arc', 'rate', 'bias', 'disturbance')
 PERIOD, RATE, SITE_ARC = 1e-3, 9.6, 0.99
 
 
@@ -77,7 +75,6 @@ def test_filters_are_those_of_kalman(at_edge: bool, disturbance: float) -> None:
         odds_of_doubt=600.0,
         least_odds=-600.0,
         least_odds_at_edges=-600.0,
-        first_odds=-600.0,
         disturbance=disturbance / 2500.0,
     )
     acceleration, bandwidth = 3.0 * disturbance, 4.0 * disturbance
@@ -96,13 +93,10 @@ def test_filters_are_those_of_kalman(at_edge: bool, disturbance: float) -> None:
         for twin in twins:
             twin.predict(PERIOD, speed, acceleration, wander)
             twin.correct(arc, 4e-4)
-    rows, columns = np.triu_indices(4)
     for number, twin in enumerate(twins):
         found = motion.filters[number]
-        state, covariance = (found[list(names)].tolist() for names in (STATE, COVARIANCE))
-        assert state == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
-        expected = twin.spread[rows, columns]
-        assert covariance == pytest.approx(expected, rel=1e-8, abs=1e-14)
+        assert found['state'] == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
+        assert found['covariance'] == pytest.approx(twin.spread, rel=1e-8, abs=1e-14)
 
 
 def test_of_a_steady_wall_all_measurements_count() -> None:

@@ -1,37 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a chain goes round its orbit: Kalman filters of the arc s and its rate w, many at once.
+"""Motion of a chain along its orbit: Kalman filters of the arc s and its rate w, many at once.
 
-Models that differ in their noise run side by side, as in the multiple-model filters of Blom and
-Bar-Shalom. The rate is constant along the orbit of rigid bars, and nearly so for springs. A
-measurement z of the arc has noise, and a bias b that lasts while the wall moves on by about a
-rotor:
+Models that differ in their process noise run side by side (multiple-model filter, Blom and
+Bar-Shalom). The state is (s, w, b, d): arc [rad], rate [rad/s], bias of the measurement [rad] and
+disturbance [rad/s^2]. A measurement z = s + b + noise has a bias that lasts while the wall moves
+on by about a rotor:
 
-    ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),   z = s + b + noise
+    ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
 with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda, which changes the rate by the
-share e from rotor to rotor. Which e and m hold is not known: filters with many of each run side
-by side, and the estimate is their mean, weighted by how likely each made the measurements of
-late. One filter more, the steady one, has e = m = 0, so that the whole record counts to it. It is
-believed by far until the likelihood of all measurements so far contradicts it, and is then begun
-anew, with the odds against it.
+share e from rotor to rotor. Filters with many e and m run side by side; the estimate is their
+mean, weighted by the likelihood of the recent measurements. One more filter, the steady one, has
+e = m = 0, so that the whole record counts. Its weight is high until the likelihood of all
+measurements contradicts it; then it restarts from the others with the odds against it.
 
-Where the settings look for a force that lasts, the rate has a disturbance d beside what known
-torques give it, u, and all three wander,
+Springs exchange energy with a wall at the edges, where e is larger in all filters but the steady
+one, which has to earn its weight again; so it has among waves as strong as the wall's own motion.
+
+An impulse changes the rate at once. For each recent frame, at ages of 1, 2, 4, ... frames, one
+filter assumes an impulse there, to a rate about which little is known. It counts by the odds of
+all measurements since, against those for an impulse. Beyond chance, all filters restart from it.
+
+With a disturbance, all three wander with the variance r of a measurement times the time step,
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
-with the variance r of a measurement times the time between two. By the Riccati equation the
-steady filter then has the poles p of r (W^2 - p^2)^3 = 0: all three are -W, whatever r is.
-
-Springs give a wall energy and take it at the edges, where e is larger by a few per cent in all
-filters but the steady one, which there has to earn its trust again. So it has to where waves are
-as strong as the wall's own motion: what they do to it comes back after a long time.
-
-A kick changes the rate at once. Of each frame of late, at ages of 1, 2, 4, ... frames, one filter
-more holds that the wall was kicked there, to a rate about which little is known. It counts by the
-odds of all measurements since, against those for a kick, so that the deviations grow as soon as
-innovations do, but for odds that chance makes often, or that rest on one measurement. Where they
-are beyond chance, all filters begin anew with that one.
+so that the steady filter has three poles at -W whatever r is (Riccati equation).
 """
 
 from __future__ import annotations
@@ -41,15 +35,27 @@ import math
 
 import numpy as np
 
-from soliton_linkage.estimation import filter_loops
-from soliton_linkage.estimation.filter_loops import FILTER, Records
+from soliton_linkage.estimation.filter_bank import (
+    ARC,
+    BIAS,
+    DISTURBANCE,
+    FILTER,
+    RATE,
+    STATUS,
+    Records,
+    expected_measurement,
+    measure,
+    mixture,
+    predict,
+    set_weights,
+)
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
 
 
 class MultipleModelFilter:
-    """Arc s, rate w and bias b of the measurement by many Kalman filters, the steady one first."""
+    """Arc, rate, bias and disturbance by many Kalman filters."""
 
     def __init__(
         self,
@@ -59,53 +65,52 @@ class MultipleModelFilter:
         site_arc: float,
         settings: FilterSettings = DEFAULTS.filter,
     ) -> None:
-        """Begin at an arc [rad] of a variance [rad^2], the rate being of the scale [rad/s].
+        """Start at an arc [rad] of a variance [rad^2], with rates of the scale [rad/s].
 
-        The arc from one rotor to the next is the site arc [rad].
+        The site arc [rad] is that from one rotor to the next.
         """
         self._settings = settings
         self.site_arc = site_arc
         """Arc from one rotor to the next [rad]."""
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
         self.filters = self._models()
-        """State, covariance, model and weight of each, records of shape (F,); see `FILTER`."""
-        self.filters['arc'] = arc
-        self.filters['arc_arc'] = variance
-        self.filters['rate_rate'] = scale**2
-        self.filters['bias_bias'] = self.filters['bias_variance']
-        self.filters['disturbance_disturbance'] = (settings.disturbance * scale**2) ** 2
-        self.filters['share'][1 : self._base] = 1 / max(self._base - 1, 1)
-        self.filters['odds'][self._base :] = -np.inf
-        self._elapsed, self._at_edge = 0.0, False
-        self._least_kick = (settings.least_kick * scale) ** 2
-        self._frames = self.kicks = 0
-        self._against = settings.first_odds
+        """Records of `FILTER`, shape (F,)."""
+        self.filters['state'][:, ARC] = arc
+        covariances = self.filters['covariance']
+        covariances[:, ARC, ARC] = variance
+        covariances[:, RATE, RATE] = scale**2
+        covariances[:, BIAS, BIAS] = self.filters['bias_variance']
+        covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
+        self._status = np.zeros(1, STATUS)
+        against, least_kick = -settings.odds_of_doubt, (settings.least_kick * scale) ** 2
+        self._status[0] = self._base, site_arc, least_kick, variance, 0, 0, 0, against, 0, 0
         self._known: _Summary | None = None
-        self._variance = variance
-        filter_loops.set_weights(self.filters, settings.record, self._base, self._against)
+        set_weights(self.filters, settings.record, self._base, against)
         self._look_ahead()
         self.expected_rate = 0.0
-        """Rate of the arc length that was predicted [rad/s]."""
+        """Predicted rate of the arc length [rad/s]."""
 
     def _models(self) -> Records:
-        """The steady filter, those with each change of rate and bias, those of a kick."""
         settings, base = self._settings, self._base
-        filters = np.zeros(base + settings.kick_ages, FILTER)
+        models = np.zeros(base + settings.kick_ages, FILTER)
         changes, biases = np.meshgrid(settings.rate_changes, settings.biases, indexing='ij')
-        filters['wander'][1:base] = changes.ravel() ** 2
-        filters['wander_at_edges'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
-        filters['bias_variance'][1:base] = (self.site_arc * biases.ravel()) ** 2
-        filters['wander'][base:] = settings.change_after_kick**2
-        filters['wander_at_edges'][base:] = settings.change_after_kick**2
-        return filters
+        models['wander'][1:base] = changes.ravel() ** 2
+        models['wander_at_edges'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
+        models['bias_variance'][1:base] = (self.site_arc * biases.ravel()) ** 2
+        if settings.kick_ages:
+            # After an impulse the rate changes as in the middle model.
+            middle = settings.rate_changes[len(settings.rate_changes) // 2]
+            models['wander'][base:] = models['wander_at_edges'][base:] = middle**2
+        models['share'][1:base] = 1 / max(base - 1, 1)
+        models['odds'][base:] = -np.inf
+        return models
 
     def mirrored(self, arc: float) -> MultipleModelFilter:
-        """The same motion the other way, which is at an arc [rad] now."""
+        """Return the same motion in the opposite direction, which is at an arc [rad] now."""
         other = copy.copy(self)
-        other.filters = self.filters.copy()
-        other.filters['arc'] = arc - (self.filters['arc'] - self.arc)
-        for name in ('rate', 'bias', 'disturbance'):
-            other.filters[name] *= -1
+        other.filters, other._status = self.filters.copy(), self._status.copy()
+        other.filters['state'] *= -1
+        other.filters['state'][:, ARC] += arc + self.arc
         other.expected_rate = -self.expected_rate
         other._look_ahead()
         return other
@@ -132,10 +137,10 @@ class MultipleModelFilter:
 
     @property
     def disturbance(self) -> float:
-        """Acceleration that no torque explains [rad/s^2], 0 where none is looked for."""
+        """Acceleration that no torque explains [rad/s^2], 0 without a model of it."""
         if not self._settings.disturbance:
             return 0.0
-        return float(self.filters['weight'] @ self.filters['disturbance'])
+        return float(self.filters['weight'] @ self.filters['state'][:, DISTURBANCE])
 
     def predict(
         self,
@@ -145,41 +150,33 @@ class MultipleModelFilter:
         acceleration: float = 0.0,
         bandwidth: float = 0.0,
     ) -> None:
-        """Go on by a time [s], with the wall at an edge of the chain or inside.
+        """Predict over a time [s], with the wall at an edge of the chain or inside.
 
-        Torques give an acceleration [rad/s^2] and the orbit changes the rate to so many times what
-        it was [1] on the way; what is unknown beside is followed with a bandwidth [rad/s].
+        The ratio is the factor by which the orbit changes the rate [1]; torques give an
+        acceleration [rad/s^2]; a disturbance is followed with a bandwidth [rad/s].
         """
-        settings = self._settings
-        self._elapsed, self._at_edge, self.expected_rate = elapsed, at_edge, self.rate
-        gained = (acceleration + self.disturbance) * elapsed
-        speed = abs(self.expected_rate)
-        way = speed * elapsed / self.site_arc
-        kept = math.exp(-way / settings.bias_way)
-        remembered = math.exp(-way / settings.way_remembered)
+        rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
-        self.expected, self.expected_variance = filter_loops.predict(
+        self.expected, self.expected_variance = predict(
             self.filters,
+            self._status,
+            self._settings.record,
             elapsed,
-            kept,
-            speed**3 / self.site_arc,
-            remembered,
             at_edge,
             ratio,
             acceleration,
             bandwidth,
-            (bandwidth * elapsed) ** 2 * self._variance,
         )
-        self.expected_rate = ratio * (self.expected_rate + gained)
+        self.expected_rate = ratio * (rate + gained)
 
     def push(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
-        """Let a push change the rate [rad/s], with what it adds to the variances.
+        """Apply an impulse: a change of the rate [rad/s], and what it adds to the variances.
 
         They are those of the rate [rad^2/s^2] and of the arc [rad^2].
         """
-        self.filters['rate'] += change
-        self.filters['rate_rate'] += of_rate
-        self.filters['arc_arc'] += of_arc
+        self.filters['state'][:, RATE] += change
+        self.filters['covariance'][:, RATE, RATE] += of_rate
+        self.filters['covariance'][:, ARC, ARC] += of_arc
         self.expected_rate += change
         self._look_ahead()
 
@@ -190,38 +187,36 @@ class MultipleModelFilter:
         degrees_of_freedom: float = math.inf,
         calm: float = 1.0,
     ) -> None:
-        """Update by a measurement of the arc [rad] with its variance [rad^2].
+        """Update with a measurement of the arc [rad] and its variance [rad^2].
 
-        With a variance from few degrees of freedom f a normalised innovation x counts as
-        sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution. The steady filter is believed
-        as far as the chain is calm, from 0 to 1.
+        With a variance from f degrees of freedom a normalised innovation x counts as
+        sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution. The odds for the steady filter
+        are limited in proportion to the calm of the chain, from 0 to 1.
         """
-        self._variance = variance
-        (self._against, frames), self._known = filter_loops.measure(
+        self._known = measure(
             self.filters,
+            self._status,
             self._settings.record,
-            self._base,
             arc,
             variance,
             degrees_of_freedom,
-            self._against,
-            self._at_edge,
-            self._frames,
-            self._elapsed,
-            self._least_kick,
             calm,
         )
-        self.kicks += frames <= self._frames
-        self._frames = frames
+
+    @property
+    def kicks(self) -> int:
+        """Number of impulses that were detected."""
+        return int(self._status['kicks'][0])
 
     @property
     def summary(self) -> _Summary:
         """Arc, rate, variance of the arc, covariance, variance of the rate; units as of each."""
         if self._known is None:
-            self._known = filter_loops.mixture(self.filters, len(self.filters))
+            self._known = mixture(self.filters, len(self.filters))
         return self._known
 
     def _look_ahead(self) -> None:
-        """Measurement that is expected, s + b [rad], its variance without noise [rad^2]."""
+        """Set the measurement that is expected, s + b [rad], and its variance [rad^2]."""
         self._known = None
-        self.expected, self.expected_variance = filter_loops.expected_measurement(self.filters)
+        self._status['rate'] = self.rate
+        self.expected, self.expected_variance = expected_measurement(self.filters)

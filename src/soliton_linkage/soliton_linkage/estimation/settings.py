@@ -129,7 +129,6 @@ class FilterSettings(_Part):
     odds_begun_anew: float = quantity(5.0, 'log odds against it as it does')
     least_odds_at_edges: float = quantity(-2.0, 'least log odds against it at an edge')
     least_odds: float = quantity(-9.0, 'least log odds against it elsewhere')
-    first_odds: float = quantity(-6.0, 'log odds against it at the start')
     kick_ages: int = quantity(8, 'hypotheses of a kick, at ages of 1, 2, 4, ... frames')
     kick_rarity: float = quantity(8.0, 'log odds against a kick in a frame')
     kick_evidence: float = quantity(1.5, 'log odds for a kick from which on it has a weight')
@@ -137,7 +136,6 @@ class FilterSettings(_Part):
     least_kick: float = quantity(
         0.1, 'least standard deviation of the change of rate, in rates of the chain'
     )
-    change_after_kick: float = quantity(0.016, 'share e of the models of a kick')
     disturbance: float = quantity(
         0.0, 'deviation of a force that lasts, over inertia and squared rates of the chain'
     )
