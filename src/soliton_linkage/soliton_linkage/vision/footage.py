@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of films and of cameras on this machine, each with the time at which it was taken.
+"""Pictures of films and of cameras of this machine, each with its time.
 
-The times of a file are its own, so that pictures of phones, which come at no fixed rate, keep
-theirs. PyAV reads them; without it OpenCV does.
+The times are those of the file, so that films with a variable rate keep theirs. PyAV reads films;
+without it OpenCV does.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import datetime
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,49 +19,46 @@ import numpy as np
 from soliton_linkage.vision.opencv import Picture, opencv, pyav, pyav_to_write
 
 _TICKS = 90_000
-"""In which files tell times [Hz]: those of video since MPEG."""
+"""Time base of films that are written [Hz]: that of video since MPEG."""
 _SILENT = 0
-"""Level at which OpenCV logs nothing [1]."""
+"""Log level at which OpenCV logs nothing [1]."""
 _GAP = 1.6
-"""Time from a picture to the next, over the usual one, beyond which some are missing [1]."""
+"""Interval between pictures, over the usual one, beyond which some are missing [1]."""
 _REMEMBERED = 31
-"""Pictures whose distances in time tell the usual one [1]."""
+"""Pictures whose intervals define the usual one [1]."""
 _USUAL = 75
 """Percentile of these that is the usual one: rates of phones change from picture to picture."""
 
 
 class Shot(NamedTuple):
-    """A picture and when it was begun."""
+    """A picture and its time."""
 
     time: float
-    """Since the first one [s]."""
+    """Time since the first picture [s]."""
     picture: Picture
-    """Blue, green and red, shape (height, width, 3)."""
 
 
 class Footage(NamedTuple):
-    """A film as a file tells of it."""
+    """A film."""
 
     start: float
-    """When its first picture was taken, since the epoch [s]."""
+    """Time of the first picture since the epoch [s]."""
     frames: int
-    """About how many pictures it has, 0 where that is not told."""
+    """Approximate number of pictures, 0 if it is unknown."""
     pictures: Iterator[Shot]
-    """In the order of their times."""
 
 
 class GapWatch:
-    """Counts the pictures that are missing between others."""
+    """Counter of missing pictures."""
 
     def __init__(self) -> None:
-        """Have seen none."""
         self.missing = 0
-        """Pictures that are missing."""
+        """Number of missing pictures."""
         self._last: float | None = None
         self._periods: list[float] = []
 
     def look(self, taken: float) -> int:
-        """Take the time of a picture [s]; return how many are missing before it."""
+        """Return how many pictures are missing before one at a time [s]."""
         period = 0.0 if self._last is None else taken - self._last
         self._last = taken
         if period <= 0:
@@ -75,7 +71,7 @@ class GapWatch:
 
 
 def read_film(path: Path) -> Footage:
-    """Pictures of a film; raises ValueError or OSError where it is none."""
+    """Return the pictures of a film; ValueError or OSError if it cannot be read."""
     if not path.is_file():
         raise ValueError(f'film {str(path)!r} is not there')
     av = pyav()
@@ -83,28 +79,24 @@ def read_film(path: Path) -> Footage:
 
 
 def camera_pictures(number: int) -> Iterator[Shot]:
-    """Pictures of a camera of this machine as it takes them, since the first one."""
-    with closing(_Capture(_opened_camera(number))) as capture:
-        begun = None
-        while True:
-            picture = capture.read()
-            now = time.monotonic()
-            if picture is None:
-                raise ValueError(
-                    f'camera {number} gives no picture; see that it is plugged in, and that no '
-                    'other program has it'
-                )
-            begun = now if begun is None else begun
-            yield Shot(now - begun, picture)
+    """Yield the pictures of a camera of this machine; ValueError if it delivers none."""
+    begun = None
+    for picture in _captured(_opened_camera(number)):
+        now = time.monotonic()
+        begun = now if begun is None else begun
+        yield Shot(now - begun, picture)
+    raise ValueError(
+        f'camera {number} gives no picture; see that it is plugged in, and that no other program '
+        'has it'
+    )
 
 
 def write_film(
     path: Path, pictures: Iterable[Shot], quality: int = 18, alone: bool = False
 ) -> int:
-    """Write pictures with their times as H.264; return how many. Lower qualities are better.
+    """Write pictures with their times as H.264; return their number. Lower qualities are better.
 
-    Pictures that are kept `alone`, not by what has changed since the last, take more bytes and
-    keep the smallest motions.
+    Pictures that are stored `alone`, not as changes, take more bytes and keep all small motions.
     """
     av: Any = pyav_to_write()
     count = 0
@@ -168,21 +160,17 @@ def _read_by_opencv(path: Path) -> Footage:
     rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
 
     def pictures() -> Iterator[Shot]:
-        with closing(_Capture(source)) as capture:
-            first = None
-            while True:
-                picture = capture.read()
-                if picture is None:
-                    return
-                taken = float(source.get(cv2.CAP_PROP_POS_MSEC)) / 1000
-                first = taken if first is None else first
-                yield Shot(taken - first, picture)
+        first = None
+        for picture in _captured(source):
+            taken = float(source.get(cv2.CAP_PROP_POS_MSEC)) / 1000
+            first = taken if first is None else first
+            yield Shot(taken - first, picture)
 
     return Footage(_start(path, '', frames / rate), frames, pictures())
 
 
 def _opened_camera(number: int) -> Any:
-    """Capture of OpenCV, which here writes no lines of its own where there is no camera."""
+    """Return a source of OpenCV, which logs nothing if there is no camera."""
     cv2 = opencv()
     log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
     before = log.getLogLevel()
@@ -193,20 +181,20 @@ def _opened_camera(number: int) -> Any:
         log.setLogLevel(before)
 
 
-class _Capture:
-    def __init__(self, source: Any) -> None:
-        self._source = source
-
-    def read(self) -> Picture | None:
-        good, picture = self._source.read()
-        return np.asarray(picture) if good else None
-
-    def close(self) -> None:
-        self._source.release()
+def _captured(source: Any) -> Iterator[Picture]:
+    """Yield the pictures of a source of OpenCV until it has no more."""
+    try:
+        while True:
+            good, picture = source.read()
+            if not good:
+                return
+            yield np.asarray(picture)
+    finally:
+        source.release()
 
 
 def _start(path: Path, told: str, length: float) -> float:
-    """When a film was begun, by what it tells or else by its file, which ended with it [s]."""
+    """Return the start of a film [s], by its metadata or else by the time of its file."""
     try:
         begun = datetime.datetime.fromisoformat(told.replace('Z', '+00:00'))
         return begun.timestamp()

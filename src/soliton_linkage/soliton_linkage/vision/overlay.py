@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was found in a picture, drawn over it: markers, the names of the rotors, and walls."""
+"""Annotated pictures: markers, the names of the rotors, and walls."""
 
 from __future__ import annotations
 
@@ -15,31 +15,34 @@ from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
 Colour = tuple[int, int, int]
+"""Blue, green and red."""
 
 _SIZE = 1 / 1800
-"""Of letters over the width of the picture [1/pixel]: those of a plain screen at 1280 pixels."""
+"""Font size over the width of the picture [1/pixel]: readable at 1280 pixels."""
 _SHADOW = (20, 20, 20)
-"""Of letters, which so are seen on any ground: blue, green and red."""
+"""Colour of the shadow of letters, which makes them readable on any ground."""
 _REACH = 1.35
-"""Of the line across the chain that is a wall, over the length of the rotors [1]."""
+"""Length of the line across the chain at a wall, over the length of the rotors [1]."""
 _OUT = 0.95
-"""Of the name of a rotor from its pivot, away from its mass, over the spacing [1]: beyond labels,
-and nearer to its own pivot than to most others, however long rotors are."""
+"""Distance of a rotor's name from its pivot, over the spacing [1]: beyond labels, and nearer to
+its own pivot than to most others, however long rotors are."""
 _DEVIATIONS = 2.0
-"""Within which a wall is drawn, its standard deviations to either side [1]."""
+"""Half width of a wall in standard deviations [1]."""
 _OPACITY = 0.35
-"""Of a wall, through which the rotors are seen [1]."""
+"""Opacity of a wall [1]."""
+_SHIFT = 4
+"""Bits of the fraction of a pixel in coordinates of OpenCV [1]."""
 
 
 class PlacedWall(NamedTuple):
     """A wall on the chain."""
 
     rotor: float
-    """Where it is [rotor spacings from rotor 0]."""
+    """Position [rotor spacings from rotor 0]."""
     deviation: float
-    """Standard deviation of that [rotor spacings], NaN where it is not known."""
+    """Standard deviation of the position [rotor spacings], NaN if it is unknown."""
     charge: int
-    """1 of a kink, -1 of an anti-kink."""
+    """1 for a kink, -1 for an anti-kink."""
 
 
 def overlaid(
@@ -48,52 +51,44 @@ def overlaid(
     names: Sequence[str],
     walls: Sequence[PlacedWall] = (),
 ) -> Picture:
-    """A picture, (height, width, 3) or (height, width), with what was found in it drawn over.
+    """Return a picture with its measurement drawn over it.
 
-    Rings are about the dots that were found, lines lead from pivots to masses, and rotors that
-    are hidden are orange. Names that have no room are numbers.
+    Rings mark dots, lines lead from pivots to masses, and hidden rotors are orange. Numbers
+    replace names that do not fit.
     """
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
     pen = _Pen(cv2, drawn)
     for place in frame.frame_dots:
         pen.ring(place, _bgr(SKY))
-    known = np.isfinite(frame.pivots[:, 0])
-    if known.sum() > 1:
+    known = frame.pivots[np.isfinite(frame.pivots[:, 0])]
+    if len(known) > 1:
         _draw_walls(pen, frame, walls)
-    room = _room(frame.pivots[known])
-    _draw_rotors(pen, frame, _fitting(names, room, pen), _OUT * room)
+    apart = np.hypot(*np.diff(known, axis=0).T)
+    room = float(np.median(apart)) if len(apart) else 0.0
+    widest = max((pen.extent(name)[0] for name in names), default=0.0)
+    shown = names if widest < room else [str(number) for number in range(len(names))]
+    _draw_rotors(pen, frame, shown, _OUT * room)
     text = frame.status or f'all {len(frame.angles)} rotors are seen'
     pen.write(text, np.array([8.0, len(drawn) - 8.0]), _bgr(ORANGE if frame.status else WHITE))
     return np.asarray(drawn)
 
 
 class _Pen:
-    """Draws upon a picture, to a fraction of a pixel."""
-
-    _SHIFT = 4
+    """Drawing functions of OpenCV at fractions of a pixel."""
 
     def __init__(self, cv2: Any, picture: Picture) -> None:
         self._cv2, self.picture = cv2, picture
         self.size = max(picture.shape[1] * _SIZE, 0.3)
         self.thickness = max(round(picture.shape[1] / 1000), 1)
+        self._style = self.thickness, cv2.LINE_AA, _SHIFT
 
     def ring(self, place: Array, colour: Colour) -> None:
-        radius = round(7 * self.size * 2**self._SHIFT)
-        self._cv2.circle(
-            self.picture,
-            self._fine(place),
-            radius,
-            colour,
-            self.thickness,
-            self._cv2.LINE_AA,
-            self._SHIFT,
-        )
+        radius = round(7 * self.size * 2**_SHIFT)
+        self._cv2.circle(self.picture, _fine(place), radius, colour, *self._style)
 
     def line(self, begin: Array, end: Array, colour: Colour) -> None:
-        ends = self._fine(begin), self._fine(end)
-        aliased = self._cv2.LINE_AA
-        self._cv2.line(self.picture, *ends, colour, self.thickness, aliased, self._SHIFT)
+        self._cv2.line(self.picture, _fine(begin), _fine(end), colour, *self._style)
 
     def fill(self, corners: Array, colour: Colour) -> None:
         outline = np.rint(corners).astype(np.int32)
@@ -106,37 +101,30 @@ class _Pen:
             part[:] = self._cv2.addWeighted(filled, _OPACITY, part, 1 - _OPACITY, 0.0)
 
     def write(self, text: str, place: Array, colour: Colour) -> None:
-        """Letters that begin at a place, with a shadow."""
+        """Write letters with a shadow, from a place on."""
         x, y = (round(float(each)) for each in place)
+        font, style = self._cv2.FONT_HERSHEY_SIMPLEX, (self.thickness, self._cv2.LINE_AA)
         for aside, paint in ((1, _SHADOW), (0, colour)):
-            self._cv2.putText(
-                self.picture,
-                text,
-                (x + aside, y + aside),
-                self._cv2.FONT_HERSHEY_SIMPLEX,
-                self.size,
-                paint,
-                self.thickness,
-                self._cv2.LINE_AA,
-            )
+            at = x + aside, y + aside
+            self._cv2.putText(self.picture, text, at, font, self.size, paint, *style)
 
     def extent(self, text: str) -> Array:
-        """Width and height of letters [pixels]."""
+        """Return the width and height of letters [pixels]."""
         font = self._cv2.FONT_HERSHEY_SIMPLEX
         size, _ = self._cv2.getTextSize(text, font, self.size, self.thickness)
         return np.array(size, dtype=np.float64)
 
     def centred(self, text: str, place: Array, colour: Colour) -> None:
-        """Letters whose middle is at a place."""
         self.write(text, place + self.extent(text) * [-0.5, 0.5], colour)
 
-    def _fine(self, place: Array) -> tuple[int, int]:
-        x, y = (round(float(each) * 2**self._SHIFT) for each in place)
-        return x, y
+
+def _fine(place: Array) -> tuple[int, int]:
+    x, y = (round(float(each) * 2**_SHIFT) for each in place)
+    return x, y
 
 
 def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], out: float) -> None:
-    """Draw rotors, with names that far from their pivots [pixels]."""
+    """Draw rotors, with names at a distance from their pivots [pixels]."""
     for pivot, mass, name in zip(frame.pivots, frame.masses, names, strict=True):
         if not np.isfinite(pivot).all():
             continue
@@ -173,18 +161,6 @@ def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[PlacedWall]) -> No
         kind = 'kink' if wall.charge > 0 else 'anti-kink'
         text = f'{kind} at {wall.rotor:.2f}'
         pen.centred(text, middle + reach + 2 * pen.extent(text)[1] * across, _bgr(ORANGE))
-
-
-def _room(pivots: Array) -> float:
-    """Distance of neighbouring pivots, of which most are known [pixels]; 0 of less than two."""
-    apart = np.hypot(*np.diff(pivots, axis=0).T)
-    return float(np.median(apart)) if len(apart) else 0.0
-
-
-def _fitting(names: Sequence[str], room: float, pen: _Pen) -> Sequence[str]:
-    """Names, or numbers where names would overlap."""
-    widest = max((pen.extent(name)[0] for name in names), default=0.0)
-    return names if widest < room else [str(number) for number in range(len(names))]
 
 
 def _bgr(colour: str) -> Colour:
