@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which markers a chain wears, where they are, and what they look like.
+"""Markers of a chain: places, sizes and colours.
 
 Each pivot has a black dot on a white label and each mass a coloured one, red, green and blue in
 turn. On the frame, above and below the chain, are ArUco markers with a black dot beyond each
-corner: the markers tell which dots these are, and the dots tell the plane.
+corner: the markers identify these dots, and the dots define the plane.
 """
 
 from __future__ import annotations
@@ -19,24 +19,22 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity, with_
 from soliton_linkage.vision.opencv import opencv
 
 DICTIONARY = 'DICT_4X4_50'
-"""Of OpenCV, from which the frame markers are: the fewest cells, which are seen from farthest."""
+"""Dictionary of the frame markers: the one with the fewest cells is seen from farthest."""
 MODULES = 6
-"""Cells of a frame marker along its side, the black border included [1]."""
+"""Cells along the side of a frame marker with its black border [1]."""
 DOT_SHARE = 0.48
-"""Diameter of a dot over that of its label [1]: as much white beside it as blur takes."""
+"""Diameter of a dot over that of its label [1]: blur needs as much white beside it."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Red, green and blue of dots [0 to 255]: of pivots, and of masses in turn. Their luminances are
-far from that of white, and their hues from each other."""
-MASS_COLOURS = len(COLOURS) - 1
-"""How many there are in turn: neighbours and their neighbours differ."""
+"""Red, green and blue of the dots of pivots, and of masses in turn [0 to 255]. Their luminances
+differ from white, and their hues from each other."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Diameter of a label over the spacing and over a rotor's length [1]: labels do not touch."""
+"""Largest diameter of a label, over the spacing and over a rotor's length [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker over the spacing [1]."""
 _APART = 1.05
-"""Distance of frame markers next to each other over the side of their paper [1], at least."""
+"""Least distance of frame markers, over the side of their paper [1]."""
 _BETWEEN = 0.25
-"""From the paper of frame markers to the labels that come nearest, of the spacing [1]."""
+"""Distance of the paper of frame markers from the nearest labels, over the spacing [1]."""
 
 
 @with_fields
@@ -61,12 +59,9 @@ class MarkerSettings:
     odd_height: float = quantity(0.0, 'and those of rotors 1, 3, ...', 'm', -10, 10)
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Reject values out of their range."""
         check_quantities(self)
-        if len(self.frame_x) != len(self.frame_z) or len(self.frame_x) not in (
-            0,
-            *range(2, 51),
-        ):
+        if len(self.frame_x) != len(self.frame_z) or len(self.frame_x) not in (0, *range(2, 51)):
             raise ValueError(
                 f'{len(self.frame_x)} values of markers.frame_x and {len(self.frame_z)} of '
                 'markers.frame_z must be as many as each other, 2 to 50, or none'
@@ -95,7 +90,7 @@ class MarkerLayout:
     @cached_property
     def colours(self) -> NDArray[np.intp]:
         """Which of `COLOURS` the dot of each mass has, shape (N,)."""
-        return 1 + np.arange(self.chain.number_of_rotors) % MASS_COLOURS
+        return 1 + np.arange(self.chain.number_of_rotors) % (len(COLOURS) - 1)
 
     @cached_property
     def heights(self) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rotors from picture to picture: where each is expected, and how far it has turned."""
+"""Rotors and pivots from picture to picture: expected places, turns, measured lengths."""
 
 from __future__ import annotations
 
@@ -11,54 +11,50 @@ from soliton_linkage.vision.identities import Expectation
 from soliton_linkage.vision.layout import MarkerLayout
 
 _MEMORY = 3
-"""Latest sightings of a rotor that tell its rate and acceleration."""
+"""Sightings of a rotor that define its rate and acceleration [1]."""
 _LONGEST_GAP = 0.25
-"""Between sightings that tell a rate together [s]."""
+"""Longest time between sightings that define a rate [s]."""
 _ACCELERATION = 300.0
-"""That rotors have at rest, about [rad/s^2], when they are kicked; those that turn have about the
-square of their rate, whatever their chain."""
+"""Acceleration of resting rotors that are kicked [rad/s^2]; that of turning rotors is about the
+square of their rate in any chain."""
 _FAST = 10.0
-"""Rate of a rotor of which nothing is known, about [rad/s]."""
+"""Rate of a rotor before its first sightings [rad/s]."""
 _SURELY = 0.03
-"""Standard deviation of what is expected after no time at all [rad]."""
+"""Standard deviation of a prediction over no time [rad]."""
 _UNKNOWN = 1.5
 """Standard deviation beyond which a rotor may have turned by as much as its neighbours [rad]."""
 _UNMEASURED = 0.07
-"""Standard deviation of lengths over those that were told [1]: of parts that were made by hand."""
+"""Standard deviation of lengths over the configured ones [1]: that of parts made by hand."""
 _MEASURED = 0.02, 0.03
-"""Standard deviation of rotors' lengths and of bonds that were measured, over them [1]: springs
-give way by as much."""
+"""Relative standard deviation of measured rotors and bonds [1]: springs yield by as much."""
 _LARGEST_DEVIATION = 0.2
-"""From what was told beyond which it is no length of that rotor or bond [1]."""
+"""Largest deviation of a length from the configured one [1]."""
 _FEWEST = 5
 """Pictures after which a length is measured [1]."""
 _MOST_AVERAGED = 300
-"""Pictures that a mean is of [1]."""
+"""Most pictures in a mean [1]."""
 _BESIDE = 0.25
-"""Of the spacing by which pivots may be beside their line, as frames are glued [1]."""
+"""Largest distance of pivots from their line, over the spacing [1]."""
 _OFF = 0.4
-"""By which distances of pivots may differ from multiples of the spacing, over it [1]."""
+"""Largest deviation of distances of pivots from multiples of the spacing, over it [1]."""
 _LEAST_SHARE = 0.8
-"""Of the pivots that must have been seen before they are numbered [1]."""
+"""Share of the pivots that must be seen before they are numbered [1]."""
 _MOST_PIVOTS = 1000
-"""Pictures that a mean is of, so that a bench that settles slowly is followed [1]."""
+"""Most pictures in the mean of a pivot [1], so that a bench that settles slowly is followed."""
 _LIKE_BLACK = 4.0
-"""Cost of the colour up to which a dot is black [1]: that of two standard deviations."""
+"""Largest cost of the colour of a black dot [1]: that of two standard deviations."""
 
 
 class RotorTracks:
-    """What was seen of the rotors so far."""
+    """Angles, rates and lengths of the rotors in the pictures so far."""
 
     def __init__(self, layout: MarkerLayout) -> None:
-        """Know what was told of the chain."""
         chain = layout.chain
         rotors = chain.number_of_rotors
         self.lengths = chain.rotor_lengths.copy()
-        """Of the rotors [m], shape (N,): the mean of what was seen, else what was told."""
+        """Lengths of the rotors [m], shape (N,): measured mean, or else the configured value."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
         """Distances of the masses of neighbours [m], shape (N - 1,), in the same way."""
-        self.last_seen = np.full(rotors, -np.inf)
-        """When each rotor was last seen [s], shape (N,)."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -68,7 +64,7 @@ class RotorTracks:
         self._told = self.lengths.copy(), self.bonds.copy()
 
     def expected(self, times: Array, pivots: Array, slack: float) -> Expectation:
-        """What is expected at times [s], shape (N,); lengths are that uncertain at least [m]."""
+        """Return the expectation at times [s], shape (N,), with length errors of `slack` [m]."""
         angles, deviations = self.predicted(times)
         return Expectation(
             pivots,
@@ -82,17 +78,17 @@ class RotorTracks:
         )
 
     def length_errors(self, lengths: Array) -> Array:
-        """By how much lengths [m] are off the mean of those before, shape (N,) each.
+        """Return the deviations of lengths [m] from their means so far, shape (N,) each.
 
-        It is NaN where few were seen. The mean of n has an error of its own, which is taken off:
-        that of the difference is sqrt(1 + 1 / n) times that of a length.
+        They are divided by sqrt(1 + 1 / n), because the mean of n lengths has an error, too. NaN
+        stands for rotors with few sightings.
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
         return np.where(self._length_counts < _FEWEST, np.nan, errors)
 
     def predicted(self, times: Array) -> tuple[Array, Array]:
-        """Angles at times [s] and their standard deviations [rad], shape (N,) each."""
+        """Return predicted angles at times [s] and their standard deviations [rad], (N,) each."""
         since = np.minimum(times - self._times[0], 1e3)
         rates, _, _ = self.motion()
         rates = np.where(since < _LONGEST_GAP, rates, 0.0)
@@ -103,10 +99,7 @@ class RotorTracks:
         return angles, np.where(seen, np.minimum(deviations, np.pi), np.pi)
 
     def motion(self) -> tuple[Array, Array, Array]:
-        """Rates [rad/s] and accelerations [rad/s^2] at the last sightings, shape (N,) each.
-
-        Also the standard deviations of the rates [rad/s], by what they may have changed since.
-        """
+        """Return rates [rad/s], accelerations [rad/s^2] and errors of rates [rad/s], (N,) each."""
         (t0, t1, t2), (a0, a1, a2) = self._times, self._angles
         with np.errstate(invalid='ignore', divide='ignore'):
             slope = (a0 - a1) / (t0 - t1)
@@ -122,36 +115,35 @@ class RotorTracks:
         return rates, acceleration, np.where(two, changed, max(_FAST, fastest))
 
     def unwrapped(self, times: Array, angles: Array) -> Array:
-        """Angles [rad] with the turns that the rotors have made, NaN where they are, (N,).
+        """Return angles [rad] with the turns of the rotors, (N,).
 
-        A rotor of a spinner that was hidden for long has made as many as its neighbours: all turn
-        to the same side as a wall passes. Others make none beyond their last angle.
+        A rotor of a spinner that was hidden for long has made as many turns as its neighbours,
+        because all turn to the same side as a wall passes. Other rotors do not turn over.
         """
         expected, deviations = self.predicted(times)
-        sure = np.isfinite(angles) & (deviations < _UNKNOWN)
-        turned = np.where(sure, expected + wrapped(angles - expected), np.nan)
-        for rotor in np.flatnonzero(np.isfinite(angles) & ~sure):
+        known = np.isfinite(angles) & (deviations < _UNKNOWN)
+        turned = np.where(known, expected + wrapped(angles - expected), np.nan)
+        for rotor in np.flatnonzero(np.isfinite(angles) & ~known):
             reference = self._as_neighbours(turned, int(rotor))
             turned[rotor] = reference + wrapped(angles[rotor] - reference)
         return turned
 
     def take(self, times: Array, angles: Array) -> None:
-        """Take the angles [rad] that were seen at times [s], NaN of hidden rotors, (N,) each."""
+        """Add the angles [rad] at times [s], NaN for hidden rotors, (N,) each."""
         seen = np.isfinite(angles)
-        self.last_seen[seen] = times[seen]
         for older in range(_MEMORY - 1, 0, -1):
             self._times[older, seen] = self._times[older - 1, seen]
             self._angles[older, seen] = self._angles[older - 1, seen]
         self._times[0, seen], self._angles[0, seen] = times[seen], angles[seen]
 
     def measure(self, pivots: Array, masses: Array) -> None:
-        """Take the places of masses [m], NaN of hidden ones, shape (N, 2), for the lengths."""
+        """Add the lengths between pivots and masses [m], NaN for hidden ones, shape (N, 2)."""
         lengths, bonds = self._told
         _average(self.lengths, self._length_counts, lengths, np.hypot(*(masses - pivots).T))
         _average(self.bonds, self._bond_counts, bonds, np.hypot(*np.diff(masses, axis=0).T))
 
     def _as_neighbours(self, turned: Array, rotor: int) -> float:
-        """Angle within half a turn of that of a rotor, by those seen next to it [rad]."""
+        """Return the angle of a rotor to within half a turn, by its neighbours [rad]."""
         known = np.flatnonzero(np.isfinite(turned))
         if not (self._spins and len(known)):
             seen = np.isfinite(self._times[0, rotor])
@@ -172,23 +164,22 @@ def _average(means: Array, counts: Array, told: Array, values: Array) -> None:
 
 
 class Pivots:
-    """Finds the pivots, once most were seen, and goes on to average them and to find others."""
+    """Mean places of the pivots, which are numbered once most were seen."""
 
     def __init__(self, layout: MarkerLayout) -> None:
-        """Know none yet."""
         chain = layout.chain
         self.known = np.zeros(chain.number_of_rotors, dtype=bool)
-        """Which pivots are known, shape (N,): most are, or none."""
+        """Whether each pivot is known, shape (N,): most are, or none."""
         self.places = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
-        """Of the pivots [m], shape (N, 2): told ones, or between those that are known."""
+        """Places [m], shape (N, 2): configured ones, or interpolated from known ones."""
         self.found = 0
-        """How many dots have been found that may be pivots."""
+        """Number of dots that may be pivots."""
         self._layout = layout
         self._spots = np.zeros((0, 2))
         self._counts = np.zeros(0)
 
     def look(self, places: Array, colour_costs: Array) -> None:
-        """Take what dots of a picture show: places at both heights [m], (2, K, 2), and colours."""
+        """Add the dots of a picture: places at both heights [m], (2, K, 2), and colour costs."""
         black = colour_costs[:, 0] <= _LIKE_BLACK
         if self.known.any():
             self._average(places[:, black])
@@ -209,7 +200,7 @@ class Pivots:
         self.known |= seen
 
     def _collect(self, places: Array) -> None:
-        """Keep dots near the line of the pivots, and find the pivots among them."""
+        """Keep dots near the line of the pivots, and number them if most were seen."""
         spacing = self._layout.chain.spacing
         ends = self.places[0, 0] - spacing / 2, 2 * self.places[-1, 0] - self.places[0, 0]
         near = np.abs(places[:, 1]) < _BESIDE * spacing
@@ -224,11 +215,7 @@ class Pivots:
                 self._spots = np.vstack([self._spots, place])
                 self._counts = np.append(self._counts, 1.0)
         self.found = len(self._spots)
-        self._settle()
-
-    def _settle(self) -> None:
-        """Number the dots by their distances, where these are about multiples of the spacing."""
-        rotors, spacing = len(self.places), self._layout.chain.spacing
+        rotors = len(self.places)
         often = np.argsort(-self._counts, kind='stable')[:rotors]
         order: NDArray[np.intp] = often[np.argsort(self._spots[often, 0])]
         if len(order) < _LEAST_SHARE * rotors:
