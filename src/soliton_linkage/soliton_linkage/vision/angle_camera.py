@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From pictures to angles: the one way of live cameras, films and tests.
+"""Angles from pictures of a chain with markers.
 
 The angle of a rotor is the direction from its pivot, the mean over all pictures, to the dot on its
-mass. The dot is where it was on the mean over the exposure of its row, so that
+mass. The dot is at its mean place during the exposure of its row, so that
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2
 
-at the time t of the frame, the middle of the exposure T of the row in which the pivots are on the
-mean, with the rate omega and acceleration alpha of the last sightings.
+at the time t of the frame, the middle of the exposure T of the mean row of the pivots, with the
+rate omega and acceleration alpha of the last sightings.
 """
 
 from __future__ import annotations
@@ -29,45 +29,45 @@ from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 from soliton_linkage.vision.scatter import Repeats, Scatter, Sightings
 
 _SLACK = 0.7
-"""By which distances of dots in pictures are uncertain when they are identified [pixels]."""
+"""Standard deviation of distances of dots in the identification [pixels]."""
 _LEAST_RADIUS = 1.5
-"""Of a dot whose place can be told [pixels]."""
+"""Least radius of a dot that can be fitted [pixels]."""
 
 
 @dataclass(frozen=True)
 class AngleFrame:
-    """What a picture shows of N rotors."""
+    """Measurement of N rotors in a picture, NaN for hidden ones."""
 
     delay: float
-    """From the time of the picture to that of the angles [s]."""
+    """Time from the begin of the picture to the angles [s]."""
     angles: Array
-    """Actual angles, unwrapped [rad], NaN of rotors that are not seen, shape (N,)."""
+    """Actual angles, unwrapped [rad], shape (N,)."""
     deviations: Array
-    """Standard deviation of each angle [rad], NaN of rotors that are not seen, shape (N,)."""
+    """Standard deviations of the angles [rad], shape (N,)."""
     masses: Array
-    """Where the dots of the masses are [pixels], NaN where they are not seen, shape (N, 2)."""
+    """Dots of the masses [pixels], shape (N, 2)."""
     pivots: Array
-    """Where the pivots are [pixels], NaN where that is not known, shape (N, 2)."""
+    """Pivots [pixels], NaN if unknown, shape (N, 2)."""
     frame_dots: Array
-    """Where the dots of the frame markers are [pixels], shape (K, 2)."""
+    """Dots of the frame markers [pixels], shape (K, 2)."""
     status: str
-    """What keeps rotors from being seen; empty where all are."""
+    """Reason why rotors are hidden, empty if none are."""
 
     @property
     def seen(self) -> int:
-        """Number of rotors that are seen."""
+        """Number of visible rotors."""
         return int(np.isfinite(self.angles).sum())
 
 
 def no_rotors(rotors: int, delay: float, status: str) -> AngleFrame:
-    """A picture in which none of so many rotors is seen, and why."""
+    """Return a frame in which so many rotors are hidden, with the reason."""
     none = np.full(rotors, np.nan)
     nowhere = np.full((rotors, 2), np.nan)
     return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
 
 
 def check_picture(camera: Camera, picture: Picture) -> None:
-    """Raise ValueError for what is no picture of a camera."""
+    """Raise ValueError unless a picture has the size of the camera."""
     size = (camera.height, camera.width)
     if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
         raise ValueError(
@@ -77,10 +77,9 @@ def check_picture(camera: Camera, picture: Picture) -> None:
 
 
 class AngleCamera:
-    """Sees the angles of a chain that wears the markers of a layout."""
+    """Measurement of the angles of a chain with the markers of a layout."""
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
-        """Have seen nothing yet."""
         self.frame_markers = FrameMarkers(layout, camera)
         self.pivots = Pivots(layout)
         self.tracks = RotorTracks(layout)
@@ -93,10 +92,9 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def look(self, time: float, picture: Picture) -> AngleFrame:
-        """Angles in a picture that was begun at a time [s], later than the one before.
+        """Return the angles in a picture whose exposure began at a time [s].
 
-        It has the shape (height, width, 3), blue, green and red, or (height, width). Raises
-        ValueError where it has not the size of the camera's pictures.
+        Pictures come in the order of their times. Raises ValueError for another size.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()
@@ -130,11 +128,10 @@ class AngleCamera:
         times = self._times(time, self._expected_pixels)
         pivots = np.where(self.pivots.known[:, None], self.pivots.places, np.nan)
         expected = self.tracks.expected(times, pivots, _SLACK * self._metres)
-        spread = np.full(len(dots), _SLACK * self._metres)
+        spread = np.full(len(dots.places), _SLACK * self._metres)
         chosen = identified(where, spread, dots.colour_costs, expected)
         seen = chosen != NOBODY
-        masses = np.full((self._rotors, 2), np.nan)
-        pixels = np.full((self._rotors, 2), np.nan)
+        masses, pixels = np.full((2, self._rotors, 2), np.nan)
         masses[seen] = where[self._parity[seen], chosen[seen]]
         pixels[seen] = dots.places[chosen[seen]]
         arms = masses - self.pivots.places
@@ -146,25 +143,26 @@ class AngleCamera:
         radial[seen], turning[seen] = self._pixel_errors(
             plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
         )
-        at_stamp = self._at(time + self._delay, times, angles)
+        rates, accelerations, rate_errors = self.tracks.motion()
+        since = time + self._delay - times
+        blurred = accelerations * self._camera.exposure**2 / 24
+        at_stamp = angles - blurred + rates * since + accelerations * since**2 / 2
+        lengths = np.hypot(arms[:, 0], arms[:, 1])
+        errors = self.tracks.length_errors(lengths) / radial
+        steps = lengths / self._metres
+        ways = np.abs(rates) * (time - self._before) * steps
+        self._before = time
+        stamp = time + self._delay
         factors = self.scatter.look(
-            self._sightings(time, at_stamp, arms, radial, turning, repeated)
+            Sightings(stamp, at_stamp, turning, errors, steps, ways, repeated)
         )
         self.tracks.measure(self.pivots.places, np.where(repeated[:, None], np.nan, masses))
-        _, _, unsure = self.tracks.motion()
-        deviations = np.hypot(factors * turning, unsure * (time + self._delay - times))
+        deviations = np.hypot(factors * turning, rate_errors * since)
         hidden = int(self._rotors - seen.sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         known = np.where(self.pivots.known[:, None], self._pivot_pixels, np.nan)
         of_frame = self.frame_markers.places
         return AngleFrame(self._delay, at_stamp, deviations, pixels, known, of_frame, status)
-
-    def _at(self, stamp: float, times: Array, angles: Array) -> Array:
-        """Angles at the time of the frame [s] by those that were seen at others, (N,)."""
-        rates, accelerations, _ = self.tracks.motion()
-        apart = stamp - times
-        blurred = accelerations * self._camera.exposure**2 / 24
-        return np.asarray(angles - blurred + rates * apart + accelerations * apart**2 / 2)
 
     def _pixel_errors(
         self,
@@ -174,7 +172,7 @@ class AngleCamera:
         noise: Array,
         arms: Array,
     ) -> tuple[Array, Array]:
-        """What pixels say of the rotors that are seen: errors of lengths [m] and angles [rad]."""
+        """Return the errors of lengths [m] and angles [rad] of visible rotors by pixel noise."""
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
@@ -186,26 +184,8 @@ class AngleCamera:
         )
         return radial, turning / lengths
 
-    def _sightings(
-        self,
-        time: float,
-        angles: Array,
-        arms: Array,
-        radial: Array,
-        turning: Array,
-        repeated: NDArray[np.bool_],
-    ) -> Sightings:
-        """What is shown at the time of a picture [s] of arms [m], (N, 2)."""
-        lengths = np.hypot(arms[:, 0], arms[:, 1])
-        errors = self.tracks.length_errors(lengths) / radial
-        rates, _, _ = self.tracks.motion()
-        pixels = lengths / self._metres
-        ways = np.abs(rates) * (time - self._before) * pixels
-        self._before = time
-        return Sightings(time + self._delay, angles, turning, errors, pixels, ways, repeated)
-
     def _dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
-        """Dots of the picture, each with the way that the nearest expected one has gone."""
+        """Return the dots of the picture, each fitted with the way of the nearest expected one."""
         angles, _ = self.tracks.predicted(np.full(self._rotors, time + self._delay))
         rates, _, _ = self.tracks.motion()
         arms = self.tracks.lengths[:, None] * np.column_stack([np.sin(angles), np.cos(angles)])
@@ -222,7 +202,7 @@ class AngleCamera:
         return replace(dots, places=plane.centred(dots.places, self._layout.dot_radius))
 
     def _learn(self, plane: ChainPlane) -> float:
-        """Take up a plane; return the usual radius of dots in it [pixels]."""
+        """Adopt a plane; return the usual radius of dots in it [pixels]."""
         if plane is not self._known:
             self._known = plane
             self._pivot_pixels = plane.pixels(self.pivots.places, self._layout.heights)
@@ -242,7 +222,7 @@ class AngleCamera:
         return self._radius
 
     def _times(self, time: float, pixels: Array) -> Array:
-        """When each of N pixels was exposed, the middle of it [s]."""
+        """Return the middle of the exposure of each of N pixels [s]."""
         camera = self._camera
         return np.asarray(time + camera.exposure / 2 + camera.row_time * pixels[:, 1])
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Angles without markers: dark rotors that do not touch each other, on a light ground.
 
-The second moments of a rotor's darkness tell its middle and its length, a line through it its
-axis. The ends that stand in a row are the pivots; from there the axis leads to the mass. The
-camera looks squarely at the chain, rotor 0 on the left. Bonds are thinner than the rotors.
+The second moments of a rotor's darkness define its middle and length, a fitted line its axis. The
+ends in a row are the pivots; from there the axis leads to the mass. The camera faces the chain,
+rotor 0 on the left. Bonds are thinner than the rotors.
 
-The stated deviation is that of the noise of pixels, times what lengths of rotors change by more
-than that noise would have them: bonds that run along a rotor, pixels and compression turn it
-as much as they make it longer.
+The stated deviation is that of the noise of pixels, scaled by the ratio of the measured changes of
+rotors' lengths to those by that noise, because bonds along a rotor, pixels and compression turn a
+rotor as much as they lengthen it.
 """
 
 from __future__ import annotations
@@ -26,40 +26,39 @@ from soliton_linkage.vision.rotor_tracks import RotorTracks
 from soliton_linkage.vision.scatter import FadingSquare
 
 _LEAST_SHARE = 0.4
-"""Area of a rotor over that of most, at least [1]: parts of hidden ones are none."""
+"""Least area of a rotor over the usual one [1]: parts of hidden rotors are smaller."""
 _LARGEST_SHARE = 1.8
-"""And at most [1]: two that touch are none."""
+"""Largest area of a rotor over the usual one [1]: two that touch are larger."""
 _LEAST_LENGTH = 2.0
-"""Of a rotor over its width [1]: else its axis is not its own."""
+"""Least length of a rotor over its width [1], so that its axis is defined."""
 _BESIDE = 0.35
-"""Of the spacing by which a pivot is along the chain from where it was before, at most [1]."""
+"""Largest move of a pivot since the first picture, over the spacing [1]."""
 _TURNS = 3
-"""After which directions stay [1]: each is a tenth of the one before, or less."""
+"""Iterations of directions [1]: each change is a tenth of the one before, or less."""
 _ALIKE = 1e-3
-"""Of heights of arms, over them, below which they do not tell how long the arms are [1]."""
+"""Relative variation of heights of arms below which it does not define their length [1]."""
 _LEAST_NOISE = 0.3
-"""Of a pixel, that of rounding [grey levels]."""
+"""Least noise of a pixel, that of rounding [grey levels]."""
 _MOST_AVERAGED = 1000
-"""Pictures that a length is the mean of [1]."""
+"""Most pictures in the mean of a length [1]."""
 _FEWEST_PIXELS = 12
-"""That a rotor covers [1]."""
+"""Least area of a rotor [pixels]."""
 
 
 @dataclass(frozen=True)
 class _Bars:
-    """K dark bars: middles and halves of their lengths as vectors [pixels], and deviations."""
+    """K dark bars: middles and half lengths as vectors [pixels], shape (K, 2) each."""
 
     middles: Array
     halves: Array
     deviations: Array
-    """Of their directions [rad] and of half their lengths [pixels], shape (K, 2)."""
+    """Standard deviations of directions [rad] and of half lengths [pixels], shape (K, 2)."""
 
 
 class DarkRotors:
-    """Sees the angles of a chain without markers."""
+    """Measurement of the angles of a chain without markers."""
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
-        """Have seen nothing yet."""
         self.tracks = RotorTracks(layout)
         self._camera = camera
         self._rotors = layout.chain.number_of_rotors
@@ -68,9 +67,9 @@ class DarkRotors:
         self._scatter = FadingSquare()
 
     def look(self, time: float, picture: Picture) -> AngleFrame:
-        """Angles in a picture that was begun at a time [s], as of an `AngleCamera`.
+        """Return the angles in a picture whose exposure began at a time [s].
 
-        Raises ValueError where it has not the size of the camera's pictures.
+        Raises ValueError for another size than that of the camera's pictures.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()
@@ -98,22 +97,22 @@ class DarkRotors:
         rotors = np.argmin(apart, axis=1)
         near = apart[np.arange(len(rotors)), rotors] < _BESIDE * spacing
         up = np.array([along[1], -along[0]])
-        angles, deviations = np.full(self._rotors, np.nan), np.full(self._rotors, np.nan)
+        angles, deviations = np.full((2, self._rotors), np.nan)
         masses = np.full((self._rotors, 2), np.nan)
         angles[rotors[near]] = np.arctan2(arms[near] @ along, arms[near] @ up)
-        turning = self._factor(rotors[near], bars, near) * bars.deviations[near, 0]
-        deviations[rotors[near]] = turning
+        factor = self._factor(rotors[near], bars, near)
+        deviations[rotors[near]] = factor * bars.deviations[near, 0]
         masses[rotors[near]] = pivots[near] + arms[near]
         times = np.full(self._rotors, time)
         turned = self.tracks.unwrapped(times, angles)
         self.tracks.take(times, turned)
         hidden = int(np.isnan(turned).sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
-        own, none = self._pivots.copy(), np.zeros((0, 2))
-        return AngleFrame(delay, turned, deviations, masses, own, none, status)
+        none = np.zeros((0, 2))
+        return AngleFrame(delay, turned, deviations, masses, self._pivots.copy(), none, status)
 
     def _factor(self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]) -> float:
-        """By what errors are larger than noise says, as lengths of rotors tell that change [1]."""
+        """Return the ratio of errors to those by noise, from changes of rotors' lengths [1]."""
         lengths = np.hypot(*bars.halves[which].T)
         known = self._seen[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
@@ -124,7 +123,7 @@ class DarkRotors:
 
 
 def _bars(grey: Picture) -> _Bars:
-    """Dark bars in a picture, without what is thinner."""
+    """Return the dark bars in a picture without thinner objects."""
     cv2 = opencv()
     level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)
     thin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
@@ -153,9 +152,9 @@ def _bar(
     level: float,
     noise: float,
 ) -> tuple[Array, Array, Array] | None:
-    """Middle and half length [pixels] and deviations of a dark bar; None for no rotor.
+    """Return middle, half length [pixels] and deviations of a dark bar; None if it is no rotor.
 
-    Pixels count by what they are darker than a level, beyond which a bond alone is lighter.
+    The weight of a pixel is its darkness below a level, above which a bond alone is.
     """
     left, top, width, height = (int(each) for each in figure[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
@@ -179,10 +178,10 @@ def _bar(
 
 
 def _axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Direction of a line through points (P, 2) about a middle; its deviation by unit noise [rad].
+    """Return the direction of a line through points (P, 2), and its error by unit noise [rad].
 
-    Weighted least squares. The weights taper off to the reach along the axis, so that no pixel
-    comes in or goes at once as the rotor turns, and ends, where bonds begin, count little.
+    The weights of this least-squares fit taper off to the reach along the axis, so that no pixel
+    enters or leaves abruptly as the rotor turns, and ends, where bonds begin, count little.
     """
     for _ in range(_TURNS):
         normal = np.array([-axis[1], axis[0]])
@@ -197,9 +196,9 @@ def _axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Arr
 
 
 def _upright(bars: _Bars) -> tuple[Array, Array, Array]:
-    """Pivots and arms from there to the masses [pixels], (K, 2) each, and which way is along.
+    """Return pivots, arms to the masses [pixels], (K, 2) each, and the direction of the chain.
 
-    Pivots are as far from the middles, over half the lengths, as they have to be to be in a row.
+    The ratio of pivot distances from the middles to half lengths puts the pivots in a row.
     """
     pivots, arms = bars.middles, bars.halves
     middle, along = _line(pivots)
@@ -218,7 +217,7 @@ def _upright(bars: _Bars) -> tuple[Array, Array, Array]:
 
 
 def _line(points: Array) -> tuple[Array, Array]:
-    """Middle and direction, to the right, of a line through points [pixels]."""
+    """Return the middle and the direction, to the right, of a line through points [pixels]."""
     middle = points.mean(axis=0) if len(points) else np.zeros(2)
     if len(points) < 2:
         return middle, np.array([1.0, 0.0])

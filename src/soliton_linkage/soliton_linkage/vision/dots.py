@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the dots in a picture: where they are and what colour they have."""
+"""Dots in a picture: places and colours."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +14,22 @@ from soliton_linkage.vision.layout import COLOURS, DOT_SHARE
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _LEAST_CONTRAST = 20.0
-"""Of a dot and its label [grey levels of 256], a tenth of what they have in good light."""
+"""Least contrast of a dot [grey levels of 256]: a tenth of that in good light."""
 _DARKER = 0.3
-"""Of the least contrast by which the pixels of a dot are darker than what is about them [1]."""
+"""Darkness of the pixels of a dot, over the least contrast [1]."""
 _AREAS = (0.2, 4.0)
-"""Least and most pixels of a spot, over those of a dot at rest [1]."""
+"""Least and largest area of a spot, over that of a dot at rest [1]."""
 _MOST_MISFITS, _LARGEST_MISFIT = 2.0, 0.02
-"""What the model of a dot leaves at most, in terms of what it leaves of most, which is noise, and
-of its contrast [1]: of one that is partly hidden it is more."""
+"""Largest misfits of a dot, over the usual one and over its contrast [1]: partly hidden dots have
+larger ones."""
 _FARTHEST = 2.5
-"""From the middle of a spot to the dot that is fitted to it at most, beside its smear [pixels]."""
+"""Largest distance of a fitted dot from its spot, beside its smear [pixels]."""
 _GREY = 0.25
-"""Part of a colour that differs from grey, below which a dot is black [1]."""
+"""Largest saturation of a black dot [1]."""
 _HUE = 0.5
-"""Standard deviation of the hue that a camera sees [rad]."""
+"""Standard deviation of a measured hue [rad]."""
 MOST_COST = 20.0
-"""Of a wrong colour [1], more than that of a rotor that is hidden."""
+"""Cost of a wrong colour [1], more than that of a hidden rotor."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,11 @@ class Dots:
     """K dots of a picture."""
 
     places: Array
-    """Of their centres [pixels], shape (K, 2)."""
+    """Centres [pixels], shape (K, 2)."""
     covariances: Array
-    """Of their places [pixels^2], shape (K, 2, 2)."""
+    """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
     colour_costs: Array
-    """How unlike each of `COLOURS` they are: minus twice a log likelihood [1], (K, C)."""
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    def chosen(self, which: NDArray[np.bool_]) -> Dots:
-        """Some of them."""
-        return replace(
-            self,
-            places=self.places[which],
-            covariances=self.covariances[which],
-            colour_costs=self.colour_costs[which],
-        )
+    """Minus twice the log likelihood of each of `COLOURS` [1], (K, C)."""
 
 
 def find_dots(
@@ -64,30 +52,35 @@ def find_dots(
     outlines: Array,
     smears: Array,
 ) -> Dots:
-    """Dots in a region: left, top, right, bottom [pixels].
+    """Return the dots in a region: left, top, right, bottom [pixels].
 
-    Each has the outline, (M, 2, 2) [1/pixel], as of `fit_dots`, and the smear of the predicted
-    place that it is nearest to, (M, 2) each [pixels].
+    Each has the outline, (M, 2, 2) [1/pixel], see `fit_dots`, and the smear of the nearest
+    predicted place, (M, 2) each [pixels].
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
     longest = float(np.hypot(*smears.T).max(initial=0.0))
     spots = _spots(grey[top:bottom, left:right], radius, longest) + np.array([left, top])
-    spots = spots[_are_on_labels(grey, spots, radius)]
-    nearest = _nearest(spots, predicted)
+    about = _sampled(grey, spots, _label(radius))
+    brighter = about - _sampled(grey, spots, np.zeros((1, 2))) > _DARKER * _LEAST_CONTRAST
+    spots = spots[brighter.mean(axis=1) > 0.5]
+    nearest = np.argmin(_distances(spots, predicted), axis=1)
     ways = smears[nearest]
     fitted = fit_dots(grey, spots, outlines[nearest], DOT_SHARE, ways)
-    good = _are_dots(fitted, spots, ways)
-    dots = Dots(
-        fitted.places[good],
-        fitted.covariances[good],
-        _colour_costs(picture, fitted.places[good], radius),
-    )
-    return dots.chosen(_first_of_each(dots.places, radius))
+    good = np.flatnonzero(_are_dots(fitted, spots, ways))
+    places = fitted.places[good]
+    first = ~np.tril(_distances(places, places) < radius, -1).any(axis=1)
+    costs = _colour_costs(picture, places[first], radius)
+    return Dots(places[first], fitted.covariances[good[first]], costs)
+
+
+def _distances(places: Array, others: Array) -> Array:
+    """Return the distance of each place from each other one, shape (K, M)."""
+    return np.hypot(*(places[:, None] - others).transpose(2, 0, 1))
 
 
 def _spots(grey: Picture, radius: float, smear: float) -> Array:
-    """Middles of dark spots of the size of a dot [pixels], shape (K, 2)."""
+    """Return the middles of dark spots of the size of a dot [pixels], shape (K, 2)."""
     cv2 = opencv()
     block = 2 * round(radius / DOT_SHARE) + 1
     mask = cv2.adaptiveThreshold(
@@ -108,23 +101,11 @@ def _spots(grey: Picture, radius: float, smear: float) -> Array:
     return np.asarray(middles[fits], dtype=np.float64)
 
 
-def _are_on_labels(grey: Picture, spots: Array, radius: float) -> NDArray[np.bool_]:
-    """Whether most of what is about spots is brighter, rather than labels on one side of them."""
-    about = _sampled(grey, spots, _label(radius))
-    brighter = about - _sampled(grey, spots, np.zeros((1, 2))) > _DARKER * _LEAST_CONTRAST
-    return np.asarray(brighter.mean(axis=1) > 0.5)
-
-
 def _label(radius: float) -> Array:
-    """Places on the label of a dot, from its centre [pixels], shape (12, 2)."""
+    """Return points on the label of a dot, from its centre [pixels], shape (12, 2)."""
     turns = np.arange(12) * np.pi / 6
     ring = np.column_stack([np.cos(turns), np.sin(turns)])
     return np.asarray(radius * (1 + 1 / DOT_SHARE) / 2 * ring)
-
-
-def _nearest(spots: Array, predicted: Array) -> NDArray[np.intp]:
-    apart = np.hypot(*(spots[:, None] - predicted).transpose(2, 0, 1))
-    return np.asarray(np.argmin(apart, axis=1))
 
 
 def _are_dots(fitted: FittedDots, spots: Array, ways: Array) -> NDArray[np.bool_]:
@@ -136,14 +117,8 @@ def _are_dots(fitted: FittedDots, spots: Array, ways: Array) -> NDArray[np.bool_
     return np.asarray(good)
 
 
-def _first_of_each(places: Array, radius: float) -> NDArray[np.bool_]:
-    """Which dots are not the same as one before."""
-    apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-    return np.asarray(~np.tril(apart < radius, -1).any(axis=1))
-
-
 def _colour_costs(picture: Picture, places: Array, radius: float) -> Array:
-    """How unlike the colours of a layout dots are, shape (K, C); 0 in a grey picture."""
+    """Return the costs of the colours of dots, shape (K, C); 0 in a grey picture."""
     if picture.ndim == 2 or not len(places):
         return np.zeros((len(places), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)
@@ -169,6 +144,6 @@ def _sampled(picture: Picture, places: Array, offsets: Array) -> Array:
 
 
 def _hues(shares: Array) -> NDArray[np.complex128]:
-    """Hue of red, green and blue, as a complex number on its angle."""
+    """Return the hue of red, green and blue as the argument of a complex number."""
     red, green, blue = np.moveaxis(shares, -1, 0)
     return np.asarray(red + np.exp(2j * np.pi / 3) * green + np.exp(-2j * np.pi / 3) * blue)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plane of the chain by the markers on its frame, and whether the camera moves.
+"""Plane of the chain by the markers on its frame, and moves of the camera.
 
-ArUco markers are looked for in the first picture, and whenever the camera has moved. Their dots
-are found anew in every picture; as long as the camera stands, their mean over the pictures tells
-the plane, whose noise so goes away.
+ArUco markers are detected in the first picture and after each move of the camera. Their dots are
+fitted in every picture; while the camera stands, the plane is that of their means.
 """
 
 from __future__ import annotations
@@ -23,41 +22,40 @@ from soliton_linkage.vision.plane import ChainPlane, fitted_plane
 Grey = NDArray[np.uint8]
 
 _MOST_AVERAGED = 1000
-"""Pictures that a mean is of, so that a frame that settles slowly is followed [1]."""
+"""Most pictures in a mean [1], so that a frame that settles slowly is followed."""
 _ALL_FITTED = 30
-"""Pictures of which each is fitted, and between two fits after that [1]: means hardly change."""
+"""Pictures of which each is fitted, and period of fits after that [1]: means hardly change."""
 FEWEST_DOTS = 6
-"""That tell a plane, and how well they do [1]."""
+"""Fewest dots that define a plane and its misfit [1]."""
 _MOVED = 6.0
-"""Shift of the mean dot, over its standard deviation, that is a move of the camera [1]: never by
-chance, though there are 60 pictures a second."""
+"""Shift of the mean dot that is a move of the camera, in standard deviations [1]: never by chance
+at 60 pictures a second."""
 _LEAST_MOVE = 0.1
-"""Of the mean dot that is a move of the camera [pixels]: lamps that flicker seem to do less."""
+"""Least move of the camera [pixels]: flickering lamps shift dots by less."""
 _HIDDEN = 0.5
-"""From the shift of the most beyond which a dot is hidden, at least [pixels]."""
+"""Least deviation from the common shift of a dot that counts as hidden [pixels]."""
 _LARGEST_MISFIT = 0.12
-"""Of the model of a dot, over its contrast [1]: of one that is half hidden it is more."""
+"""Largest misfit of a dot, over its contrast [1]: half hidden ones have larger misfits."""
 _LEAST_CONTRAST = 20.0
-"""Of a dot [grey levels of 256], a tenth of what they have in good light."""
+"""Least contrast of a dot [grey levels of 256]: a tenth of that in good light."""
 _PATIENCE = 60
-"""Pictures between two looks for markers that are missing: a look takes as long as a picture."""
+"""Period of the search for missing markers [pictures]: it takes as long as a picture."""
 
 
 class FrameMarkers:
-    """Follows the markers on the frame of a chain."""
+    """Markers on the frame of a chain in the pictures so far."""
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
-        """Know none of them yet."""
         self.plane: ChainPlane | None = None
-        """The plane, as the pictures so far show it."""
+        """Plane by the pictures so far."""
         self.deviation = 0.0
-        """Standard deviation of where the plane has the whole chain [pixels]."""
+        """Standard deviation of a common shift of the plane [pixels]."""
         self.seen = 0
         """Dots of frame markers seen in the latest picture."""
         self.moves = 0
-        """How often the camera has moved."""
+        """Number of moves of the camera."""
         self.shift = 0.0
-        """By which it did so last [pixels]."""
+        """Distance of the last move [pixels]."""
         self._layout, self._camera = layout, camera
         self._points = layout.frame_dots.reshape(-1, 2)
         self._known = np.zeros(len(self._points), dtype=bool)
@@ -68,11 +66,11 @@ class FrameMarkers:
 
     @property
     def places(self) -> Array:
-        """Of the dots that are known, the mean over the pictures [pixels], shape (K, 2)."""
+        """Mean places of the known dots [pixels], shape (K, 2)."""
         return self._places[self._known]
 
     def look(self, grey: Grey) -> bool:
-        """Follow the markers in a picture; whether the plane is known."""
+        """Add a picture; return whether the plane is known."""
         if self.plane is None:
             return self._find(grey)
         if not self._known.all():
@@ -97,16 +95,13 @@ class FrameMarkers:
         return True
 
     def _find(self, grey: Grey) -> bool:
-        """Look for all markers in a whole picture; whether there are enough."""
+        """Detect all markers; return whether there are enough."""
         found = self._detected(grey)
-        if not found:
-            self.seen = 0
+        self.seen = 0
+        if len(found) * 4 < FEWEST_DOTS:
             return False
         numbers = sorted(found)
         corners = self._layout.frame_corners[numbers].reshape(-1, 2)
-        if len(numbers) * 4 < FEWEST_DOTS:
-            self.seen = 0
-            return False
         rough, _ = fitted_plane(self._camera, corners, np.concatenate([found[n] for n in numbers]))
         places, good = self._measured(grey, rough, rough.pixels(self._points))
         self.seen = int(good.sum())
@@ -119,18 +114,14 @@ class FrameMarkers:
         return True
 
     def _find_anew(self, grey: Grey) -> bool:
-        """Look whether the camera has moved, or the markers are hidden."""
+        """Decide whether the camera has moved or the markers are hidden."""
         before, known = self._places.copy(), self._known.copy()
         kept = self.plane, self._places, self._known, self._pictures
-        if not self._find(grey):
-            self.plane, self._places, self._known, self._pictures = kept
-            return True
+        found, distance = self._find(grey), np.nan
         both = known & self._known
-        shift = (
-            np.median(self._places[both] - before[both], axis=0) if both.any() else [np.nan] * 2
-        )
-        distance = float(np.hypot(*shift))
-        if distance < _LEAST_MOVE:
+        if found and both.any():
+            distance = float(np.hypot(*np.median(self._places[both] - before[both], axis=0)))
+        if not found or distance < _LEAST_MOVE:
             self.plane, self._places, self._known, self._pictures = kept
             return True
         self.moves += 1
@@ -138,7 +129,7 @@ class FrameMarkers:
         return True
 
     def _found_more(self, grey: Grey) -> bool:
-        """Take up markers that were not to be seen before; whether there are any."""
+        """Add markers that were not seen before; return whether there are any."""
         kept = self.plane, self._places, self._known, self._pictures
         before = int(self._known.sum())
         if self._find(grey) and self.seen > before:
@@ -149,7 +140,7 @@ class FrameMarkers:
     def _measured(
         self, grey: Grey, plane: ChainPlane, starts: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Centres of dots near places [pixels], and which are to be seen."""
+        """Return the centres of dots near places [pixels], and which are visible."""
         radius = self._layout.dot_radius
         outlines = plane.metres_per_pixel(starts) / radius
         fitted = fit_dots(grey, starts, outlines, DOT_SHARE, np.zeros_like(starts))
@@ -166,7 +157,7 @@ class FrameMarkers:
         self.deviation = self._noise / np.sqrt(len(points))
 
     def _detected(self, grey: Grey) -> dict[int, Array]:
-        """Corners of the markers of the layout in a picture by their number, (4, 2) each."""
+        """Return the corners of the markers of the layout by their number, (4, 2) each."""
         corners, numbers = self._detector(grey)
         known = len(self._layout.frame_centres)
         return {
@@ -179,7 +170,7 @@ class FrameMarkers:
 
 
 def marker_detector(cv2: Any) -> Any:
-    """What finds corners and numbers of markers in a picture, of OpenCV 4.6 and of later ones."""
+    """Return a detector of corners and numbers of markers for OpenCV 4.6 or later."""
     aruco = cv2.aruco
     dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))
     if hasattr(aruco, 'ArucoDetector'):

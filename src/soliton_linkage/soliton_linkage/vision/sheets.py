@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets of paper with the markers of a chain, to scale: PDF, or SVG with a file a sheet."""
+"""Sheets of paper with the markers of a chain, to scale: PDF, or one SVG per sheet."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker
 PAPERS = {'a4': (0.210, 0.297), 'a3': (0.297, 0.420), 'letter': (0.2159, 0.2794)}
 """Width and height [m]."""
 _MARGIN = 0.010
-"""Of a sheet, on which printers do not print [m]."""
+"""Margin of a sheet, where printers do not print [m]."""
 _HEAD = 0.022
-"""Of a sheet, for its title and the ruler [m]."""
+"""Height of the title and the ruler of a sheet [m]."""
 _GAP = 0.002
-"""Between markers, for scissors, and below labels for their numbers [m]."""
+"""Gap between markers, and below labels for their numbers [m]."""
 _RULER = 0.1
-"""Length of the ruler that shows whether a sheet was printed to scale [m]."""
+"""Length of the ruler, a check of the scale [m]."""
 _INCH = 0.0254
 """[m]."""
 _BOARD = (9, 6, 0.025)
@@ -32,16 +32,11 @@ _BOARD = (9, 6, 0.025)
 
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
-    """Write the sheets of a chain; return the files, of which an SVG has one a sheet.
-
-    Raises ValueError where a marker does not fit on the paper.
-    """
+    """Write the sheets of a chain; return the files. ValueError if a marker does not fit."""
     figures = list(_sheets(layout, paper))
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == '.svg':
-        paths = [
-            path.with_name(f'{path.stem}_{number}.svg') for number in range(1, len(figures) + 1)
-        ]
+        paths = [path.with_name(f'{path.stem}_{n}.svg') for n in range(1, len(figures) + 1)]
         for figure, each in zip(figures, paths, strict=True):
             figure.savefig(each)
         return paths
@@ -64,7 +59,7 @@ def _sheets(layout: MarkerLayout, paper: str) -> Iterator[Figure]:
 
 
 def _frame_sheets(layout: MarkerLayout, paper: str) -> Iterator[Figure]:
-    """Frame markers, with the place of each."""
+    """Yield frame markers with their places."""
     size = layout.paper_size
     places = _grid(paper, size + _GAP, size + 2 * _GAP, f'frame markers of {1e3 * size:.0f} mm')
     for first in range(0, len(layout.frame_centres), len(places)):
@@ -100,7 +95,7 @@ def _draw_frame_marker(axes: Any, layout: MarkerLayout, number: int, middle: Arr
 def _label_sheets(
     layout: MarkerLayout, paper: str, labels: Sequence[tuple[str, int]], title: str
 ) -> Iterator[Figure]:
-    """Labels with a name and the number of a colour each."""
+    """Yield labels with a name and the number of a colour each."""
     side = 2 * layout.label_radius
     places = _grid(paper, side + _GAP, side + 2 * _GAP, f'labels of {1e3 * side:.0f} mm')
     for first in range(0, len(labels), len(places)):
@@ -130,7 +125,7 @@ def _chessboard(paper: str) -> Figure:
 
 
 def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
-    """A sheet with a title and a ruler, whose coordinates are metres."""
+    """Return a sheet with a title and a ruler, whose coordinates are metres."""
     width, height = PAPERS[paper]
     figure = Figure(figsize=(width / _INCH, height / _INCH))
     axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -149,7 +144,7 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
 
 
 def _grid(paper: str, width: float, height: float, what: str) -> Array:
-    """Middles of places of a size on a sheet [m], row by row, shape (K, 2)."""
+    """Return the middles of places of a size on a sheet [m], row by row, shape (K, 2)."""
     across, up = PAPERS[paper]
     columns = int((across - 2 * _MARGIN) / width)
     rows = int((up - 2 * _MARGIN - _HEAD) / height)
