@@ -76,7 +76,7 @@ def find_dots(
 
 def _distances(places: Array, others: Array) -> Array:
     """Return the distance of each place from each other one, shape (K, M)."""
-    return np.hypot(*(places[:, None] - others).transpose(2, 0, 1))
+    return np.asarray(np.hypot(*(places[:, None] - others).transpose(2, 0, 1)))
 
 
 def _spots(grey: Picture, radius: float, smear: float) -> Array:
