@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import EPS, EXAMPLES, FLIPPER, any_chain, chain_of
+from chains import EPS, FLIPPER, any_chain, chain_of
 from exact_bands import ANY_LEAN_RATIO, exact
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -135,22 +135,6 @@ def test_a_free_chain_has_the_closed_form_spectrum(chain: Chain, lean: int) -> N
     )
 
 
-@given(any_chain(), LEANS)
-def test_the_gap_is_the_bottom_of_both_branches(chain: Chain, lean: int) -> None:
-    zone = np.linspace(-np.pi, np.pi, 101) / chain.spacing
-    lowest = min(dispersion(chain, zone, branch).min() for branch in (-1, 1))
-    assert gap(chain) == pytest.approx(lowest, rel=0, abs=32 * EPS * scale(chain))
-
-
-@given(any_chain())
-def test_the_gap_has_its_closed_form_on_both_sides_of_d_1(chain: Chain) -> None:
-    lean = chain.rotor_length * math.sin(2 * chain.rest_angle)
-    reach = chain.spacing * math.cos(chain.rest_angle)
-    closed_form = 2 * min(lean, reach) / (chain.rest_length * chain.time_unit)
-    assert gap(chain) == pytest.approx(closed_form, rel=0, abs=16 * EPS * scale(chain))
-    assert (lean < reach) == (chain.lean_ratio < 1) or chain.lean_ratio == pytest.approx(1)
-
-
 @given(any_chain(fewest=3), LEANS)
 def test_the_zero_mode_decays_by_e_over_a_penetration_depth(chain: Chain, lean: int) -> None:
     depth = penetration_depth(chain)
@@ -177,14 +161,6 @@ def test_the_winding_number_counts_the_turns_of_the_determinant(chain: Chain, le
     determinants = np.linalg.det(bloch_matrix(chain, zone, lean))
     turns = np.unwrap(np.angle(determinants))
     assert round((turns[-1] - turns[0]) / (2 * np.pi)) == winding_number(chain, lean)
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_winding_number_is_1_leaning_left_and_0_leaning_right(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, 2)
-    assert (winding_number(chain, -1), winding_number(chain, 1)) == (1, 0)
 
 
 @pytest.mark.parametrize('branch', [0, 2])
@@ -259,15 +235,6 @@ def test_the_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(chain: Ch
         square = float(rise * mpf(chain.spacing) ** 2 / away**2)
         largest = float((truth.plus / truth.unit) ** 2) * chain.spacing**2
     assert speed_of_sound(chain) ** 2 == pytest.approx(square, rel=0, abs=32 * EPS * largest)
-
-
-@given(any_chain())
-def test_the_speed_of_sound_has_its_closed_form(chain: Chain) -> None:
-    a, lean = chain.spacing, 2 * chain.rotor_length * math.sin(chain.rest_angle)
-    square = (a * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)) ** 2
-    assert speed_of_sound(chain) ** 2 == pytest.approx(
-        square * abs(lean**2 - a**2), rel=0, abs=32 * EPS * square * (lean + a) ** 2
-    )
 
 
 @given(ANY_LEAN_RATIO)

@@ -48,32 +48,3 @@ def test_every_rotor_is_a_seed_in_every_leg(example: tuple[float, float]) -> Non
     ways = 2 if example == SPINNER else 4
     assert np.bincount(path.seeds, minlength=ROTORS)[1:-1].min() >= ways
     assert path.seeds[0] == path.seeds[-1]
-
-
-@EXAMPLES
-def test_rotors_of_flippers_come_back_and_those_of_spinners_turn_once(
-    example: tuple[float, float],
-) -> None:
-    chain = deviating(example)
-    path = seed_path(chain, BESIDE)
-    inner = np.arange(4, ROTORS - 4)
-    turns = np.array([(path.ends - path.begins)[path.seeds == n].sum() for n in inner])
-    if example == SPINNER:
-        # While another rotor is the seed each turns as well, and the same way.
-        assert (np.abs(turns) < 2 * np.pi).all()
-        for rotor in inner.tolist():
-            ways = np.sign((path.ends - path.begins)[path.seeds == rotor])
-            assert abs(ways.sum()) == len(ways)
-    else:
-        assert np.abs(turns).max() < 1e-9
-
-
-@EXAMPLES
-def test_halves_are_the_same_way(example: tuple[float, float]) -> None:
-    path = seed_path(deviating(example), 2)
-    halves = path.halves()
-    assert len(halves) == 2 * len(path)
-    assert halves.begins[::2].tolist() == path.begins.tolist()
-    assert halves.ends[1::2].tolist() == path.ends.tolist()
-    assert halves.ends[::2].tolist() == halves.begins[1::2].tolist()
-    assert halves.seeds[1::2].tolist() == path.seeds.tolist()
