@@ -31,10 +31,9 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import mode_centre, mode_towards_last, zero_mode
 from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.solitons.charge import topological_charge
 from soliton_linkage.solitons.continuum import FlipperTheory
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage.solitons.tanh_fit import polarisation
+from soliton_linkage.solitons.tanh_fit import polarisation, topological_charge
 
 ROTORS = 60
 TOGGLED = ((False, False), (False, True), (True, True), (True, False))

@@ -20,9 +20,13 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linear.statics import balanced
 from soliton_linkage.linkage.chain import Array, displacement, staggered
-from soliton_linkage.solitons.charge import charge_of_field, half_turns, topological_charge
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
-from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage.solitons.tanh_fit import (
+    charge_of_field,
+    find_solitons,
+    half_turns,
+    topological_charge,
+)
 
 
 @pytest.mark.parametrize('sense', [-1, 1])

@@ -2,8 +2,8 @@
 """Domain walls, *walls* for short: as they are at rest, in theory, and found in angles.
 
 `static_wall` builds them bar by bar, `continuum` and `tail` have their theories, `passage` tells
-which deviations stop them, `charge` counts them. A moving wall is a *soliton* where it is found:
-`tanh_fit` in a frame, `track` along a recording.
+which deviations stop them. A moving wall is a *soliton* where it is found: `tanh_fit` in a frame,
+with its charge, `track` along a recording.
 """
 
 from soliton_linkage.exports import public_names
