@@ -53,7 +53,7 @@ def info() -> CameraInfo:
 
 
 def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
-    cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='cameras need OpenCV')
     parameters: dict[str, Any] = {
         'chain_from': 'parameters',
         'chain.number_of_rotors': CHAIN.number_of_rotors,
@@ -83,7 +83,7 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
     graph.until(lambda: bool(chains), 'the chain of the parameters')
     assert chain_from_msg(chains[0]).chain == CHAIN
     graph.until(lambda: bool(overlays), 'a picture with what was found')
-    drawn = picture_from_compressed_msg(cv2, overlays[-1])
+    drawn = picture_from_compressed_msg(overlays[-1])
     assert drawn.shape == (CAMERA.height, CAMERA.width, 3)
 
 

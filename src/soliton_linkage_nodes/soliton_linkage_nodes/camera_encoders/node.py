@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -47,7 +46,6 @@ from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -84,66 +82,6 @@ class CameraEncodersParameters:
     )
 
 
-class Overlay:
-    """Publisher of annotated pictures, drawn only for subscribers."""
-
-    def __init__(self, node: GuardedNode, diagnostics: Diagnostics, rate: float) -> None:
-        """Publish at most at a rate [Hz], with the walls of `soliton_state`."""
-        self._cv2 = opencv()
-        self._period = round(SECOND / rate)
-        self._publisher = interfaces.CAMERA_OVERLAY.publisher(node)
-        self._state: tuple[int, tuple[AnalysedSoliton, ...]] = (0, ())
-        self._next = 0
-        AdaptiveSubscription(node, interfaces.SOLITON_STATE, self._take, diagnostics)
-
-    def draw(self, named: NamedChain, picture: Picture, seen: Seen) -> None:
-        """Publish a picture if there is a subscriber and the period is over."""
-        if not self._publisher.get_subscription_count():
-            return
-        if 0 <= self._next - seen.stamp <= self._period:
-            return
-        self._next = seen.stamp + self._period
-        stamp, solitons = self._state
-        since = (seen.stamp - stamp) / SECOND
-        walls = placed(solitons, named.chain.spacing, since) if abs(since) < _FRESH else []
-        drawn = overlaid(picture, seen.frame, named.joint_names, walls)
-        self._publisher.publish(picture_to_compressed_msg(self._cv2, seen.stamp, FRAME, drawn))
-
-    def _take(self, message: SolitonState) -> None:
-        self._state = time_from_msg(message.header.stamp), solitons_from_msg(message)
-
-
-class Webcam:
-    """Thread that takes pictures of a camera of this machine."""
-
-    def __init__(
-        self,
-        number: int,
-        take: Callable[[Picture], None],
-        fail: Callable[[str], None],
-    ) -> None:
-        """Call `take` with each picture in the thread, and `fail` with the error that ends it."""
-        opencv()
-        self._closing = threading.Event()
-        self._number, self._take, self._fail = number, take, fail
-        self._thread = threading.Thread(target=self._run, name='camera', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop the thread."""
-        self._closing.set()
-        self._thread.join(_LONGEST_WAIT)
-
-    def _run(self) -> None:
-        try:
-            for taken in camera_pictures(self._number):
-                if self._closing.is_set():
-                    return
-                self._take(taken.picture)
-        except ValueError as error:
-            self._fail(str(error))
-
-
 class CameraEncoders(ManagedNode):
     """Publishes the angles of the rotors that pictures of a chain show, in place of encoders.
 
@@ -176,7 +114,7 @@ class CameraEncoders(ManagedNode):
 
     def configure(self) -> None:
         """Learn the chain and the camera, and listen to its pictures."""
-        self._cv2 = opencv()
+        opencv()
         self.settings = current(self, CameraEncodersParameters)
         self._markers = current(self, MarkerSettings, 'markers.')
         self._camera: Camera | None = None
@@ -185,13 +123,17 @@ class CameraEncoders(ManagedNode):
         self._named: NamedChain | None = None
         self._sight: Sight | None = None
         self._seen: Seen | None = None
-        self._webcam: Webcam | None = None
+        self._state: tuple[int, tuple[AnalysedSoliton, ...]] = (0, ())
+        self._next_overlay = 0
+        self._closing = threading.Event()
+        self._webcam: threading.Thread | None = None
         self._pictures, self._busy = 0, 0.0
         self._reported = (time.monotonic(), 0, 0.0)
         self.diagnostics = Diagnostics(self, 'seeing', self.reporting(self._report))
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._deviations = interfaces.JOINT_STATE_DEVIATIONS.publisher(self)
-        self._overlay = Overlay(self, self.diagnostics, self.settings.overlay_rate)
+        self._overlay = interfaces.CAMERA_OVERLAY.publisher(self)
+        AdaptiveSubscription(self, interfaces.SOLITON_STATE, self._on_state, self.diagnostics)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
         if self._source.parameters.chain_from == 'parameters' and self._named is not None:
             stamp = self.get_clock().now().to_msg()
@@ -202,13 +144,15 @@ class CameraEncoders(ManagedNode):
     def activate(self) -> None:
         """Begin to take pictures, where they are those of a camera of this machine."""
         if self.settings.pictures_from == 'camera':
-            take = self.diagnostics.refusing('picture', self._on_own_picture)
-            self._webcam = Webcam(self.settings.camera, take, self.diagnostics.fail)
+            self._closing = threading.Event()
+            self._webcam = threading.Thread(target=self._film, name='camera', daemon=True)
+            self._webcam.start()
 
     def deactivate(self) -> None:
         """Let the camera go, and look anew when it comes back."""
         if self._webcam is not None:
-            self._webcam.close()
+            self._closing.set()
+            self._webcam.join(_LONGEST_WAIT)
             self._webcam = None
         self._look_anew()
 
@@ -225,9 +169,34 @@ class CameraEncoders(ManagedNode):
             # Who takes the angles is to know by then how sure they are.
             self._deviations.publish(deviations_to_msg(self._named, seen))
             self._angles.publish(angles_to_msg(self._named, seen))
-        self._overlay.draw(self._named, picture, seen)
+        self._draw(self._named, picture, seen)
         self._pictures += 1
         self._busy += time.perf_counter() - begin
+
+    def _draw(self, named: NamedChain, picture: Picture, seen: Seen) -> None:
+        """Publish an overlay if there is a subscriber and the period is over."""
+        period = round(SECOND / self.settings.overlay_rate)
+        if not self._overlay.get_subscription_count():
+            return
+        if 0 <= self._next_overlay - seen.stamp <= period:
+            return
+        self._next_overlay = seen.stamp + period
+        stamp, solitons = self._state
+        since = (seen.stamp - stamp) / SECOND
+        walls = placed(solitons, named.chain.spacing, since) if abs(since) < _FRESH else []
+        drawn = overlaid(picture, seen.frame, named.joint_names, walls)
+        self._overlay.publish(picture_to_compressed_msg(seen.stamp, FRAME, drawn))
+
+    def _film(self) -> None:
+        """Take pictures of a camera of this machine until the node is deactivated: a thread."""
+        closing, take = self._closing, self.diagnostics.refusing('picture', self.look)
+        try:
+            for taken in camera_pictures(self.settings.camera):
+                if closing.is_set():
+                    return
+                take(self.get_clock().now().nanoseconds, taken.picture)
+        except ValueError as error:
+            self.diagnostics.fail(str(error))
 
     def _listen(self) -> None:
         kind = self.settings.pictures_from
@@ -244,11 +213,10 @@ class CameraEncoders(ManagedNode):
         self.look(time_from_msg(message.header.stamp), picture_from_msg(message))
 
     def _on_compressed(self, message: CompressedImage) -> None:
-        picture = picture_from_compressed_msg(self._cv2, message)
-        self.look(time_from_msg(message.header.stamp), picture)
+        self.look(time_from_msg(message.header.stamp), picture_from_compressed_msg(message))
 
-    def _on_own_picture(self, picture: Picture) -> None:
-        self.look(self.get_clock().now().nanoseconds, picture)
+    def _on_state(self, message: SolitonState) -> None:
+        self._state = time_from_msg(message.header.stamp), solitons_from_msg(message)
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         camera = camera_from_msg(message)

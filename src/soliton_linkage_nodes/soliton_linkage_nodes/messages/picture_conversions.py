@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
@@ -34,7 +34,7 @@ _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Coefficients of the models of lenses [1]."""
 
 
-def picture_from_msg(message: Image) -> NDArray[np.uint8]:
+def picture_from_msg(message: Image) -> Picture:
     """Blue, green and red, (height, width, 3), or grey, (height, width).
 
     Raises ValueError for another encoding, and for fewer bytes than it has pixels.
@@ -66,8 +66,9 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
     return data
 
 
-def picture_from_compressed_msg(cv2: Any, message: CompressedImage) -> NDArray[np.uint8]:
-    """Blue, green and red, (height, width, 3), by OpenCV; ValueError where it cannot."""
+def picture_from_compressed_msg(message: CompressedImage) -> Picture:
+    """Return blue, green and red, (height, width, 3); ValueError if it cannot be decoded."""
+    cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if picture is None:
@@ -77,10 +78,9 @@ def picture_from_compressed_msg(cv2: Any, message: CompressedImage) -> NDArray[n
     return np.asarray(picture)
 
 
-def picture_to_compressed_msg(
-    cv2: Any, stamp: int, frame_id: str, picture: NDArray[np.uint8]
-) -> CompressedImage:
-    """JPEG, by OpenCV, of blue, green and red, (height, width, 3), with a stamp [ns]."""
+def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
+    """Return a JPEG of blue, green and red, (height, width, 3), with a stamp [ns]."""
+    cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(
         header=Header(stamp=time_to_msg(stamp), frame_id=frame_id),
