@@ -37,7 +37,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
     impulses_to_msg,
 )
-from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
+from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 

@@ -20,7 +20,7 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 pytestmark = pytest.mark.usefixtures('often')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bytes of a soliton state are those that ROS makes of a message filled field by field."""
+"""A soliton state reports what the analysis found, in each of its fields."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cdr import CdrWriter
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
@@ -23,12 +22,11 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.conversions import JointStates
-from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
 from soliton_linkage_nodes.messages.state_conversions import (
     NumberFields,
     columns,
     row,
-    serialized_state,
+    solitons_from_msg,
     state_to_msg,
 )
 
@@ -211,14 +209,10 @@ HEADERS = st.builds(
 
 
 @given(ANALYSES, HEADERS)
-def test_bytes_are_those_of_a_message_that_is_filled_by_name(
-    analysis: Analysis, joints: JointStates
-) -> None:
-    serialized, message = serialized_state(analysis, joints), filled(analysis, joints)
-    written = CdrWriter(message)
-    assert serialized == written.serialized
-    assert written.same(serialize_message(message))
-    assert repr(deserialize_message(serialized, SolitonState)) == repr(message)
+def test_every_field_is_filled_by_name(analysis: Analysis, joints: JointStates) -> None:
+    message = state_to_msg(analysis, joints)
+    assert repr(message) == repr(filled(analysis, joints))
+    assert repr(deserialize_message(serialize_message(message), SolitonState)) == repr(message)
 
 
 @given(ANALYSES, HEADERS)
@@ -252,18 +246,17 @@ def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
     class MarkedSoliton(AnalysedSoliton):
         mark: int = 7
 
-    marked = {**msg.Soliton.get_fields_and_field_types(), 'mark': 'int32'}
+    marked = [*msg.Soliton.get_fields_and_field_types(), 'mark']
     soliton = MarkedSoliton(7, 3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
     number_fields = NumberFields(marked, MarkedSoliton)
     before = NumberFields(msg.Soliton.get_fields_and_field_types(), AnalysedSoliton)
     assert number_fields(soliton) == (*before(soliton), 7)
-    assert number_fields.format == f'{before.format}i'
     assert number_fields.names[-1] == 'mark'
 
 
 def test_a_field_that_nothing_fills_is_said_at_once() -> None:
-    marked = {**msg.Soliton.get_fields_and_field_types(), 'mark': 'int32'}
+    marked = [*msg.Soliton.get_fields_and_field_types(), 'mark']
     with pytest.raises(TypeError, match='field mark of SolitonState has no source: AnalysedSol'):
         NumberFields(marked, AnalysedSoliton)
     with pytest.raises(TypeError, match='MotionClass has no mark; add it'):
-        NumberFields({'mark': 'double'}, Analysis, {'mark': 'measured_motion.mark'})
+        NumberFields(['mark'], Analysis, {'mark': 'measured_motion.mark'})

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION
+from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering

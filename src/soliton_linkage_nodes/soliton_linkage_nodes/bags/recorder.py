@@ -19,7 +19,7 @@ from soliton_linkage_nodes.bags.rescue.continued_bag import take_over, unfinishe
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
 from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run

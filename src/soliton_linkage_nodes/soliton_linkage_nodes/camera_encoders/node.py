@@ -44,12 +44,12 @@ from soliton_linkage_nodes.messages.sight import (
 )
 from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
 """Largest number of a camera of Linux [1]."""
@@ -133,7 +133,7 @@ class CameraEncoders(ManagedNode):
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._deviations = interfaces.JOINT_STATE_DEVIATIONS.publisher(self)
         self._overlay = interfaces.CAMERA_OVERLAY.publisher(self)
-        AdaptiveSubscription(self, interfaces.SOLITON_STATE, self._on_state, self.diagnostics)
+        StreamSubscription(self, interfaces.SOLITON_STATE, self._on_state, self.diagnostics)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
         if self._source.parameters.chain_from == 'parameters' and self._named is not None:
             stamp = self.get_clock().now().to_msg()
@@ -204,10 +204,10 @@ class CameraEncoders(ManagedNode):
         takes = {'image': self._on_image, 'compressed': self._on_compressed}
         if kind in topics:
             take = self.while_active(self.diagnostics.refusing('picture', takes[kind]))
-            AdaptiveSubscription(self, topics[kind], take, self.diagnostics)
+            StreamSubscription(self, topics[kind], take, self.diagnostics)
             if self._camera is None:
                 take = self.diagnostics.refusing('camera_info', self._on_camera_info)
-                AdaptiveSubscription(self, interfaces.CAMERA_INFO, take, self.diagnostics)
+                StreamSubscription(self, interfaces.CAMERA_INFO, take, self.diagnostics)
 
     def _on_image(self, message: Image) -> None:
         self.look(time_from_msg(message.header.stamp), picture_from_msg(message))

@@ -32,11 +32,11 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _LOOK_PERIOD = 0.1
 """Between two looks whether a chain was found [s]: a person sees no wait."""
@@ -121,7 +121,7 @@ class ChainIdentifier(ManagedNode):
         self.diagnostics = Diagnostics(self, 'identification', self.reporting(self._report))
         self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
         take = self.diagnostics.refusing('joint_states', self.while_active(self._take))
-        AdaptiveSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
+        StreamSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
         weigh = self.diagnostics.refusing('joint_state_deviations', self._weigh)
         interfaces.JOINT_STATE_DEVIATIONS.subscribe(self, self.while_active(weigh))
         interfaces.TILT.subscribe(self, self.while_active(self._note_tilt))

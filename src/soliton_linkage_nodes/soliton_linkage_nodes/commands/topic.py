@@ -8,10 +8,16 @@ import time
 from itertools import count, pairwise
 from typing import Any
 
+from rclpy.qos import QoSProfile
+
 from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
 from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Visitor, visiting
 from soliton_linkage_nodes.commands.words import Verbs
+from soliton_linkage_nodes.runtime.interfaces import Topic
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
+_QOS = QoSProfile(depth=1000)
+"""Reliable, if the publishers offer that."""
 _MATCH_LIMIT = 10.0
 """For as many subscribers as are waited for [s]."""
 _FAREWELL = 0.1
@@ -76,9 +82,7 @@ def _echo(options: argparse.Namespace) -> int:
         _field(message_type(), options.field)
         topic = visitor.node.resolve_topic_name(options.topic)
         visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
-        visitor.node.create_subscription(
-            message_type, topic, heard.append, visitor.heard_qos(topic)
-        )
+        StreamSubscription(visitor.node, Topic(topic, message_type, _QOS), heard.append)
         while True:
             visitor.spin()
             for message in heard:
@@ -104,11 +108,10 @@ def _rate(options: argparse.Namespace) -> int:
     with visiting() as visitor:
         message_type = _type(visitor, options)
         topic = visitor.node.resolve_topic_name(options.topic)
-        visitor.node.create_subscription(
-            message_type,
-            topic,
+        StreamSubscription(
+            visitor.node,
+            Topic(topic, message_type, _QOS),
             lambda _: arrivals.append(time.monotonic()),
-            visitor.heard_qos(topic),
             raw=True,
         )
         while True:

@@ -11,10 +11,9 @@ from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS
+from soliton_linkage_nodes.runtime.guarded import CALLS
 
 FOUND_WITHIN = 10.0
 """What is looked for by its name has to show itself within this [s]; on one machine it is there in
@@ -105,16 +104,6 @@ class Visitor:
         if not self.until(future.done, ANSWER_LIMIT):
             raise RuntimeError(f'{client.srv_name} gave no answer in {ANSWER_LIMIT:g} s')
         return future.result()
-
-    def heard_qos(self, topic: str) -> QoSProfile:
-        """What a subscription may ask so that it hears all who publish, and the latched too."""
-        offered = [info.qos_profile for info in self.node.get_publishers_info_by_topic(topic)]
-        profile = QoSProfile(depth=1000)
-        if any(one.reliability == ReliabilityPolicy.BEST_EFFORT for one in offered):
-            profile.reliability = ReliabilityPolicy.BEST_EFFORT
-        if offered and all(one.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered):
-            profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        return profile
 
 
 @contextmanager

@@ -30,12 +30,11 @@ from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.parameters import current, declare
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
 _LOOK_PERIOD = 0.02
 """Between two looks at the frames of a chain that is left alone [s]: so often that a kick, which
@@ -112,7 +111,7 @@ class EdgeActuator(ManagedNode):
         interfaces.DELIVERY.subscribe(self, self._on_delivery)
         take_fresh = self.while_active(self._on_joint_states)
         take_joints = self.diagnostics.refusing('joint_states', take_fresh)
-        self._joint_states = AdaptiveSubscription(
+        self._joint_states = StreamSubscription(
             self,
             interfaces.JOINT_STATES,
             take_joints,

@@ -13,7 +13,7 @@ from rclpy.clock import Clock, ClockType
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 

@@ -7,14 +7,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from foxglove import Channel, Context, Schema
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.bags.read.reading import message_class
 from soliton_linkage_nodes.bags.stored_topic import type_definition
-from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
+from soliton_linkage_nodes.runtime.interfaces import Topic
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _DEPTH = 1000
 """Messages that a queue holds while none is taken: a second of a topic at 1000 Hz."""
@@ -28,13 +27,12 @@ class OutgoingTopic:
         self.name, self.type = name, type_
         self.sent = 0
         """How many messages clients were given."""
-        self._message_type = message_class(type_)
+        self._topic = Topic(name, message_class(type_), QoSProfile(depth=_DEPTH))
         definition, _ = type_definition(type_)
         schema = Schema(name=type_, encoding='ros2msg', data=definition.encode())
         self._channel = Channel(name, schema=schema, message_encoding='cdr', context=context)
         self._node = node
-        self._subscription: Subscription | None = None
-        self._qos = QoSProfile(depth=_DEPTH)
+        self._subscription: StreamSubscription | None = None
 
     @property
     def subscribed(self) -> bool:
@@ -50,23 +48,12 @@ class OutgoingTopic:
         if not self._channel.has_sinks():
             self._unsubscribe()
             return
-        if self._subscription and not (renewed or adapting):
-            return
-        offered = [i.qos_profile for i in self._node.get_publishers_info_by_topic(self.name)]
-        qos = heard_by_all(offered, _DEPTH) if offered else self._qos
-        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        if self._subscription and same_offer(qos, self._qos) and not (renewed and latched):
-            return
-        self._unsubscribe()
-        self._qos = qos
-        self._subscription = self._node.create_subscription(
-            self._message_type,
-            self.name,
-            self._send,
-            qos,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )
+        if self._subscription is None:
+            self._subscription = StreamSubscription(self._node, self._topic, self._send, raw=True)
+        elif renewed or adapting:
+            latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            if not self._subscription.adapt() and renewed and latched:
+                self._subscription.renew()
 
     def close(self) -> None:
         """Offer it no longer."""
@@ -79,7 +66,7 @@ class OutgoingTopic:
 
     def _unsubscribe(self) -> None:
         if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
+            self._subscription.close()
             self._subscription = None
 
 

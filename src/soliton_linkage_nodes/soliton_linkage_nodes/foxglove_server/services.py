@@ -23,7 +23,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage_nodes.bags.stored_topic import service_definitions
 from soliton_linkage_nodes.commands.fields import interface_type
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS
+from soliton_linkage_nodes.runtime.guarded import CALLS
 
 _LONGEST_ANSWER = 10.0
 """Of a service [s], after which who has called it is told that none came."""

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.newest import Newest
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription, newest_of
 
 _MOST_BYTES = 4_000_000
 """Of a picture that is passed on: a sharp one of 12 million pixels; each browser is sent each."""
@@ -28,7 +28,7 @@ class CameraTopic:
         self._node = node
         self._name = f'{namespace}{interfaces.CAMERA_OVERLAY.name}'
         self._publishers = 0
-        self._newest: Newest | None = None
+        self._newest: StreamSubscription | None = None
         self._jpeg = b''
         self._stamp = math.nan
         self._came = -math.inf
@@ -44,13 +44,13 @@ class CameraTopic:
     def want(self, wanted: bool) -> None:
         """Listen as long as somebody looks; the publisher, too, works only then."""
         if wanted and self._publishers and self._newest is None:
-            self._newest = Newest(self._node, interfaces.CAMERA_OVERLAY, self._name)
+            self._newest = newest_of(self._node, interfaces.CAMERA_OVERLAY, self._name)
         elif not wanted and self._newest is not None:
             self.close()
 
     def take(self) -> None:
         """Keep the newest picture, where one has come."""
-        message = self._newest.take() if self._newest else None
+        message = self._newest.newest() if self._newest else None
         if message is None:
             return
         try:
@@ -66,7 +66,8 @@ class CameraTopic:
     def adapt(self) -> None:
         """See who publishes, and hear them whatever they offer."""
         if self._newest is not None:
-            self._publishers = self._newest.adapt()
+            self._newest.adapt()
+            self._publishers = len(self._newest.publishers)
         else:
             self._publishers = self._node.count_publishers(self._name)
         if not self._publishers:

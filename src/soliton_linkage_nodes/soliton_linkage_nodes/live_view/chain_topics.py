@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
     walls_of,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.newest import Newest
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription, newest_of
 
 REPORTS_LAST = 3.5
 """After which a node that reports once a second is silent [s]."""
@@ -41,23 +41,25 @@ class ChainTopics:
         self.publishers = 0
         """How many publish `joint_states`; of several a page shows now one, now the other."""
         self._decoder = JointStateDecoder()
-        self._chain = Newest(node, interfaces.CHAIN, f'{namespace}chain')
-        self._joints = Newest(node, interfaces.JOINT_STATES, f'{namespace}joint_states', raw=True)
-        self._states = Newest(node, interfaces.SOLITON_STATE, f'{namespace}soliton_state')
+        self._chain = newest_of(node, interfaces.CHAIN, f'{namespace}chain')
+        self._joints = newest_of(
+            node, interfaces.JOINT_STATES, f'{namespace}joint_states', raw=True
+        )
+        self._states = newest_of(node, interfaces.SOLITON_STATE, f'{namespace}soliton_state')
 
     def take(self) -> None:
         """Put into the model what has come."""
         self.camera.take()
-        chain = self._chain.take()
+        chain = self._chain.newest()
         if chain is not None:
             try:
                 self.model.learn(chain_from_msg(chain))
             except ValueError as error:
                 self.model.complaint = f'chain: {error}'
-        state = self._states.take()
+        state = self._states.newest()
         if state is not None:
             self.model.take_state(state_numbers(state), walls_of(state))
-        joints = self._joints.take()
+        joints = self._joints.newest()
         if joints is not None:
             self.model.count(self._joints.sequence)
             try:
@@ -67,7 +69,8 @@ class ChainTopics:
 
     def adapt(self) -> None:
         """Hear publishers that came since, whatever they offer."""
-        self.publishers = self._joints.adapt()
+        self._joints.adapt()
+        self.publishers = len(self._joints.publishers)
         self._states.adapt()
         self.camera.adapt()
 
@@ -91,14 +94,14 @@ class ChainFinder:
         self._searched = 0.0
         self._awaited = awaited
         self._add(awaited)
-        self._diagnostics = Newest(node, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS.name)
+        self._diagnostics = StreamSubscription(node, interfaces.DIAGNOSTICS)
 
     def take(self) -> None:
         """Take what has come of all chains, and now and then look for more."""
         for chain in list(self.chains.values()):
             chain.take()
         for _ in range(_MOST_REPORTS):
-            message = self._diagnostics.take()
+            message = self._diagnostics.newest()
             if message is None:
                 break
             for report in reports_from_msg(message):

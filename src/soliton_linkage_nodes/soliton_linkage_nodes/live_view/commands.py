@@ -22,7 +22,7 @@ from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS, CALLS_OF_ACTION
+from soliton_linkage_nodes.runtime.guarded import CALLS, CALLS_OF_ACTION
 
 _LONGEST_ANSWER = 10.0
 """Of a service [s]; a step of many periods takes its time."""

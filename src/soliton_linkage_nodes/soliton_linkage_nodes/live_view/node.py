@@ -24,7 +24,7 @@ from soliton_linkage_nodes.live_view.gate import is_loopback
 from soliton_linkage_nodes.live_view.status import reasons, status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 

@@ -22,10 +22,10 @@ from soliton_linkage_nodes.messages.conversions import (
     default_joint_names,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class ChainSource:
         Raises ValueError where the parameters describe no chain.
         """
         self.named: NamedChain | None = None
-        self._subscription: AdaptiveSubscription | None = None
+        self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
         self._learnt = learnt
@@ -130,7 +130,7 @@ class ChainSource:
             self._learn(given)
         elif self.parameters.chain_from == 'topic':
             take = diagnostics.refusing('chain', self._on_chain)
-            self._subscription = AdaptiveSubscription(node, interfaces.CHAIN, take, diagnostics)
+            self._subscription = StreamSubscription(node, interfaces.CHAIN, take, diagnostics)
 
     @property
     def in_words(self) -> str:

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an analysis found, as a SolitonState: as its bytes, as a message, as a row of a table."""
+"""Analyses as SolitonState messages, and as rows of a table, and solitons of messages."""
 
 from __future__ import annotations
 
 import math
-import struct
-import sys
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Iterable, Mapping
 from operator import attrgetter
 from typing import Any, get_type_hints
 
-from rclpy.serialization import deserialize_message
+from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
@@ -21,8 +19,7 @@ from soliton_linkage.linkage.chain import Motion
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import JointStates
 
-_ENCAPSULATION = b'\x00\x01\x00\x00' if sys.byteorder == 'little' else b'\x00\x00\x00\x00'
-_FORMATS = {'double': 'd', 'uint8': 'B', 'int8': 'b', 'int32': 'i', 'uint32': 'I', 'boolean': '?'}
+_NUMBERS = ('double', 'uint8', 'int8', 'int32', 'uint32', 'boolean')
 _MOTIONS = {
     None: msg.SolitonState.UNKNOWN,
     Motion.FLIPPER: msg.SolitonState.FLIPPER,
@@ -46,15 +43,13 @@ class NumberFields:
 
     def __init__(
         self,
-        kinds: Mapping[str, str],
+        names: Iterable[str],
         filled_by: type,
         paths: Mapping[str, str] | None = None,
     ) -> None:
-        """Fill fields of these kinds, by their name, from instances of a dataclass."""
-        self.names = tuple(kinds)
-        self.format = ''.join(_FORMATS[kind] for kind in kinds.values())
-        """As struct packs them."""
-        paths = {name: (paths or {}).get(name, name) for name in kinds}
+        """Fill fields of these names from instances of a dataclass."""
+        self.names = tuple(names)
+        paths = {name: (paths or {}).get(name, name) for name in names}
         for name, path in paths.items():
             _check_path(filled_by, name, path)
         self._values = attrgetter(*paths.values())
@@ -65,6 +60,10 @@ class NumberFields:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
         return values
+
+    def message(self, kind: Any, filled_by: Any) -> Any:
+        """Return a message of a type that has exactly these fields."""
+        return kind(**dict(zip(self.names, self(filled_by), strict=True)))
 
 
 def _check_path(filled_by: Any, field: str, path: str) -> None:
@@ -86,7 +85,7 @@ def _kinds(message_type: Any) -> dict[str, str]:
 _STATE = _kinds(msg.SolitonState)
 _NESTED = {'cycle': msg.Cycle, 'topology': msg.Topology, 'energies': msg.Energies}
 _NESTED['wobble'] = msg.Wobble
-_LEADING = ('motion', 'measured_motion', 'measured_motion_confidence', 'status')
+_LEADING = ('motion', 'motion_name', 'measured_motion', 'measured_motion_confidence', 'status')
 _SOLITON = NumberFields(_kinds(msg.Soliton), AnalysedSoliton)
 _CYCLE = NumberFields(
     _kinds(msg.Cycle),
@@ -104,12 +103,10 @@ _WOBBLE = NumberFields(
     },
 )
 _REST = NumberFields(
-    {n: kind for n, kind in _STATE.items() if kind in _FORMATS and n not in _LEADING},
+    [name for name, kind in _STATE.items() if kind in _NUMBERS and name not in _LEADING],
     Analysis,
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
-_TOPOLOGY = ''.join(_FORMATS[kind] for kind in _kinds(msg.Topology).values())
-_FOLLOWING = f'{_CYCLE.format}{_TOPOLOGY}{_ENERGIES.format}{_WOBBLE.format}{_REST.format}'
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
 """Where no topology can be told: the first fields of its message."""
 _NO_EDGES = (False, False, math.nan, math.nan)
@@ -135,36 +132,23 @@ _UNITS = {
 """Of the fields of SolitonState and of the messages in it; the others are plain numbers."""
 
 
-def serialized_state(analysis: Analysis, joints: JointStates) -> bytes:
-    """SolitonState of the frame that was analysed, as CDR bytes.
-
-    CDR places numbers at multiples of their size from the end of the encapsulation header, as
-    the machine does in a struct; a string is its length with the final zero, and its bytes, a
-    sequence its count and its elements.
-    """
-    frame_id = joints.frame_id.encode() + b'\x00'
-    motion, motion_name, *measured = _leading(analysis)
-    name = motion_name.encode() + b'\x00'
-    solitons = [value for soliton in analysis.solitons for value in _SOLITON(soliton)]
-    layout = _layout(len(frame_id), len(name), len(analysis.solitons))
-    return _ENCAPSULATION + layout.pack(
-        joints.seconds,
-        joints.nanoseconds,
-        len(frame_id),
-        frame_id,
-        motion,
-        len(name),
-        name,
-        *measured,
-        len(analysis.solitons),
-        *solitons,
-        *_following(analysis),
-    )
-
-
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
     """SolitonState of the frame that was analysed."""
-    return deserialize_message(serialized_state(analysis, joints), msg.SolitonState)
+    stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
+    values = {
+        'header': Header(stamp=stamp, frame_id=joints.frame_id),
+        **dict(zip(_LEADING, _leading(analysis), strict=True)),
+        'solitons': [_SOLITON.message(msg.Soliton, each) for each in analysis.solitons],
+        'cycle': _CYCLE.message(msg.Cycle, analysis),
+        'energies': _ENERGIES.message(msg.Energies, analysis.energies),
+        'wobble': _WOBBLE.message(msg.Wobble, analysis.wobble),
+        **dict(zip(_REST.names, _REST(analysis), strict=True)),
+    }
+    topology = _topology(analysis.topology, analysis.edge_rotors)
+    names = msg.Topology.get_fields_and_field_types()
+    return msg.SolitonState(
+        topology=msg.Topology(**dict(zip(names, topology, strict=True))), **values
+    )
 
 
 def columns() -> list[str]:
@@ -201,14 +185,6 @@ def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
     )
 
 
-@lru_cache(maxsize=64)
-def _layout(frame_id: int, motion_name: int, solitons: int) -> struct.Struct:
-    """Layout of a state, given the sizes of its strings and the number of its solitons."""
-    return struct.Struct(
-        f'@iII{frame_id}sBI{motion_name}sBdBI{solitons * _SOLITON.format}{_FOLLOWING}'
-    )
-
-
 def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
     """Fields of a state between the header and the solitons."""
     motion, measured = analysis.motion, analysis.measured_motion
@@ -240,3 +216,11 @@ def _topology(topology: Topology | None, edges: EdgeRotors | None) -> tuple[Any,
     if edges is not None:
         rotors = (*(edges.toggled or (False, False)), *edges.turns)
     return *sides, *rotors
+
+
+def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
+    """Return the solitons of a message."""
+    return tuple(
+        AnalysedSoliton(*(getattr(soliton, name) for name in AnalysedSoliton._fields))
+        for soliton in message.solitons
+    )

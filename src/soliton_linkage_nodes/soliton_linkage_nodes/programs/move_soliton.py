@@ -23,7 +23,7 @@ from soliton_linkage_nodes.programs.command_line import ProgramParser, number, p
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.programs.spinning import WaitingNode
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION
+from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 

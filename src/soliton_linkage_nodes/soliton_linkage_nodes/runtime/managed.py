@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 
 

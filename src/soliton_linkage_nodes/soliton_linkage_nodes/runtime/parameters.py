@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.linkage.quantities import Quantity, described_fields
-from soliton_linkage_nodes.runtime.intake.guarded import unknown
+from soliton_linkage_nodes.runtime.guarded import unknown
 
 Parameters = TypeVar('Parameters')
 

@@ -32,13 +32,12 @@ from soliton_linkage_nodes.messages.conversions import (
     torques_from_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.complaints import Complaints
-from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
+from soliton_linkage_nodes.runtime.diagnostics import Complaints, Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, ports_in_words, pyserial
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 

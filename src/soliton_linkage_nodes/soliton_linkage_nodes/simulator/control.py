@@ -14,7 +14,7 @@ from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage_nodes.runtime.intake.guarded import in_one_line
+from soliton_linkage_nodes.runtime.guarded import in_one_line
 
 _LONGEST_TRIAL = 1.0
 """Of the first frame after a reset, in time of the processor [s], for which the caller waits."""

@@ -19,12 +19,12 @@ from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, st
 from soliton_linkage_nodes.messages.chain_source import declare_chain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND
+from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.simulator.control import SimulationControl
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
 from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters

@@ -20,19 +20,19 @@ from soliton_linkage_nodes.messages.chain_source import (
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.messages.event_conversions import events_to_msgs
-from soliton_linkage_nodes.messages.state_conversions import serialized_state
+from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import (
-    LONGEST_LAG,
-    AdaptiveSubscription,
-)
 from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.counted import CountedSubscription
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import nanoseconds_of
+from soliton_linkage_nodes.runtime.subscriptions import (
+    LONGEST_LAG,
+    CountedSubscription,
+    StreamSubscription,
+)
 from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
 
@@ -115,7 +115,7 @@ class SolitonAnalyser(ManagedNode):
         weigh = self.while_active(partial(self._act_or_wait, self._weigh))
         self._deviations = CountedSubscription(self, topic, weigh, self.diagnostics, raw=True)
         take = self.while_active(self.take)
-        AdaptiveSubscription(
+        StreamSubscription(
             self,
             frames,
             take,
@@ -176,7 +176,7 @@ class SolitonAnalyser(ManagedNode):
             return
         if analysis is not None:
             if self._publisher.get_subscription_count():
-                self._publisher.publish(serialized_state(analysis, joints))
+                self._publisher.publish(state_to_msg(analysis, joints))
             for event in events_to_msgs(analysis, joints, self._analysis.spacing):
                 self._events.publish(event)
             self._frames += 1

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.move_conversions import (
     move_result_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS_OF_ACTION, GuardedNode
+from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
 """Shortest time between two messages of feedback [s], which a person reads."""

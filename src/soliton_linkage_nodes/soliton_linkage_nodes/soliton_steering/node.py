@@ -25,12 +25,12 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.freshness import Freshness
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
 from soliton_linkage_nodes.soliton_steering.parameters import PARAMETERS, SolitonSteeringParameters
 from soliton_linkage_nodes.soliton_steering.report import report
@@ -78,7 +78,7 @@ class SolitonSteering(ManagedNode):
             diagnostics.refusing('joint_states', each)
             for each in (self._observe_free, self._keep, take_frame)
         )
-        self._joint_states = AdaptiveSubscription(
+        self._joint_states = StreamSubscription(
             self,
             interfaces.JOINT_STATES,
             self._take,

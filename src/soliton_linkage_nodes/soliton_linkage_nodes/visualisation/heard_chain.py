@@ -25,8 +25,8 @@ from soliton_linkage_nodes.messages.view_conversions import (
     reports_from_msg,
     state_numbers,
 )
-from soliton_linkage_nodes.runtime.newest import Newest
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _FRESH = 1.0
 """Age beyond which walls are not those of the angles any more [s], in the time of the stamps."""
@@ -39,7 +39,13 @@ _MOST_REPORTS = 100
 class HeardChain:
     """The newest angles, walls and kick of a chain."""
 
-    def __init__(self, joints: Newest, states: Newest, kicks: Newest, diagnostics: Newest) -> None:
+    def __init__(
+        self,
+        joints: StreamSubscription,
+        states: StreamSubscription,
+        kicks: StreamSubscription,
+        diagnostics: StreamSubscription,
+    ) -> None:
         """Know nothing yet."""
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
@@ -89,7 +95,7 @@ class HeardChain:
 
     def take(self) -> None:
         """Take what has come; raises ValueError for joint states that are none of the chain."""
-        state, kick = self._states.take(), self._kicks.take()
+        state, kick = self._states.newest(), self._kicks.newest()
         if state is not None:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
             self.numbers = state_numbers(state)
@@ -98,7 +104,7 @@ class HeardChain:
         self._kick = kick or self._kick
         if self._reader is None:
             return
-        serialized = self._joints.take()
+        serialized = self._joints.newest()
         if serialized is not None:
             joints = self._decoder.decode(serialized)
             self.angles = self._reader.read(joints).angles
@@ -114,7 +120,7 @@ class HeardChain:
 
     def _take_reports(self) -> None:
         for _ in range(_MOST_REPORTS):
-            message = self._diagnostics.take()
+            message = self._diagnostics.newest()
             if message is None:
                 return
             for report in reports_from_msg(message):

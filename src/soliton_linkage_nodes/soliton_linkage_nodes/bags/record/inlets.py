@@ -10,87 +10,64 @@ from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.bags.read.reading import message_class, type_name
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
-from soliton_linkage_nodes.runtime.adaptive_subscription import heard_by_all, same_offer
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.intake.publisher_changes import PublisherChanges
-from soliton_linkage_nodes.runtime.intake.sequence_gaps import SequenceGaps
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
+from soliton_linkage_nodes.runtime.sequences import SequenceGaps
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, qos_for_all
 
 _DEPTH = 5000
 """Messages that a queue holds while nobody takes them: five seconds of a topic at 1000 Hz."""
 
 
 class Inlet:
-    """A topic that is being recorded."""
+    """Subscription to a topic that is recorded."""
 
     def __init__(self, node: GuardedNode, source: Source, message_type: Any) -> None:
         """Subscribe, in the quality of service that the source offers."""
         self.source = source
         self.gaps = SequenceGaps()
-        self._node = node
-        self._type = message_type
-        self._qos = heard_by_all(source.profiles, _DEPTH)
-        self._subscription = self._subscribe()
+        self._began = time.time_ns()
+        topic = Topic(source.name, message_type, qos_for_all(source.profiles, _DEPTH))
+        self._subscription = AdaptiveSubscription(node, topic, raw=True)
         self.publishers = 0
-        """How many published when it last looked."""
+        """Number of publishers when the graph was last asked."""
         self.connected = 0
-        """How many it heard when it last looked."""
+        """Number of publishers that it received from at the last look."""
 
     def drain(self) -> list[Taken]:
         """Take all messages that are waiting, and of those from before its time the last alone."""
         taken: list[Taken] = []
         history = False
-        handle = self._subscription.handle
-        with handle:
-            while (message := handle.take_message(self._type, True)) is not None:
-                if not taken:
-                    self.connected = self._subscription.get_publisher_count()
-                serialized, info = message
-                number = info['publication_sequence_number']
-                if number is not None:
-                    self.gaps.take(number, self.connected)
-                if history:
-                    taken.pop()
-                taken.append(Taken(self.source, info['received_timestamp'], serialized))
-                history = self.source.latched and info['source_timestamp'] < self._began
+        for serialized, info in self._subscription.waiting():
+            if not taken:
+                self.connected = self._subscription.connected
+            number = info['publication_sequence_number']
+            if number is not None:
+                self.gaps.take(number, self.connected)
+            if history:
+                taken.pop()
+            taken.append(Taken(self.source, info['received_timestamp'], serialized))
+            history = self.source.latched and info['source_timestamp'] < self._began
         return taken
 
     def adapt(self, ask: bool) -> list[Taken]:
-        """Subscribe anew where a publisher offers less; return what was waiting till then.
+        """Subscribe again if publishers offer less; return the messages that waited till then.
 
-        The graph is asked who publishes where publishers came or went, one cannot be heard or
-        offers less, and wherever the caller has it ask.
+        The graph is asked who publishes if publishers came or went, one cannot be received from
+        or offers less, and whenever the caller has it ask.
         """
-        unsettled = self._offered_less or self.connected != self.publishers
-        if not (self._changes.take() or unsettled or ask):
+        unsettled = not self._subscription.as_requested or self.connected != self.publishers
+        if not (self._subscription.changed or unsettled or ask):
             return []
-        told = self._node.get_publishers_info_by_topic(self.source.name)
-        offered = [info for info in told if info.topic_type == self.source.type_name]
-        self.publishers = len(offered)
-        self.connected = self._subscription.get_publisher_count()
-        profiles = [info.qos_profile for info in offered]
-        qos = heard_by_all(profiles, _DEPTH) if offered else self._qos
-        if same_offer(qos, self._qos):
-            return []
-        taken = self.drain()
-        self._node.destroy_subscription(self._subscription)
-        self._qos = qos
-        self._subscription = self._subscribe()
+        taken: list[Taken] = []
+        if self._subscription.adapt(before=lambda: taken.extend(self.drain())):
+            self._began = time.time_ns()
+        self.publishers = len(self._subscription.publishers)
+        self.connected = self._subscription.connected
         return taken
-
-    def _subscribe(self) -> Subscription:
-        self._began = time.time_ns()
-        asked = heard_by_all(self.source.profiles, _DEPTH)
-        self._offered_less = not same_offer(self._qos, asked)
-        subscription: Subscription = self._node.create_subscription(
-            self._type, self.source.name, _ignore, self._qos, raw=True
-        )
-        self._changes = PublisherChanges(self._node, subscription)
-        return subscription
 
 
 class InletFinder:
@@ -169,7 +146,3 @@ def _compiled(parameter: str, pattern: str) -> re.Pattern[str] | None:
             f'parameter {parameter} of bag_recorder = {pattern!r} is no regular expression: '
             f'{error}; mend it'
         ) from error
-
-
-def _ignore(_message: Any) -> None:
-    pass

@@ -30,7 +30,7 @@ from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTr
 from soliton_linkage_nodes.programs.lean_line import LeanLine
 from soliton_linkage_nodes.programs.spinning import spin_until
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS
+from soliton_linkage_nodes.runtime.guarded import CALLS
 from soliton_linkage_nodes.runtime.process import interruptible
 
 _REPORT = 'soliton_linkage_nodes.programs.experiment.report'

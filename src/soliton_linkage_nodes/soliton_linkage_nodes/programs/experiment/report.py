@@ -19,7 +19,7 @@ from soliton_linkage.solitons.track import Crossing, Track, find_crossings, meas
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
+from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.experiment.observer import places
 from soliton_linkage_nodes.programs.linkage_bags import read_recording
 from soliton_linkage_nodes.runtime import interfaces

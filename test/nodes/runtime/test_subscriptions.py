@@ -17,10 +17,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from sensor_msgs.msg import JointState
 
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
-from soliton_linkage_nodes.runtime.adaptive_subscription import AdaptiveSubscription, heard_by_all
+from soliton_linkage_nodes.runtime import interfaces, subscriptions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.subscriptions import (
+    StreamSubscription,
+    qos_for_all,
+)
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -29,7 +32,7 @@ RELIABLE = interfaces.JOINT_STATES.qos
 
 @pytest.fixture(autouse=True)
 def looking_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(adaptive_subscription, '_LOOK_PERIOD', 0.05)
+    monkeypatch.setattr(subscriptions, '_POLL_PERIOD', 0.05)
 
 
 def listen(graph: Graph) -> list[JointState]:
@@ -37,7 +40,7 @@ def listen(graph: Graph) -> list[JointState]:
     heard: list[JointState] = []
     node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
     diagnostics = Diagnostics(node, 'listening', lambda: Report('well'))
-    AdaptiveSubscription(node, interfaces.JOINT_STATES, heard.append, diagnostics)
+    StreamSubscription(node, interfaces.JOINT_STATES, heard.append, diagnostics)
     return heard
 
 
@@ -103,9 +106,9 @@ def test_several_publishers_are_named_once(graph: Graph, said: Callable[[], str]
 
 def test_what_all_publishers_offer_is_asked_for() -> None:
     latched = interfaces.CHAIN.qos
-    assert heard_by_all([latched], 7).durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert heard_by_all([latched, RELIABLE], 7).durability == DurabilityPolicy.VOLATILE
-    both = heard_by_all([latched, qos_profile_sensor_data], 7)
+    assert qos_for_all([latched], 7).durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert qos_for_all([latched, RELIABLE], 7).durability == DurabilityPolicy.VOLATILE
+    both = qos_for_all([latched, qos_profile_sensor_data], 7)
     assert (both.reliability, both.depth) == (ReliabilityPolicy.BEST_EFFORT, 7)
 
 
@@ -119,7 +122,7 @@ class Listener:
         self._takes = takes
         self.node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
         self.diagnostics = Diagnostics(self.node, 'listening', lambda: Report('well'))
-        self.subscription = AdaptiveSubscription(
+        self.subscription = StreamSubscription(
             self.node,
             interfaces.JOINT_STATES,
             self._take,
@@ -220,3 +223,26 @@ def test_who_wants_the_latest_is_spared_the_others(graph: Graph) -> None:
     assert len(listener.heard) + listener.subscription.skipped == 200
     status = graph.next_report('listener')
     assert (status.level, values(status)['lost joint_states']) == (DiagnosticStatus.OK, '0')
+
+
+def test_publishers_that_come_and_go_are_noticed_once_and_the_subscription_can_end(
+    graph: Graph,
+) -> None:
+    node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
+    topic = replace(interfaces.JOINT_STATES, name='x')
+    adaptive = StreamSubscription(node, topic, lambda _: None)
+    assert not adaptive.changed
+    received = graph.user.create_publisher(JointState, 'x', RELIABLE)
+    graph.until(lambda: adaptive.changed, 'a compatible publisher')
+    assert not adaptive.changed
+    graph.user.create_publisher(JointState, 'x', qos_profile_sensor_data)
+    graph.until(lambda: adaptive.changed, 'an incompatible publisher')
+    assert adaptive.connected == 1
+    graph.user.destroy_publisher(received)
+    graph.until(lambda: adaptive.changed, 'its end')
+    assert adaptive.connected == 0
+    other = graph.user.create_publisher(JointState, 'x', RELIABLE)
+    graph.until(other.get_subscription_count, 'the subscription')
+    adaptive.close()
+    graph.until(lambda: not other.get_subscription_count(), 'its end')
+    assert not adaptive.changed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whose the messages of a topic are: those of the publisher that was heard first are kept."""
+"""Sequence numbers and times of received messages: lost ones, their publisher, and the lag."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
 """Of the publisher that is kept to while another speaks, after which that takes its place [s]:
@@ -19,6 +21,39 @@ _UNLIKE = 3.0
 """How many times longer or shorter than its messages take a gap may last to be its own [1]."""
 _NANOSECOND = 1e-9
 """[s]."""
+_CLOCKS_MEMORY = 10.0
+"""How long the quickest message tells the difference of two clocks [s], which drift apart."""
+
+
+class SequenceGaps:
+    """Counts the messages of a topic that were published and never taken.
+
+    Each publisher numbers its messages 1, 2, 3, ...; a taken message does not say whose it is.
+    It is put down to the publisher whose number it continues, or else to the one that is
+    closest behind. A publisher that begins anew takes the place of the one that has been silent
+    for longest. What a publisher sent before it was first heard does not count.
+    """
+
+    def __init__(self) -> None:
+        """Start with no publisher heard."""
+        self.lost = 0
+        self._last: list[int] = []
+
+    def take(self, number: int, publishers: int) -> None:
+        """Account for a message, on a topic with so many publishers."""
+        if self._last == [number - 1]:
+            self._last[0] = number
+            return
+        behind = [last for last in self._last if last < number]
+        new_publisher = not behind or (
+            number - 1 not in behind and len(self._last) < max(publishers, 1)
+        )
+        if not new_publisher:
+            self.lost += number - max(behind) - 1
+            self._last.remove(max(behind))
+        elif len(self._last) >= max(publishers, 1):
+            del self._last[0]
+        self._last.append(number)
 
 
 @dataclass
@@ -130,3 +165,31 @@ class KeptStream:
         if number == best.number + 1 and (len(known) >= publishers or not unlikely):
             return best
         return None if unlikely else best
+
+
+class Lag:
+    """Tells whether a node has been behind its messages for too long.
+
+    The quickest message of the last seconds tells how the clocks of both ends differ.
+    """
+
+    def __init__(self, longest: float) -> None:
+        """Being behind by `longest` [s], for as long, is too long; 0 for never."""
+        self._longest = longest or math.inf
+        self._least: list[int] = []
+        self._since = 0.0
+        self._behind_since: float | None = None
+
+    def too_long(self, sent: int) -> bool:
+        """Whether, by a message that was sent at an instant [ns], it is behind for too long."""
+        now = time.monotonic()
+        apart = time.time_ns() - sent
+        if not self._least or now - self._since > _CLOCKS_MEMORY:
+            self._since = now
+            self._least = [*self._least[-1:], apart]
+        self._least[-1] = min(self._least[-1], apart)
+        if (apart - min(self._least)) / SECOND < self._longest:
+            self._behind_since = None
+        elif self._behind_since is None:
+            self._behind_since = now
+        return self._behind_since is not None and now - self._behind_since > self._longest

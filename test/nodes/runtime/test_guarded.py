@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.intake.guarded import CALLS, GuardedNode
+from soliton_linkage_nodes.runtime.guarded import CALLS, GuardedNode
 
 pytestmark = pytest.mark.usefixtures('often')
 

@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Subscriptions: quality of service that follows the publishers, and lost messages counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import wraps
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.guarded import GuardedNode
+from soliton_linkage_nodes.runtime.interfaces import Topic
+from soliton_linkage_nodes.runtime.sequences import KeptStream, Lag, SequenceGaps
+
+LONGEST_LAG = 0.5
+"""Default time that a node may be behind before it skips waiting messages [s]."""
+_POLL_PERIOD = 0.5
+"""Time between two checks for new publishers [s]."""
+_NAMELESS = '_NODE_NAME_UNKNOWN_'
+"""Name of a node whose process has not announced its nodes yet."""
+_PUBLISHERS_CHANGE = (
+    QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
+    QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+)
+
+Info = Mapping[str, Any]
+"""Message information of the middleware, by name."""
+
+
+def _ignore(_message: Any) -> None:
+    pass
+
+
+def _informed(take: Callable[[Any, Info], None]) -> Callable[..., None]:
+    """Return a callback for a message with its information.
+
+    Executors pass two arguments, except the EventsExecutor, which passes one pair.
+    """
+
+    @wraps(take)
+    def take_both(*given: Any) -> None:
+        take(*(given[0] if len(given) == 1 else given))
+
+    return take_both
+
+
+class AdaptiveSubscription:
+    """Subscription whose quality of service lets it receive from every publisher of a topic.
+
+    `adapt` subscribes again if publishers offer less than was requested, or more again. Messages
+    that are published meanwhile are lost, except with `before`, which can take those that wait.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        take: Callable[..., None] = _ignore,
+        raw: bool = False,
+    ) -> None:
+        """Subscribe to a topic of any name; pass each message, or its CDR bytes, to `take`.
+
+        Without `take` no executor may spin the node: messages wait for `waiting`.
+        """
+        self.topic = topic
+        self.sequence: int | None = None
+        """Sequence number of the message that was taken last by `newest`."""
+        self._node, self._take, self._raw = node, take, raw
+        self._type_name = '/'.join([*topic.type.__module__.split('.')[:2], topic.type.__name__])
+        self.publishers = self._ask()
+        """Publishers of the type of this topic, when the graph was last asked."""
+        self.qos = self._qos_for_all()
+        self.subscription: Subscription = self._subscribe()
+
+    @property
+    def connected(self) -> int:
+        """Number of publishers that this subscription receives from."""
+        return int(self.subscription.get_publisher_count())
+
+    @property
+    def as_requested(self) -> bool:
+        """Whether the quality of service is that of the topic."""
+        return _same_offer(self.qos, self.topic.qos)
+
+    @property
+    def changed(self) -> bool:
+        """Whether publishers came or went since the last call; of a GuardedNode only.
+
+        To ask the graph for publishers takes a hundred times as long, and longer with more nodes.
+        """
+        changed = False
+        for event in self._events:
+            with event:
+                status = event.take_event()
+            changed |= bool(
+                status.total_count_change or getattr(status, 'current_count_change', 0)
+            )
+        return changed
+
+    def waiting(self) -> Iterator[tuple[Any, Info]]:
+        """Yield each message that waits with its information, the oldest first."""
+        handle = self.subscription.handle
+        with handle:
+            while (taken := handle.take_message(self.topic.type, self._raw)) is not None:
+                yield taken
+
+    def newest(self) -> Any:
+        """Return the next message that waits, None if there is none.
+
+        With a queue of one message this is the newest. To call back for each of a thousand
+        messages a second, of which sixty are shown, would cost ten times as much.
+        """
+        message, info = next(self.waiting(), (None, None))
+        if info is not None:
+            self.sequence = info['publication_sequence_number']
+        return message
+
+    def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
+        """Ask the graph, and return whether it subscribed again, after a call of `before`."""
+        self.publishers = self._ask()
+        qos = self._qos_for_all() if self.publishers else self.qos
+        if _same_offer(qos, self.qos):
+            return False
+        before()
+        self.qos = qos
+        self.renew()
+        return True
+
+    def renew(self) -> None:
+        """Subscribe again, so that latched messages are received again."""
+        self.close()
+        self.subscription = self._subscribe()
+
+    def close(self) -> None:
+        """End the subscription."""
+        self._node.destroy_subscription(self.subscription)
+
+    def _ask(self) -> list[Any]:
+        publishers = self._node.get_publishers_info_by_topic(self.topic.name)
+        return [each for each in publishers if each.topic_type == self._type_name]
+
+    def _qos_for_all(self) -> QoSProfile:
+        if not self.publishers:
+            return self.topic.qos
+        offered = [publisher.qos_profile for publisher in self.publishers]
+        return qos_for_all(offered, self.topic.qos.depth)
+
+    def _subscribe(self) -> Subscription:
+        subscription: Subscription = self._node.create_subscription(
+            self.topic.type,
+            self.topic.name,
+            self._take,
+            self.qos,
+            raw=self._raw,
+            # The default callbacks of rclpy warn of offers that `adapt` deals with.
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+        self._events: list[Any] = []
+        if isinstance(self._node, GuardedNode):
+            handle = subscription.handle
+            with handle:
+                self._events = [
+                    rclpy_implementation.EventHandle(handle, kind) for kind in _PUBLISHERS_CHANGE
+                ]
+            # They would keep the subscription alive.
+            self._node.end_before(subscription, self._end_events)
+        return subscription
+
+    def _end_events(self) -> None:
+        events, self._events = self._events, []
+        for event in events:
+            event.destroy_when_not_in_use()
+
+
+def qos_for_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
+    """Return the quality of service, of a depth, that is compatible with all these offers."""
+    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
+    return (one.reliability, one.durability) == (other.reliability, other.durability)
+
+
+def newest_of(node: Node, topic: Topic, name: str, raw: bool = False) -> AdaptiveSubscription:
+    """Subscribe to the newest message of a topic of a full name, for a display."""
+    qos = QoSProfile(depth=1, reliability=topic.qos.reliability, durability=topic.qos.durability)
+    return AdaptiveSubscription(node, replace(topic, name=name, qos=qos), raw=raw)
+
+
+class StreamSubscription:
+    """Subscription of a node that receives one stream of messages, from one publisher at a time.
+
+    If several publish, the messages of the one that was received first are kept until it falls
+    silent or is gone. Logs and diagnostics report this, and lost messages. A node that has been
+    behind for longer than `longest_lag` [s] skips all waiting messages but the newest.
+    """
+
+    def __init__(
+        self,
+        node: GuardedNode,
+        topic: Topic,
+        take: Callable[[Any], None],
+        diagnostics: Diagnostics,
+        raw: bool = False,
+        longest_lag: float = LONGEST_LAG,
+        succeeded: Callable[[], None] = lambda: None,
+        latest: bool = False,
+    ) -> None:
+        """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
+
+        With `latest` only the newest waiting message is taken, without a report of the others.
+        `succeeded` is called when another publisher replaces the first.
+        """
+        self.skipped = 0
+        """Number of messages that were skipped."""
+        self.attended = True
+        """Whether each message is taken when it comes."""
+        self._node = node
+        self._topic = topic
+        self._full_name = node.resolve_topic_name(topic.name)
+        self._take = take
+        self._succeeded = succeeded
+        self._latest = latest
+        self._lag = Lag(longest_lag)
+        self._kept = KeptStream()
+        self._adaptive = AdaptiveSubscription(node, topic, _informed(self._take_informed), raw)
+        self._publishers: list[str] = []
+        self._unsettled = True
+        self._lost_before = self._skipped_before = 0
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=steady)
+        diagnostics.watches.append(self._watch)
+
+    def renew(self) -> None:
+        """Subscribe again, so that latched messages are received again."""
+        lost, foreign = self._kept.lost, self._kept.foreign
+        self._kept = KeptStream()
+        self._kept.lost, self._kept.foreign = lost, foreign
+        self._adaptive.renew()
+        self._attend_as_before()
+
+    def attend(self, attended: bool) -> None:
+        """Take each message when it comes, or leave them to `take_waiting`."""
+        if attended is not self.attended:
+            self.attended = attended
+            self._node.attend(self._adaptive.subscription, attended)
+
+    def take_waiting(self) -> list[Any]:
+        """Take and return the messages that wait, the oldest first."""
+        return [message for message, info in self._adaptive.waiting() if self._keeps(info)]
+
+    def _take_informed(self, message: Any, info: Info) -> None:
+        if not self._keeps(info):
+            return
+        late = not self._topic.latched and self._lag.too_long(info['source_timestamp'])
+        if late or self._latest:
+            waiting = self.take_waiting()
+            self.skipped += len(waiting)
+            message = waiting[-1] if waiting else message
+        self._take(message)
+
+    def _keeps(self, info: Info) -> bool:
+        number, successions = info['publication_sequence_number'], self._kept.successions
+        count = self._adaptive.subscription.get_publisher_count
+        if number is None or self._kept.take(number, info['source_timestamp'], count):
+            if self._kept.successions != successions:
+                self._succeeded()
+            return True
+        return False
+
+    def _poll(self) -> None:
+        """Adapt to the publishers if they changed or are not all received."""
+        if not (self._adaptive.changed or self._unsettled):
+            return
+        if self._adaptive.adapt():
+            self._attend_as_before()
+            qos = self._adaptive.qos
+            self._node.get_logger().info(
+                f'{self._full_name} is offered '
+                f'{qos.reliability.name.lower()} and {qos.durability.name.lower()}, and so '
+                'subscribed to'
+            )
+        offered = self._adaptive.publishers
+        names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in offered)
+        before, self._publishers = self._publishers, names
+        received = len(names) == self._adaptive.connected
+        self._unsettled = not (received and self._adaptive.as_requested) or any(
+            _NAMELESS in name for name in names
+        )
+        if len(names) > 1 and len(before) < 2:
+            self._node.get_logger().warning(self._warning())
+        elif len(names) < len(before) and self._topic.latched and self._kept.foreign:
+            self.renew()
+
+    def _attend_as_before(self) -> None:
+        if not self.attended:
+            self._node.attend(self._adaptive.subscription, False)
+
+    def _watch(self) -> tuple[str, Mapping[str, Any]]:
+        name = self._topic.name
+        lost, self._lost_before = self._kept.lost - self._lost_before, self._kept.lost
+        skipped, self._skipped_before = self.skipped - self._skipped_before, self.skipped
+        figures = {
+            f'publishers of {name}': len(self._publishers),
+            f'{name} of others': self._kept.foreign,
+            f'lost {name}': self._kept.lost,
+            f'skipped {name}': self.skipped,
+        }
+        concerns = []
+        if len(self._publishers) > 1:
+            concerns.append(self._warning())
+        # Of a queue of one message, and for who wants the newest, the others go on purpose.
+        lost = lost if self._topic.qos.depth > 1 else 0
+        skipped = 0 if self._latest else skipped
+        if lost or skipped:
+            loss = (
+                f'{lost} messages of {self._full_name} were lost and {skipped} skipped, as this '
+                'node was stopped or too slow'
+            )
+            self._node.get_logger().warning(loss)
+            concerns.append(loss)
+        return '; '.join(concerns), figures
+
+    def _warning(self) -> str:
+        return (
+            f'{len(self._publishers)} publishers of {self._full_name}, of which '
+            f'the one that was heard first is kept to: {", ".join(self._publishers)}; stop all '
+            'but one'
+        )
+
+
+class CountedSubscription:
+    """Subscription to commands of any publishers, which reports lost messages."""
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        take: Callable[[Any], None],
+        diagnostics: Diagnostics,
+        raw: bool = False,
+    ) -> None:
+        """Pass each message, or its CDR bytes if `raw`, to `take`."""
+        self._gaps = SequenceGaps()
+        self._take = take
+        self._topic, self._raw = topic, raw
+        self._lost_before = 0
+        self._subscription = node.create_subscription(
+            topic.type, topic.name, _informed(self._take_informed), topic.qos, raw=raw
+        )
+        diagnostics.watches.append(self._watch)
+
+    def take_what_waits(self) -> None:
+        """Take now the messages that wait."""
+        handle = self._subscription.handle
+        with handle:
+            while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
+                self._take_informed(*taken)
+
+    def _take_informed(self, message: Any, info: Info) -> None:
+        number = info['publication_sequence_number']
+        if number is not None:
+            self._gaps.take(number, self._subscription.get_publisher_count())
+        self._take(message)
+
+    def _watch(self) -> tuple[str, Mapping[str, Any]]:
+        lost, self._lost_before = self._gaps.lost - self._lost_before, self._gaps.lost
+        concern = (
+            f'{lost} messages of {self._subscription.topic_name} were lost, as this node was '
+            'stopped or too slow'
+        )
+        return concern if lost else '', {f'lost {self._topic.name}': self._gaps.lost}

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lost messages, publishers and lag are known from sequence numbers and times of sending."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from soliton_linkage_nodes.runtime import sequences
+from soliton_linkage_nodes.runtime.sequences import KeptStream, Lag, SequenceGaps
+
+MILLISECOND = 10**6
+PERIODS = st.integers(1, 20)
+
+
+def stream(who: str, first: int, begin: int, period: int, count: int) -> Iterator[tuple]:
+    """Messages in order of time: when [ms], whose, their number."""
+    return ((begin + period * n, who, first + n) for n in range(count))
+
+
+@given(st.integers(1, 10_000), st.integers(1, 10_000), PERIODS, PERIODS, st.integers(1, 300))
+def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
+    first: int, second: int, period: int, other_period: int, later: int
+) -> None:
+    kept = KeptStream()
+    both = heapq.merge(
+        stream('first', first, 0, 2 * period, 400),
+        stream('second', second, 2 * max(later, 2 * period) + 1, 2 * other_period, 100),
+    )
+    taken = [who for at, who, number in both if kept.take(number, at * MILLISECOND, lambda: 2)]
+    # Where numbers and times say the same, one or two may be taken for the other's.
+    assert taken.count('second') <= 2
+    assert taken.count('first') >= 398
+    assert kept.lost <= 2
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=200))
+def test_what_never_came_of_one_publisher_is_lost(came: list[bool]) -> None:
+    kept = KeptStream()
+    numbers = [number for number, here in enumerate([True, *came, True]) if here]
+    for number in numbers:
+        assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
+    assert kept.lost == len(came) + 2 - len(numbers)
+
+
+@given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 400)), min_size=1, max_size=50))
+def test_one_that_is_alone_is_kept_to_however_unevenly_its_messages_come(
+    steps: list[tuple[int, int]],
+) -> None:
+    kept = KeptStream()
+    number = sent = 0
+    for ahead, elapsed in [*[(1, 2)] * 20, *steps]:
+        number, sent = number + ahead, sent + elapsed
+        assert kept.take(number, sent * MILLISECOND, lambda: 1)
+    assert (kept.successions, kept.foreign) == (0, 0)
+    assert kept.lost == sum(ahead - 1 for ahead, _ in steps)
+
+
+def test_one_that_falls_silent_is_succeeded_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [10.0]
+    monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
+    kept = KeptStream()
+    for number in range(1, 100):
+        assert kept.take(number, 2 * MILLISECOND * number, lambda: 2)
+    taken = []
+    for number in range(1, 1000):
+        now[0] += 0.002
+        taken.append(kept.take(number, 10**9 + 2 * MILLISECOND * number, lambda: 2))
+    assert 0.4 < 0.002 * taken.index(True) < 0.6
+    assert all(taken[taken.index(True) :])
+    assert (kept.successions, kept.lost) == (1, 0)
+    assert kept.foreign == taken.index(True)
+
+
+def test_one_that_is_gone_is_succeeded_at_once() -> None:
+    kept = KeptStream()
+    for number in range(5000, 5100):
+        assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
+    for number in range(1, 100):
+        assert kept.take(number, 10**12 + 2 * MILLISECOND * number, lambda: 1)
+    assert (kept.lost, kept.foreign, kept.successions) == (0, 0, 1)
+
+
+def lost(numbers: Iterable[int], publishers: int = 1) -> int:
+    gaps = SequenceGaps()
+    for number in numbers:
+        gaps.take(number, publishers)
+    return gaps.lost
+
+
+@given(st.sets(st.integers(1, 200), min_size=1))
+def test_of_one_publisher_every_missing_number_after_the_first_is_lost(numbers: set[int]) -> None:
+    missing = max(numbers) - min(numbers) + 1 - len(numbers)
+    assert lost(sorted(numbers)) == missing
+
+
+def test_what_was_sent_before_the_publisher_was_heard_does_not_count() -> None:
+    assert lost([1000, 1001]) == 0
+
+
+@given(st.lists(st.integers(0, 2), max_size=100), st.tuples(*[st.integers(1, 50)] * 3))
+def test_of_several_publishers_nothing_is_lost_where_each_goes_on(
+    turns: list[int], first: tuple[int, int, int]
+) -> None:
+    latest = list(first)
+    numbers = list(first)
+    for publisher in turns:
+        latest[publisher] += 1
+        numbers.append(latest[publisher])
+    assert lost(numbers, publishers=3) == 0
+
+
+def test_a_loss_is_put_down_to_the_publisher_that_is_closest_behind() -> None:
+    # One at 10, 11, the other at 500, 501, [502 and 503 lost], 504.
+    assert lost([10, 500, 11, 501, 504, 12, 505], publishers=2) == 2
+
+
+@pytest.mark.parametrize('at', [1, 7])
+def test_a_publisher_that_begins_anew_loses_nothing(at: int) -> None:
+    assert lost([5, 6, 7, 8, *range(at, at + 20)]) == 0
+
+
+def test_one_of_several_that_begins_anew_takes_the_place_of_the_silent_one() -> None:
+    # Three nodes report in turns; the one at 9 dies, comes back and begins at 1.
+    before = [10, 12, 9, 11, 13, 10, 12, 14]
+    after = [1, 13, 15, 2, 14, 16, 3]
+    assert lost([*before, *after], publishers=3) == 0
+
+
+def test_a_publisher_that_died_hides_no_loss_of_the_others() -> None:
+    gaps = SequenceGaps()
+    for number in (100, 7, 8, 9):
+        gaps.take(number, 2)
+    for number in (10, 13):
+        gaps.take(number, 1)
+    assert gaps.lost == 2
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [1000.0]
+    monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(sequences.time, 'time_ns', lambda: round(now[0] * 1e9))
+    return now
+
+
+@pytest.mark.parametrize('difference', [0.0, -3600.0, 3600.0])
+def test_who_is_behind_for_longer_than_may_be_is_told_so(
+    clock: list[float], difference: float
+) -> None:
+    watched = Lag(0.5)
+    for _ in range(100):
+        clock[0] += 0.01
+        assert not watched.too_long(round((clock[0] + difference) * 1e9))
+    sent = clock[0]
+    clock[0] += 5
+    told = []
+    for _ in range(100):
+        clock[0] += 0.01
+        sent += 0.01
+        told.append(watched.too_long(round((sent + difference) * 1e9)))
+    assert 0.4 < 0.01 * told.index(True) < 0.6
+    assert not watched.too_long(round((clock[0] + difference) * 1e9))
