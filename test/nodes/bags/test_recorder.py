@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import re
-import resource
 import shlex
 import signal
 import sys
@@ -387,22 +386,3 @@ def test_a_recorder_that_cannot_start_leaves_nothing(
     with pytest.raises(RuntimeError, match='new thread'):
         graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     assert list(tmp_path.iterdir()) == []
-
-
-def test_memory_that_runs_out_ends_it_with_one_line_and_a_whole_bag(
-    graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
-) -> None:
-    bag = tmp_path / 'run'
-    program = start('bag_recorder', '--ros-args', '-p', f'output:={bag}')
-    sent = publish_frames(graph.speak(interfaces.JOINT_STATES), named, 100)
-    reports = graph.reports('bag_recorder')
-    graph.until(lambda: reports and int(values(reports[-1])['messages']) >= 100, 'the frames')
-    pages = Path(f'/proc/{program.process.pid}/statm').read_text(encoding='ascii').split()[0]
-    limit = int(pages) * resource.getpagesize() + 40_000_000
-    resource.prlimit(program.process.pid, resource.RLIMIT_AS, (limit, limit))
-    assert program.wait() == 1
-    *_, closed, failed = program.said
-    assert ' 0 lost' in closed
-    assert 'memory, threads or files that the process may have are used up' in failed
-    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
-    assert check_bag(tmp_path / 'run_0').damage == []

@@ -46,8 +46,8 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
         try:
             print(help_of(node), flush=True)
         except BrokenPipeError:
-            # A pager has closed the pipe, of which Python would complain at its end.
-            os._exit(0)
+            # A pager has closed the pipe; Python would complain once more as it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     try:
         unknown = remove_ros_args(list(arguments))

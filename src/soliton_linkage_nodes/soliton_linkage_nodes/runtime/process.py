@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 import gc
-import resource
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -34,18 +32,8 @@ _SHORTEST_TURN = 1e-4
 """Of a thread with the interpreter [s], which it takes some microseconds to change."""
 _MIXED = 'Sequence should be of same type'
 """What rcl says of a list such as [1, 0.5]."""
-_LIMITS = (
-    'Resource temporarily unavailable',
-    'Cannot allocate memory',
-    'Too many open files',
-    "can't start new thread",
-    'bad_alloc',
-)
 _LONGEST_WAIT = 0.1
 """Of the executor, before the process looks whether a signal has come [s]."""
-_LEAST_LEFT = 64 * 2**20
-"""Address space below which a node ends [B]: so much takes the last of its work, while libraries
-that get no memory end the process at once."""
 
 
 def stop_on_signals() -> threading.Event:
@@ -140,13 +128,8 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     except (ValueError, OSError) as error:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
-    except (RuntimeError, MemoryError) as error:
-        if not _is_of_limits(error):
-            raise
-        get_logger('soliton_linkage').fatal(
-            'memory, threads or files that the process may have are used up '
-            f'({str(error) or "memory"}); see ulimit -a'
-        )
+    except MemoryError as error:
+        get_logger('soliton_linkage').fatal(f'memory is used up ({error}); see ulimit -a')
         code = 1
     finally:
         rclpy.try_shutdown()
@@ -180,11 +163,6 @@ def _tell_warnings() -> None:
     warnings.showwarning = tell
 
 
-def _is_of_limits(error: Exception) -> bool:
-    """Whether an error comes of a limit of the system, which other libraries say in a text."""
-    return isinstance(error, MemoryError) or any(said in str(error) for said in _LIMITS)
-
-
 def _created(component: Component, stack: ExitStack) -> Node:
     node = component.create()
     stack.callback(node.destroy_node)
@@ -196,7 +174,6 @@ def _spin(
     nodes: Sequence[tuple[Component, Node]],
     stopping: threading.Event,
 ) -> None:
-    memory = _AddressSpace()
     for _, node in nodes:
         executor.add_node(node)
     place = FirstAsLongAsIdle(any(getattr(node, 'real_time', False) for _, node in nodes))
@@ -208,7 +185,6 @@ def _spin(
             ):
                 break
             executor.spin_until_future_complete(turns.begin(), _LONGEST_WAIT)
-            memory.check()
             place.look()
 
 
@@ -240,26 +216,6 @@ class Turns:
     def _end_each(self) -> None:
         while not self._over.wait(_LONGEST_WAIT):
             self._turn.set_result(None)
-
-
-class _AddressSpace:
-    """What a limit leaves of the memory that a process may map."""
-
-    def __init__(self) -> None:
-        self._checked = time.monotonic()
-
-    def check(self) -> None:
-        """Raise MemoryError, now and then, where too little is left to go on."""
-        now = time.monotonic()
-        if now - self._checked < _LONGEST_WAIT:
-            return
-        self._checked = now
-        allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if allowed != resource.RLIM_INFINITY:
-            pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[0])
-            taken = pages * resource.getpagesize()
-            if taken + _LEAST_LEFT > allowed:
-                raise MemoryError(f'{taken} of {allowed} bytes of address space are taken')
 
 
 def _tell_notices(node: Node, arguments: Sequence[str], beside: Sequence[Node]) -> None:

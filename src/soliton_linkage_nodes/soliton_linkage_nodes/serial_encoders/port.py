@@ -108,7 +108,8 @@ class ReopenedPort:
         return port
 
     def _run(self) -> None:
-        go_first(True, real_time=self._real_time)
+        if self._real_time:
+            go_first(True)
         while not self._closing.is_set():
             try:
                 self._read()
