@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
 )
-from soliton_linkage_nodes.runtime import adaptive_subscription, interfaces
+from soliton_linkage_nodes.runtime import interfaces, subscriptions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -96,7 +96,7 @@ def test_a_chain_that_changes_is_told_of_once(
 def test_two_publishers_of_the_chain_are_told_of(
     graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
 ) -> None:
-    monkeypatch.setattr(adaptive_subscription, '_LOOK_PERIOD', 0.05)
+    monkeypatch.setattr(subscriptions, '_POLL_PERIOD', 0.05)
     graph.start(Learner)
     graph.speak(interfaces.CHAIN)
     graph.speak(interfaces.CHAIN)
