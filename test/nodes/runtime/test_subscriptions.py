@@ -21,6 +21,7 @@ from soliton_linkage_nodes.runtime import interfaces, subscriptions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.subscriptions import (
+    AdaptiveSubscription,
     StreamSubscription,
     qos_for_all,
 )
@@ -230,7 +231,7 @@ def test_publishers_that_come_and_go_are_noticed_once_and_the_subscription_can_e
 ) -> None:
     node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
     topic = replace(interfaces.JOINT_STATES, name='x')
-    adaptive = StreamSubscription(node, topic, lambda _: None)
+    adaptive = AdaptiveSubscription(node, topic, lambda _: None)
     assert not adaptive.changed
     received = graph.user.create_publisher(JointState, 'x', RELIABLE)
     graph.until(lambda: adaptive.changed, 'a compatible publisher')

@@ -42,7 +42,7 @@ from soliton_linkage_nodes.messages.sight import (
     median_deviation,
     placed,
 )
-from soliton_linkage_nodes.messages.soliton_conversions import solitons_from_msg
+from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters

@@ -14,7 +14,7 @@ from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
 from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Visitor, visiting
 from soliton_linkage_nodes.commands.words import Verbs
 from soliton_linkage_nodes.runtime.interfaces import Topic
-from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
 """Reliable, if the publishers offer that."""
@@ -82,7 +82,7 @@ def _echo(options: argparse.Namespace) -> int:
         _field(message_type(), options.field)
         topic = visitor.node.resolve_topic_name(options.topic)
         visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
-        StreamSubscription(visitor.node, Topic(topic, message_type, _QOS), heard.append)
+        AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), heard.append)
         while True:
             visitor.spin()
             for message in heard:
@@ -108,7 +108,7 @@ def _rate(options: argparse.Namespace) -> int:
     with visiting() as visitor:
         message_type = _type(visitor, options)
         topic = visitor.node.resolve_topic_name(options.topic)
-        StreamSubscription(
+        AdaptiveSubscription(
             visitor.node,
             Topic(topic, message_type, _QOS),
             lambda _: arrivals.append(time.monotonic()),

@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from soliton_linkage_nodes.bags.read.reading import message_class
 from soliton_linkage_nodes.bags.stored_topic import type_definition
 from soliton_linkage_nodes.runtime.interfaces import Topic
-from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
 """Messages that a queue holds while none is taken: a second of a topic at 1000 Hz."""
@@ -32,7 +32,7 @@ class OutgoingTopic:
         schema = Schema(name=type_, encoding='ros2msg', data=definition.encode())
         self._channel = Channel(name, schema=schema, message_encoding='cdr', context=context)
         self._node = node
-        self._subscription: StreamSubscription | None = None
+        self._subscription: AdaptiveSubscription | None = None
 
     @property
     def subscribed(self) -> bool:
@@ -49,7 +49,9 @@ class OutgoingTopic:
             self._unsubscribe()
             return
         if self._subscription is None:
-            self._subscription = StreamSubscription(self._node, self._topic, self._send, raw=True)
+            self._subscription = AdaptiveSubscription(
+                self._node, self._topic, self._send, raw=True
+            )
         elif renewed or adapting:
             latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
             if not self._subscription.adapt() and renewed and latched:

@@ -12,7 +12,7 @@ from soliton_linkage_nodes.live_view.frame_layout import pack_camera
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
-from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription, newest_of
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
 
 _MOST_BYTES = 4_000_000
 """Of a picture that is passed on: a sharp one of 12 million pixels; each browser is sent each."""
@@ -28,7 +28,7 @@ class CameraTopic:
         self._node = node
         self._name = f'{namespace}{interfaces.CAMERA_OVERLAY.name}'
         self._publishers = 0
-        self._newest: StreamSubscription | None = None
+        self._newest: AdaptiveSubscription | None = None
         self._jpeg = b''
         self._stamp = math.nan
         self._came = -math.inf

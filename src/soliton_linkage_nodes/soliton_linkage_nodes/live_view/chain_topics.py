@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
     walls_of,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription, newest_of
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
 
 REPORTS_LAST = 3.5
 """After which a node that reports once a second is silent [s]."""
@@ -94,7 +94,7 @@ class ChainFinder:
         self._searched = 0.0
         self._awaited = awaited
         self._add(awaited)
-        self._diagnostics = StreamSubscription(node, interfaces.DIAGNOSTICS)
+        self._diagnostics = AdaptiveSubscription(node, interfaces.DIAGNOSTICS)
 
     def take(self) -> None:
         """Take what has come of all chains, and now and then look for more."""

@@ -26,7 +26,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
     state_numbers,
 )
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
-from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _FRESH = 1.0
 """Age beyond which walls are not those of the angles any more [s], in the time of the stamps."""
@@ -41,10 +41,10 @@ class HeardChain:
 
     def __init__(
         self,
-        joints: StreamSubscription,
-        states: StreamSubscription,
-        kicks: StreamSubscription,
-        diagnostics: StreamSubscription,
+        joints: AdaptiveSubscription,
+        states: AdaptiveSubscription,
+        kicks: AdaptiveSubscription,
+        diagnostics: AdaptiveSubscription,
     ) -> None:
         """Know nothing yet."""
         self.named: NamedChain | None = None

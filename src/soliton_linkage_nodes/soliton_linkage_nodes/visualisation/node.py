@@ -24,7 +24,7 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription, newest_of
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
 from soliton_linkage_nodes.visualisation.heard_chain import HeardChain
 from soliton_linkage_nodes.visualisation.outlets import KymographOutlet, MarkerOutlet, PoseOutlet
 
@@ -100,9 +100,9 @@ class Visualisation(GuardedNode):
         self.create_timer(1 / settings.marker_rate, self._draw, clock=steady)
         self.get_logger().info(f'drawing {self._source.in_words} for whoever subscribes')
 
-    def _newest(self, topic: interfaces.Topic) -> StreamSubscription:
+    def _newest(self, topic: interfaces.Topic) -> AdaptiveSubscription:
         if topic is interfaces.DIAGNOSTICS:
-            return StreamSubscription(self._inbox, topic)
+            return AdaptiveSubscription(self._inbox, topic)
         name = self.resolve_topic_name(topic.name)
         return newest_of(self._inbox, topic, name, raw=topic is interfaces.JOINT_STATES)
 
