@@ -22,11 +22,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
 from sampled_orbit import closed_orbit
+from scipy.interpolate import make_interp_spline
 
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last, zero_mode
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit, spline
 from soliton_linkage.solitons.static_wall import static_wall
 
 # What the orbit promises of its angles [rad].
@@ -285,3 +286,13 @@ def test_walls_that_are_wider_than_numbers_reach_have_an_orbit() -> None:
     orbit = UniformOrbit(chain)
     tangent = orbit.tangent(orbit.arc_at(100.0, 0))
     assert np.linalg.norm(tangent) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_splines_are_those_of_scipy() -> None:
+    random = np.random.default_rng(1)
+    places = np.cumsum(0.1 + random.random(40))
+    expected = make_interp_spline(places, random.standard_normal((40, 3)), k=7)
+    found = np.empty(3)
+    for at in [*places, *random.uniform(places[0], places[-1], 50)]:
+        spline(expected.t, expected.c, float(at), found)
+        assert found == pytest.approx(expected(at), rel=1e-9, abs=1e-9)
