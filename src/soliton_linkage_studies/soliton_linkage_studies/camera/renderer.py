@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a chain as a camera would take them, of which the truth is known.
+"""Rendered films of a chain, with known angles.
 
-Drawn are the plane with its frame markers, and on it, from back to front, the bonds, the rotors
-0, 2, ..., and the rotors 1, 3, ..., each with the dots of its pivot and mass. Each pixel is the
-mean over its exposure, which in row v begins `row_time` v after that of the picture.
+The plane has its frame markers and, from back to front, the bonds, the rotors 0, 2, ..., and the
+rotors 1, 3, ..., each with the dots of its pivot and mass. Each pixel is the mean over its
+exposure, which in row v begins `row_time` v after that of the picture.
 """
 
 from __future__ import annotations
@@ -28,17 +28,13 @@ Motion = Callable[[Array], tuple[Array, Array, Array]]
 """Angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]: (T,) to (T, N) each."""
 
 _BOARD = (172, 180, 176)
-"""Red, green and blue of what is behind the chain [0 to 255]: wood, painted grey."""
-_ARM = (70, 74, 80)
-"""Of the rotors' arms."""
-_BOND = (120, 110, 90)
-"""Of the bonds."""
-_WHITE = (246, 246, 242)
-"""Of paper."""
+"""Red, green and blue of the board behind the chain [0 to 255]."""
+_ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
+"""Red, green and blue of arms, bonds and paper [0 to 255]."""
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds over the radius of a label [1]."""
 _NOISES = 4
-"""Pictures of noise, which come again with their parts in other places."""
+"""Pictures of noise [1], which are repeated with a shift."""
 
 
 @with_fields
@@ -59,28 +55,28 @@ class FilmSettings:
     seed: int = quantity(0, 'of the noise', '', 0, 10**9)
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Reject values out of their range."""
         check_quantities(self)
 
 
 @dataclass(frozen=True)
 class Hand:
-    """An ellipse before the camera, from one time to another, that moves across the picture."""
+    """An ellipse in front of the chain that moves across the picture."""
 
     begin: float
-    """When it comes [s]."""
+    """Time at which it appears [s]."""
     end: float
-    """When it has gone [s]."""
+    """Time at which it disappears [s]."""
     start: tuple[float, float]
-    """Of its centre [pixels]."""
+    """First centre [pixels]."""
     velocity: tuple[float, float]
-    """Of its centre [pixels/s]."""
+    """Velocity of the centre [pixels/s]."""
     size: tuple[float, float]
     """Half axes [pixels]."""
 
 
 class Renderer:
-    """Takes pictures of a chain in motion."""
+    """Camera that films a chain in motion."""
 
     def __init__(
         self,
@@ -90,7 +86,6 @@ class Renderer:
         settings: FilmSettings = FilmSettings(),
         hands: tuple[Hand, ...] = (),
     ) -> None:
-        """Prepare what does not move."""
         self._layout, self._plane, self._motion = layout, plane, motion
         self._settings, self._hands = settings, hands
         self._camera = plane.camera
@@ -104,18 +99,18 @@ class Renderer:
 
     @cached_property
     def middle_row(self) -> float:
-        """Row in which the pivots are on the mean [pixels]."""
+        """Mean row of the pivots [pixels]."""
         layout = self._layout
         pivots = np.column_stack([layout.chain.pivots, np.zeros(layout.chain.number_of_rotors)])
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Middle of the exposure of the middle row of a picture that begins at a time [s]."""
+        """Return the middle of the exposure of the middle row of a picture [s]."""
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
     def picture(self, time: float) -> Picture:
-        """Blue, green and red of the picture that begins at a time [s], (height, width, 3)."""
+        """Return the picture that begins at a time [s]."""
         canvas = self._background.copy()
         self._paint_chain(canvas, time)
         noise = self._noise[self._pictures % _NOISES]
@@ -124,7 +119,11 @@ class Renderer:
         expose(canvas, self._lighting, noise, shift, picture)
         self._pictures += 1
         self._paint_hands(picture, time)
-        return self._compressed(picture)
+        if not self._settings.quality:
+            return picture
+        cv2 = opencv()
+        _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, self._settings.quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
 
     def _paint_chain(self, canvas: NDArray[np.float32], time: float) -> None:
         angles, rates, accelerations = (
@@ -145,7 +144,7 @@ class Renderer:
             paint_rotors(canvas, pixels, parity, rotors, boxes, paint, shape, moments)
 
     def _boxes(self, angles: Array, rates: Array) -> NDArray[np.int64]:
-        """Columns and rows about each rotor: left, right, top, bottom [pixels], shape (N, 4)."""
+        """Return left, right, top and bottom of each rotor [pixels], shape (N, 4)."""
         layout, camera = self._layout, self._camera
         reach = 1.5 * layout.label_radius
         longest = camera.exposure / 2 + camera.row_time * camera.height / 2
@@ -156,10 +155,8 @@ class Renderer:
         masses = np.stack([lengths * np.sin(swept), lengths * np.cos(swept)], axis=-1)
         points = np.concatenate([pivots[:, None], pivots[:, None] + masses], axis=1)
         low, high = points.min(axis=1) - reach, points.max(axis=1) + reach
-        ends = np.stack([low, high])
         corners = np.stack(
-            [np.column_stack([ends[i, :, 0], ends[j, :, 1]]) for i in (0, 1) for j in (0, 1)],
-            axis=1,
+            [np.column_stack([x[:, 0], z[:, 1]]) for x in (low, high) for z in (low, high)], axis=1
         )
         pixels = self._plane.pixels(corners, layout.heights[:, None])
         edges = np.array([camera.width, camera.height])
@@ -169,9 +166,9 @@ class Renderer:
 
     @cached_property
     def _pixels(self) -> tuple[Pixels, Pixels]:
-        """Where in the plane each pixel is, for rotors of either height."""
-        heights = self._layout.heights[:2]
-        return self._seen_at(float(heights[0])), self._seen_at(float(heights[1]))
+        """Points that the pixels see, for rotors of either height."""
+        even, odd = self._layout.heights[:2]
+        return self._seen_at(float(even)), self._seen_at(float(odd))
 
     def _seen_at(self, height: float) -> Pixels:
         camera = self._camera
@@ -187,7 +184,7 @@ class Renderer:
 
     @cached_property
     def _paint(self) -> NDArray[np.float32]:
-        """Blue, green and red of arm, white, and the dots, shape (3 + C, 3)."""
+        """Blue, green and red of arm, white, pivots, bond and masses, shape (3 + C, 3)."""
         paints = [_ARM, _WHITE, COLOURS[0], _BOND, *COLOURS[1:]]
         table = np.array(paints, dtype=np.float32)[:, ::-1]
         return np.ascontiguousarray(np.maximum(table, 12.0))
@@ -248,28 +245,13 @@ class Renderer:
                     s + v * (time - hand.begin)
                     for s, v in zip(hand.start, hand.velocity, strict=True)
                 )
-                cv2.ellipse(
-                    picture,
-                    (round(x), round(y)),
-                    tuple(round(a) for a in hand.size),
-                    20.0,
-                    0.0,
-                    360.0,
-                    (120, 150, 205),
-                    -1,
-                    cv2.LINE_AA,
-                )
-
-    def _compressed(self, picture: Picture) -> Picture:
-        if not self._settings.quality:
-            return picture
-        cv2 = opencv()
-        _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, self._settings.quality])
-        return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
+                centre, axes = (round(x), round(y)), tuple(round(a) for a in hand.size)
+                skin = (120, 150, 205)
+                cv2.ellipse(picture, centre, axes, 20.0, 0.0, 360.0, skin, -1, cv2.LINE_AA)
 
 
 def _between(edges: Array, parts: int) -> Array:
-    """Middles of equal parts between edges along the first axis, by lines: lenses bend little."""
+    """Return the middles of equal parts between edges along the first axis, interpolated."""
     share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
     middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share
     return np.asarray(middles.reshape(-1, *edges.shape[1:]))
