@@ -88,18 +88,6 @@ def test_of_a_damaged_film_what_was_before_is_in_the_bag_which_tells_so(
     assert 0 < seen == len(overlay) < len(TIMES)
 
 
-def test_a_file_of_another_kind_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
-    (tmp_path / 'chain.yaml').write_text(CHAIN)
-    (tmp_path / 'film.mp4').write_bytes(b'no film')
-    with pytest.raises(SystemExit) as ended:
-        main([str(tmp_path / 'film.mp4'), '--chain', str(tmp_path / 'chain.yaml')])
-    assert 'cannot be read' in str(ended.value.code)
-    assert '\n' not in str(ended.value.code)
-
-
 def test_markers_are_those_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / 'chain.yaml'
     path.write_text(CHAIN)

@@ -25,7 +25,6 @@ from soliton_linkage_nodes.programs.simulated_controller import (
     PlayedChain,
     PseudoTerminal,
     encoders_of,
-    main,
 )
 
 ROTORS = 6
@@ -87,12 +86,3 @@ def test_its_encoders_read_too_much_what_the_chain_says() -> None:
     said = SimulatedController(ROTORS, encoders).measure(0.0, np.zeros(ROTORS))
     read = AngleReader(RotaryEncoders((2.0**16,)), ROTORS).read(*FrameDecoder().feed(said))
     np.testing.assert_allclose(read, offsets, atol=1e-4)
-
-
-def test_a_file_that_is_none_is_said_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main([str(tmp_path / 'no.yaml')])
-    assert str(ended.value).startswith('simulated_controller: ')
-    assert '\n' not in str(ended.value)

@@ -98,16 +98,6 @@ def test_a_clock_that_stood_still_or_counts_something_else_begins_anew() -> None
     assert milliseconds.delay == pytest.approx(0.98, abs=0.01)
 
 
-def test_frames_that_waited_keep_the_instants_of_their_measurement() -> None:
-    clock = DeviceClock()
-    line = Line(10.0, 0.0, DELAYS['exponential'])
-    stalled = slice(500, 800)
-    line.arrivals[stalled] = line.arrivals[800]
-    errors = line.stamps(clock)
-    assert clock.restarts == 0
-    assert np.abs(errors[stalled]).max() < 5e-4
-
-
 def test_a_time_that_comes_twice_is_refused() -> None:
     clock = DeviceClock()
     clock.stamp(10, BOOT)

@@ -49,16 +49,6 @@ def test_angles_are_seen_as_well_as_is_said_and_without_bias() -> None:
     assert abs(errors.mean()) < 0.1 * np.sqrt(np.mean(own**2))
 
 
-def test_jpeg_costs_a_little_which_is_said() -> None:
-    coded = (cv2.imencode('.jpg', each, [cv2.IMWRITE_JPEG_QUALITY, 90])[1] for each in swing())
-    _, seen, errors = looked_at([cv2.imdecode(each, cv2.IMREAD_COLOR) for each in coded])
-    assert np.isfinite(errors).all()
-    assert np.sqrt(np.mean(errors[3:] ** 2)) < 4e-3
-    stated = np.array([frame.deviations for frame in seen])
-    own = errors[8:] - errors[8:].mean(axis=0)
-    assert 0.8 < np.sqrt(np.mean((own / stated[8:]) ** 2)) < 1.2
-
-
 def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Path) -> None:
     """By how much, and how long, docs/camera.md tells of longer films."""
     layout, film, motion = renderer(CHAIN, amplitude=0.02, rate=3.0)

@@ -31,9 +31,14 @@ def test_a_rate_that_varies_is_no_gap() -> None:
     assert not watch.missing
 
 
-def test_a_film_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match='is not there'):
-        read_film(tmp_path / 'none.mp4')
+@pytest.mark.parametrize(('content', 'said'), [(b'', 'is not there'), (b'no film', 'be read')])
+def test_what_is_no_film_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    path = tmp_path / 'film.mp4'
+    if content:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match=said):
+        read_film(path)
 
 
 def test_a_camera_that_is_not_there_is_said_once(capfd: pytest.CaptureFixture[str]) -> None:

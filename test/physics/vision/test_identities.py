@@ -69,9 +69,3 @@ def test_a_pivot_is_no_mass_that_is_hidden_nor_hides_one_that_passes_before_it()
     costs[2] = 9.7
     hidden = identified(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
     assert list(hidden) == [0, 1, NOBODY, 3, 4]
-
-
-def test_without_dots_nobody_has_one() -> None:
-    _, _, expected = scene()
-    none = np.zeros((2, 0, 2)), np.zeros(0), np.zeros((0, 4))
-    assert (identified(*none, expected) == NOBODY).all()

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage.vision.scatter import DeadZone, FadingSquare, Repeats, Scatter, Sightings
+from soliton_linkage.vision.scatter import DeadZone, Repeats, Scatter, Sightings
 
 ROTORS = 40
 WAYS = np.where(np.arange(ROTORS) < 30, 0.0, 2.0)
@@ -15,21 +15,6 @@ DOTS = 200
 PIXELS, TURNING = np.full(DOTS, 50.0), np.full(DOTS, 2e-4)
 NONE, ALL = np.zeros(DOTS, dtype=bool), np.ones(DOTS, dtype=bool)
 PLACES = np.array([[3.0, 10.0], [20.0, 10.0], [np.nan, np.nan]])
-
-
-def test_it_goes_from_what_is_expected_to_what_is_seen_and_passes_over_others() -> None:
-    random, square = np.random.default_rng(1), FadingSquare()
-    assert square.square(4.0) == 4.0
-    for _ in range(100):
-        square.take(np.append(2.0 * random.normal(size=40), [np.nan, 1e6]))
-    assert square.square() == pytest.approx(4.0, rel=0.1)
-
-
-def test_numbers_count_for_as_many_pictures_as_they_are_for() -> None:
-    square = FadingSquare()
-    for _ in range(1000):
-        square.take_for(np.array([1.0, 3.0]), np.array([30.0, 10.0]))
-    assert square.square() == pytest.approx((30 * 1 + 10 * 9) / 40, rel=0.01)
 
 
 def test_dots_are_repeated_where_no_pixel_near_them_differs() -> None:
@@ -52,10 +37,6 @@ def look(
     repeated: np.ndarray = NEVER,
 ) -> np.ndarray:
     return scatter.look(Sightings(picture / 60, angles, ONES, lengths, ONES, WAYS, repeated))
-
-
-def test_pixels_are_believed_to_begin_with() -> None:
-    assert look(Scatter(ROTORS), np.full(ROTORS, np.nan)).tolist() == [1.0] * ROTORS
 
 
 def test_the_scatter_of_dots_that_stand_and_of_those_that_move_is_found() -> None:
@@ -95,21 +76,15 @@ def moved(
     return zone
 
 
-@pytest.mark.parametrize('jitter', [0.0, 0.4])
-def test_errors_along_the_way_are_told_from_motion_at_whatever_times_pictures_come(
-    jitter: float,
+@pytest.mark.parametrize(
+    ('pictures', 'lasting', 'jitter', 'wave', 'tolerance'),
+    [(60, 0.0, 0.0, 1e-3, 0.05), (60, 0.0, 0.4, 1e-3, 0.05), (90, 0.4, 0.0, 0.0, 0.06)],
+)
+def test_errors_along_the_way_are_separated_from_motion_even_if_they_last(
+    pictures: int, lasting: float, jitter: float, wave: float, tolerance: float
 ) -> None:
-    zone = moved(60, 4.0, 0.0, jitter, 1e-3)
-    assert np.sqrt(zone.variances(1.0, 1.0)) == pytest.approx(4.0, rel=0.05)
-
-
-def test_errors_that_last_are_found_by_those_across_the_way() -> None:
-    zone = moved(90, 4.0, 0.4)
-    assert np.sqrt(zone.variances(1.0, 1.0)) == pytest.approx(4.0, rel=0.06)
-
-
-def test_jumps_are_believed_until_dots_have_moved() -> None:
-    assert DeadZone(2).variances(1.0, 9.0) == pytest.approx(9.0)
+    zone = moved(pictures, 4.0, lasting, jitter, wave)
+    assert np.sqrt(zone.variances(1.0, 1.0)) == pytest.approx(4.0, rel=tolerance)
 
 
 def test_a_dot_that_is_repeated_for_long_stands() -> None:
