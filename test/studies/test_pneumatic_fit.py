@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_response, fit_torque
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # The public names of the package: what type checkers read, and `__init__` imports when asked.
 
-from soliton_linkage.actuation.edge_drive import EdgeDrive as EdgeDrive
-from soliton_linkage.actuation.pneumatics import PneumaticActuator as PneumaticActuator
+from soliton_linkage.actuation.actuators import PneumaticActuator as PneumaticActuator
+from soliton_linkage.actuation.torque_drive import EdgeDrive as EdgeDrive
 from soliton_linkage.dynamics.elastic import (
     ElasticSimulation as ElasticSimulation,
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4

@@ -11,8 +11,7 @@ from bench import Bench
 from graphs import Graph
 from numpy.typing import ArrayLike
 
-from soliton_linkage.actuation.actuator import ACTUATORS
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuators import ACTUATORS, PneumaticActuator
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import quantity

@@ -20,7 +20,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, Disorder
 from soliton_linkage.linkage.encoders import EncoderErrors, KnownEncoders

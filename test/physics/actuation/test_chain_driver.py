@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.kick_record import Kick
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
-from soliton_linkage.actuation.edge_drive import EdgeDrive
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.torque_drive import EdgeDrive
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Chain

@@ -10,8 +10,8 @@ import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, WOBBLER, chain_of
 from deviating_chains import deviating
 
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.actuation.torque_drive import TorqueDrive
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import with_soliton

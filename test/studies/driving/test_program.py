@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage_studies.driving import program as driving
 from soliton_linkage_studies.driving.program import Finding, finding_lines
 from soliton_linkage_studies.driving.runs import StiffnessTask, TiltTask, read_driving_study

@@ -5,15 +5,23 @@ Commands go to a `ChainDriver`, which has torques for each frame of a chain. `Ac
 an actuator is; `ACTUATORS` lists those that there are.
 """
 
-from soliton_linkage.actuation.actuator import ACTUATORS, Actuator, actuator_type
+from soliton_linkage.actuation.actuators import (
+    ACTUATORS,
+    Actuator,
+    PneumaticActuator,
+    actuator_type,
+)
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
-from soliton_linkage.actuation.edge_drive import EdgeDrive, MeanTorque
-from soliton_linkage.actuation.joint_drive import JointDrive
 from soliton_linkage.actuation.kick_record import Delivered, Kick, KickRecord
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.actuation.profile import Profile, trapezoid
-from soliton_linkage.actuation.torque_drive import DriveTorques, TorqueDrive
+from soliton_linkage.actuation.torque_drive import (
+    DriveTorques,
+    EdgeDrive,
+    JointDrive,
+    MeanTorque,
+    TorqueDrive,
+)
 
 __all__ = [
     'ACTUATORS',

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from soliton_linkage.actuation.actuator import Actuator
+from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.edge_command import EdgeCommand
-from soliton_linkage.actuation.joint_drive import Rotors
 from soliton_linkage.actuation.kick_record import Kick, KickRecord
-from soliton_linkage.actuation.torque_drive import TorqueDrive
+from soliton_linkage.actuation.torque_drive import Rotors, TorqueDrive
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.actuation.actuator import Actuator
+from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.profile import Profile, trapezoid
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain

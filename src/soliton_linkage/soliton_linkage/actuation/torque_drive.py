@@ -1,15 +1,231 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All the torques that are asked for, at the edges and joint by joint, frame by frame."""
+"""Torques over time: of the actuators at both edges, of single joints, and of both together."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from soliton_linkage.actuation.actuator import Actuator
-from soliton_linkage.actuation.edge_drive import EdgeDrive
-from soliton_linkage.actuation.joint_drive import JointDrive
-from soliton_linkage.linear.rigidity import mode_towards_last
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.actuation.actuators import Actuator
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.profile import AT_REST, RESOLUTION, Profile
+from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
+
+_EMPTY = 1e-6
+"""Level of an actuator over the largest since its last command: less is rest, as the exponential
+decay of a lag never comes to 0. It ends a drive 14 time constants after its command."""
+_SENSES = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
+"""Sign of a torque that moves the wall towards the last rotor, for a push at each edge [1]."""
+
+
+@dataclass(frozen=True)
+class MeanTorque:
+    """Torque over a stretch of time."""
+
+    torque: float
+    """Mean, along the unit zero mode that moves the wall towards the last rotor [N m]."""
+    saturated: bool
+    """Whether an actuator gives less than its level asks for."""
+
+
+class EdgeDrive:
+    """The actuators at both edges and the pulse past them, in the course of time.
+
+    A command takes the place of the one before it; an actuator that was commanded goes back to
+    rest while the next command is carried out. Times are in seconds from any origin, and never
+    go back.
+    """
+
+    def __init__(self, actuator: Actuator) -> None:
+        """Start with both actuators at rest."""
+        self._ends = {edge: _End(actuator) for edge in _SENSES}
+        self.actuator = actuator
+        self._pulse: Profile | None = None
+        self._sense = 0.0
+        self._started = -math.inf
+        self._over = -math.inf
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a torque now or later."""
+        return any(end.active for end in self._ends.values()) or self._pulse is not None
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Level of the actuators of the first and of the last edge, such as a pressure [Pa]."""
+        return self._ends[Edge.FIRST].level, self._ends[Edge.LAST].level
+
+    def unfinished(self, time: float) -> bool:
+        """Whether a command with an end has not come to it."""
+        return time < self._over < math.inf
+
+    def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
+        """Carry out a lasting command at the first or last edge, from an instant on."""
+        self.drop(time)
+        profile = command.profile
+        if command.kind is CommandKind.PULSE:
+            self._pulse, self._sense = profile, _SENSES[side]
+        elif not command.vents:
+            self._ends[side].command(profile, time)
+        self._started, self._over = time, math.inf if command.held else time + profile.end
+
+    def drop(self, time: float) -> None:
+        """Let the actuators go back to rest and end the pulse."""
+        for end in self._ends.values():
+            end.command(AT_REST, time)
+        self._pulse, self._over = None, -math.inf
+
+    def mean_torque(self, start: float, end: float) -> MeanTorque:
+        """Torque over a stretch of time that begins now."""
+        torque, saturated = 0.0, False
+        for edge, actuated in self._ends.items():
+            level = actuated.mean_level(start, end)
+            torque += _SENSES[edge] * float(self.actuator.torque(level))
+            saturated |= self.actuator.saturates(level)
+        since = start - self._started
+        if self._pulse is not None and since >= self._pulse.end - RESOLUTION:
+            self._pulse = None
+        if self._pulse is not None:
+            torque += self._sense * float(self._pulse.mean(since, since + end - start))
+        return MeanTorque(torque, saturated)
+
+
+class _End:
+    """Level of the actuator at one edge, and the profile that it follows."""
+
+    def __init__(self, actuator: Actuator) -> None:
+        self.level = 0.0
+        self._actuator = actuator
+        self._time = 0.0
+        self._largest = 0.0
+        self._started = 0.0
+        self._command = AT_REST
+
+    @property
+    def active(self) -> bool:
+        return self._command is not AT_REST or self.level != 0
+
+    def command(self, profile: Profile, time: float) -> None:
+        self._advance(time)
+        self._command, self._started = profile, time
+        self._largest = abs(self.level)
+
+    def mean_level(self, start: float, end: float) -> float:
+        self._advance(start)
+        return self._driven(start, end)[1] / (end - start) if self.active else 0.0
+
+    def _advance(self, time: float) -> None:
+        if self.active and time > self._time:
+            self.level, _ = self._driven(self._time, time)
+            self._largest = max(self._largest, abs(self.level))
+            if time - self._started >= self._command.end and not self._command.lasting:
+                self._command = AT_REST
+            if self._command is AT_REST and abs(self.level) <= _EMPTY * self._largest:
+                self.level = 0.0
+        self._time = time
+
+    def _driven(self, start: float, end: float) -> tuple[float, float]:
+        if self._command is AT_REST:
+            return self._actuator.driven(self.level, AT_REST, 0.0, end - start)
+        since = start - self._started
+        return self._actuator.driven(self.level, self._command, since, since + end - start)
+
+
+Rotors = NDArray[np.intp]
+
+
+@dataclass
+class _Command:
+    rotors: Rotors
+    profile: Profile
+    started: float
+
+    @property
+    def ends(self) -> float:
+        return math.inf if self.profile.lasting else self.started + self.profile.end
+
+
+class JointDrive:
+    """Torques of actuators on single rotors in the course of time.
+
+    A command speaks for the rotors that it names and leaves the others alone. Its last torques
+    are held for `timeout` [s], 0 for ever. Times are in seconds from any origin.
+    """
+
+    def __init__(self, number_of_rotors: int, timeout: float) -> None:
+        """Start without a torque on any rotor."""
+        self._number = number_of_rotors
+        self.timeout = timeout
+        self._commands: list[_Command] = []
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a torque now or later."""
+        return bool(self._commands)
+
+    @property
+    def in_force(self) -> int:
+        """How many commands speak for a rotor."""
+        return len(self._commands)
+
+    def unfinished(self, time: float) -> bool:
+        """Whether a sequence of torques has not come to its end."""
+        ends = [command.started + command.profile.end - self.timeout for command in self._commands]
+        return any(time < end for end in ends)
+
+    def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
+        """Hold torques [N m] on rotors, both of shape (named,), from an instant on."""
+        self._command(rotors, np.zeros(1), torques[None, :], time)
+
+    def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
+        """Lead the torques of rotors through points, linear in time from what they are now.
+
+        The points come at increasing times after the instant [s], shape (points,), with a
+        torque [N m] for each rotor, shape (points, named). What is before the instant is gone.
+        """
+        now = self._now(time)[rotors]
+        if times[0] > 0:
+            times, torques = np.append(0.0, times), np.vstack([now, torques])
+        self._command(rotors, times, torques, time)
+
+    def drop(self) -> None:
+        """End all torques."""
+        self._commands.clear()
+
+    def mean_torques(self, start: float, end: float) -> Array:
+        """Mean torque on each rotor over a stretch of time that begins now [N m], shape (N,)."""
+        torques = np.zeros(self._number)
+        self._commands = [
+            command for command in self._commands if start < command.ends - RESOLUTION
+        ]
+        for command in self._commands:
+            since = start - command.started
+            torques[command.rotors] = command.profile.mean(since, since + end - start)
+        return torques
+
+    def _now(self, time: float) -> Array:
+        torques = np.zeros(self._number)
+        for command in self._commands:
+            torques[command.rotors] = command.profile.after(time - command.started)
+        return torques
+
+    def _command(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
+        for command in self._commands:
+            others = ~np.isin(command.rotors, rotors)
+            command.profile = Profile(command.profile.times, command.profile.values[:, others])
+            command.rotors = command.rotors[others]
+        self._commands = [command for command in self._commands if len(command.rotors)]
+        if not np.any(torques):
+            return
+        if self.timeout:
+            last = times[-1] + self.timeout
+            times = np.append(times, [last, last])
+            torques = np.vstack([torques, torques[-1], np.zeros_like(torques[-1])])
+        self._commands.append(_Command(rotors, Profile(times, torques), time))
 
 
 @dataclass(frozen=True)

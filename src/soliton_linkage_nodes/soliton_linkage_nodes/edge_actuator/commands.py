@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from soliton_linkage.actuation.actuator import Actuator
+from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
 from soliton_linkage.dynamics.work import work_of_impulse

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rclpy.clock import Clock, ClockType
 
-from soliton_linkage.actuation.actuator import actuator_type
+from soliton_linkage.actuation.actuators import actuator_type
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage_msgs.msg import Delivery

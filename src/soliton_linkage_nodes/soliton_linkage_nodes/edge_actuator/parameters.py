@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, make_dataclass
 
 from rclpy.node import Node
 
-from soliton_linkage.actuation.actuator import ACTUATORS
+from soliton_linkage.actuation.actuators import ACTUATORS
 from soliton_linkage.actuation.edge_command import CommandKind
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.quantities import quantity

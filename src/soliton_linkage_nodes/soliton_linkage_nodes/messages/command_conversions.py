@@ -12,8 +12,8 @@ from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.joint_drive import Rotors
 from soliton_linkage.actuation.kick_record import Delivered, Kick
+from soliton_linkage.actuation.torque_drive import Rotors
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg

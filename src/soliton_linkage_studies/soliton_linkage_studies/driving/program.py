@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.steering.steering import Outcome
 from soliton_linkage_studies.driving.pictures import (
     IMBALANCE_LIMIT,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.actuation.profile import Profile, trapezoid
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
+from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.pneumatics import PneumaticActuator
 from soliton_linkage.actuation.profile import Profile
 from soliton_linkage.actuation.torque_drive import TorqueDrive
 from soliton_linkage.dynamics.elastic import ElasticSimulation

@@ -1,22 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A soft pneumatic actuator: the pressure in its chamber follows what is commanded with a lag.
+"""Actuators at the edges: what a drive needs of one, and those that exist, by name.
 
-The pressure p [Pa] tends to the commanded one, u, at a rate that depends on the direction,
-
-    dp/dt = (u - p) / tau,    tau = tau_fill where u > p, tau_vent where u < p,
-
-and gives the torque k p, up to a largest one. That is what a chamber of volume V does behind
-valves whose flow is proportional to the pressure difference, tau = V / (R T C), with a supply and
-an exhaust of different conductance C [kg/(s Pa)]. Real valves choke and real chambers stretch.
-That the supply governs the pressure in a soft actuator, with rise and fall times of their own,
-is from S. Joshi and J. Paik, Soft Robotics 8, 152 (2021), doi:10.1089/soro.2019.0134, who model
-the flow itself.
+A new one is a frozen dataclass with the methods of `Actuator` and a line in `ACTUATORS`. Its
+fields, each a `quantity`, become parameters of the edge actuator, which chooses it by its name.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol, SupportsFloat
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -145,3 +138,41 @@ class PneumaticActuator:
         of_lag = constant * (lag * gone + slope * (time - constant * gone))
         of_command = time * (target + slope * time / 2)
         return target + slope * time - remaining, of_command - of_lag
+
+
+class Actuator(Protocol):
+    """An actuator at an edge, which turns what it is commanded into a torque.
+
+    A command moves the level of the actuator, both in one unit of its own, such as the pressure
+    in a chamber [Pa]; at rest both are 0. The level makes a torque along the unit zero mode
+    [N m].
+    """
+
+    def check_command(self, command: float) -> None:
+        """Raise ValueError for a command that cannot be asked for."""
+
+    def driven(
+        self, level: float, command: Profile, start: float, end: float
+    ) -> tuple[float, float]:
+        """Level at an instant and its integral up to it, from an earlier instant on [s]."""
+
+    def torque(self, level: float) -> SupportsFloat:
+        """Torque of a level [N m]."""
+
+    def saturates(self, level: float) -> bool:
+        """Whether a level gives less torque than in proportion to a small one."""
+
+    def pulse_command(self, impulse: float, duration: float) -> float:
+        """Command that gives an impulse [N m s] if it lasts for a duration [s], rest after it."""
+
+
+ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}
+"""The kinds of actuators by the name that the parameter `actuator` chooses them by."""
+
+
+def actuator_type(name: str) -> type[Actuator]:
+    """Dataclass of the actuators of a name; raises ValueError where there is none."""
+    if name not in ACTUATORS:
+        known = ', '.join(map(repr, ACTUATORS))
+        raise ValueError(f'parameter actuator = {name!r} must be one of {known}')
+    return ACTUATORS[name]
