@@ -142,7 +142,7 @@ def test_dropping_ends_a_pulse_and_vents() -> None:
     assert not drive.unfinished(0.1)
 
 
-PERIOD = 0.01
+FRAME = 0.01
 
 
 def rotors(*numbers: int) -> np.ndarray:
@@ -165,16 +165,16 @@ def test_every_rotor_has_the_last_torque_that_was_asked_for_it(
         drive.hold(chosen, np.full(len(chosen), torque), float(number))
         expected[chosen] = torque
     last = float(len(commands))
-    np.testing.assert_array_equal(drive.mean_torques(last, last + PERIOD), expected)
+    np.testing.assert_array_equal(drive.mean_torques(last, last + FRAME), expected)
     assert drive.active == bool(expected.any())
 
 
 def test_a_torque_is_held_for_the_timeout_to_the_instant() -> None:
     drive = JointDrive(3, timeout=0.125)
     drive.hold(rotors(1), np.array([2.0]), 1.0)
-    starts = 1.0 + PERIOD * np.arange(20)
-    given_torques = [drive.mean_torques(start, start + PERIOD) for start in starts]
-    np.testing.assert_allclose(np.sum(given_torques, axis=0) * PERIOD, [0, 2.0 * 0.125, 0])
+    starts = 1.0 + FRAME * np.arange(20)
+    given_torques = [drive.mean_torques(start, start + FRAME) for start in starts]
+    np.testing.assert_allclose(np.sum(given_torques, axis=0) * FRAME, [0, 2.0 * 0.125, 0])
     assert not drive.active
 
 
@@ -182,14 +182,14 @@ def test_commands_that_go_on_keep_a_torque_alive() -> None:
     drive = JointDrive(2, timeout=0.1)
     for time in np.arange(0.0, 5.0, 0.05):
         drive.hold(rotors(0), np.array([1.0]), time)
-        np.testing.assert_array_equal(drive.mean_torques(time, time + PERIOD), [1.0, 0.0])
+        np.testing.assert_array_equal(drive.mean_torques(time, time + FRAME), [1.0, 0.0])
     assert drive.in_force == 1
 
 
 def test_without_a_timeout_it_is_held_for_ever() -> None:
     drive = JointDrive(2, timeout=0.0)
     drive.hold(rotors(0), np.array([1.0]), 0.0)
-    np.testing.assert_array_equal(drive.mean_torques(1e6, 1e6 + PERIOD), [1.0, 0.0])
+    np.testing.assert_array_equal(drive.mean_torques(1e6, 1e6 + FRAME), [1.0, 0.0])
     drive.hold(rotors(0), np.array([0.0]), 1e6 + 1)
     assert not drive.active
 
