@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import READ, READ_TABLE, YES, compiled
+from soliton_linkage.compiling import READ, READ_TABLE, YES, compile_loop, compiled
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.springs import spring_between
 
 LENGTHS, SPACINGS, OFFSETS, REST_LENGTHS, STIFFNESSES = range(5)
 """Rows of what springs have, the first four those of `Chain.spring_parameters`."""
@@ -16,8 +17,7 @@ INERTIAS, DAMPINGS, HELD, BY_SINE, BY_COSINE = range(5, 10)
 """Rows of what else acts on rotors: gravity by the sines and cosines of their angles."""
 ROWS = BY_COSINE + 1
 """Number of rows, each with a place for every rotor."""
-TINY = float(np.finfo(np.float64).tiny)
-"""Length below which a spring has no direction [m]."""
+spring = compile_loop(spring_between, inlined=True)
 
 
 @compiled(READ, READ_TABLE, YES)
@@ -34,17 +34,18 @@ def derivative(state: Array, rows: Array, periodic: bool) -> Array:
         changes[n], changes[rotors + n] = rate, rows[HELD, n] + by_gravity - friction
     for left in range(rotors if periodic else rotors - 1):
         right = left + 1 if left + 1 < rotors else 0
-        h_left, v_left = positions[0, left], positions[1, left]
-        h_right, v_right = positions[0, right], positions[1, right]
-        across, up = h_right - h_left, v_right - v_left
-        products = h_left * h_right + v_left * v_right
-        excess = rows[OFFSETS, left] + 2 * rows[SPACINGS, left] * across - 2 * products
-        across += rows[SPACINGS, left]
-        length = math.hypot(across, up)
-        pull = rows[STIFFNESSES, left] * (excess / (length + rows[REST_LENGTHS, left]))
-        divisor = max(length, TINY)
-        changes[rotors + left] -= pull * ((h_left * up - v_left * across) / divisor)
-        changes[rotors + right] -= pull * ((v_right * across - h_right * up) / divisor)
+        extension, first, second = spring(
+            positions[0, left],
+            positions[1, left],
+            positions[0, right],
+            positions[1, right],
+            rows[SPACINGS, left],
+            rows[OFFSETS, left],
+            rows[REST_LENGTHS, left],
+        )
+        pull = rows[STIFFNESSES, left] * extension
+        changes[rotors + left] -= pull * first
+        changes[rotors + right] -= pull * second
     for n in range(rotors):
         changes[rotors + n] /= rows[INERTIAS, n]
     if state.size > 2 * rotors:

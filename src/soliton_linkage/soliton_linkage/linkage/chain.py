@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations
 from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.linkage.springs import spring_between
 
 Array = NDArray[np.float64]
 
@@ -185,16 +186,13 @@ class Chain:
     def springs(self, angles: Array) -> tuple[Array, Array, Array]:
         """Return extensions [m] and levers A and B [m/rad] of the springs, each (..., springs).
 
-        A_n = dl_n/dphi_n = (h_n dv_n - v_n dh_n) / l_n and
-        B_n = dl_n/dphi_{n+1} = (v_{n+1} dh_n - h_{n+1} dv_n) / l_n, where
-        (dh_n, dv_n) = (a + h_{n+1} - h_n, v_{n+1} - v_n) leads from mass n to mass n+1. Both are
-        0 where the masses meet, so that the spring has no direction.
+        A_n = dl_n/dphi_n and B_n = dl_n/dphi_{n+1}; see `springs.spring_between`.
         """
         horizontal, vertical = self.positions(angles)
         h_left, h_right = self._joined(horizontal)
         v_left, v_right = self._joined(vertical)
         parameters = self.spacings, self.offsets, self.rest_lengths
-        return springs_between((h_left, v_left), (h_right, v_right), *parameters)
+        return spring_between(h_left, v_left, h_right, v_right, *parameters)
 
     def spring_extensions(self, angles: Array) -> Array:
         """Length of each spring beyond that at rest [m], shape (..., springs)."""
@@ -257,31 +255,6 @@ class Chain:
     def _deviating(parameter: float, deviations: tuple[float, ...], count: int) -> Array:
         fractions = np.array(deviations) if deviations else np.zeros(count)
         return np.asarray(parameter * (1 + fractions))
-
-
-def springs_between(
-    left: tuple[Array, Array],
-    right: tuple[Array, Array],
-    spacings: Array,
-    offsets: Array,
-    rest_lengths: Array,
-) -> tuple[Array, Array, Array]:
-    """Extensions [m] and levers A and B [m/rad] of springs, see `Chain.springs`.
-
-    They join masses at horizontal and vertical positions from their pivots [m], (..., springs).
-    """
-    (h_left, v_left), (h_right, v_right) = left, right
-    across, up = h_right - h_left, v_right - v_left
-    products = h_left * h_right + v_left * v_right
-    excess = offsets + 2 * spacings * across - 2 * products
-    across += spacings
-    lengths = np.hypot(across, up)
-    divisors = np.maximum(lengths, np.finfo(np.float64).tiny)
-    return (
-        excess / (lengths + rest_lengths),
-        (h_left * up - v_left * across) / divisors,
-        (v_right * across - h_right * up) / divisors,
-    )
 
 
 def staggered(angles: ArrayLike) -> Array:
