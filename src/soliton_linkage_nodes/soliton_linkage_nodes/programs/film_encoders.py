@@ -54,23 +54,23 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Of H.264 [1]: that of players, for who looks at it."""
+"""Quality of H.264 [1]: that of players."""
 
 
 class Account(NamedTuple):
-    """What was seen in a film."""
+    """Summary of a film."""
 
     bag: Path
     pictures: int
-    """In which rotors were seen."""
+    """Number of pictures with visible rotors."""
     shares: float
-    """Of the rotors that were seen in them, on the mean [1]."""
+    """Mean share of the rotors that were visible in them [1]."""
     deviation: float
     """Median of the standard deviations [rad]."""
     last: str
-    """What the last picture showed, and what happened before."""
+    """Description of the last picture and of what happened before."""
     ended_by: str
-    """What ended it before its end, which the bag tells too; empty for nothing."""
+    """Reason of a premature end, which is in the bag, too; else empty."""
 
 
 def film_to_bag(
@@ -81,9 +81,9 @@ def film_to_bag(
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
 ) -> Account:
-    """Write what a film shows into a bag, and an overlay; ValueError where it shows no angle.
+    """Write the angles in a film to a bag, and an overlay; ValueError if there are none.
 
-    A film that is damaged ends there, and one that is stopped then: the bag has what was seen.
+    If the film is damaged or stopped, the bag has the angles until then.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
@@ -126,7 +126,7 @@ def film_to_bag(
 
 
 def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[Shot]:
-    """Pictures with what was found in them, and the walls that the frames so far show."""
+    """Yield pictures with their measurement and the walls of the frames so far."""
     analyser = Analyser(named.chain)
     for taken, seen in looked:
         walls = []
@@ -140,23 +140,19 @@ def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[S
 
 
 class _AngleBag:
-    """A bag with a chain and its angles."""
+    """A bag with a chain and its angles, begun with the first of these."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
+        self.path = output
         self._named = named
         self._writer: BagWriter | None = None
-        self._output = output
         self._topics: dict[str, StoredTopic] = {}
 
-    @property
-    def path(self) -> Path:
-        """Of the bag."""
-        return self._output if self._writer is None else self._writer.path
-
     def write(self, seen: Seen) -> None:
-        """Write what a picture shows, before the first of them the chain."""
+        """Write the angles in a picture, before the first of them the chain."""
         if self._writer is None:
-            self._writer = BagWriter(self._output, 'mcap')
+            self._writer = BagWriter(self.path, 'mcap')
+            self.path = self._writer.path
             chain = chain_to_msg(self._named, time_to_msg(seen.stamp))
             self._put(interfaces.CHAIN, seen.stamp, chain)
         deviations = deviations_to_msg(self._named, seen)
@@ -164,15 +160,14 @@ class _AngleBag:
         self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
 
     def close(self, ended_by: str) -> None:
-        """Finish the bag, where there is one; it tells what ended it before its end."""
+        """Finish the bag with the reason of a premature end."""
         if self._writer is not None:
             self._writer.close({'ended_by': ended_by} if ended_by else {})
 
     def _put(self, topic: interfaces.Topic, stamp: int, message: Any) -> None:
         assert self._writer is not None
         if topic.name not in self._topics:
-            name = f'/{topic.name}'
-            stored = self._writer.add_topic(name, type_name(topic.type), topic.qos)
+            stored = self._writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
             self._topics[topic.name] = stored
         self._writer.write(self._topics[topic.name], stamp, serialize_message(message))
 

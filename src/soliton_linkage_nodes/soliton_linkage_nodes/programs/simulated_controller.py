@@ -30,23 +30,23 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.simulator.world import World, WorldParameters
 
 _RATE = Quantity('frames a second', 'Hz', 1.0, 1000.0)
-"""Those of 40 rotors take 1.8 Mbaud at the most."""
+"""Frames of 40 rotors take at most 1.8 Mbaud."""
 _COUNTS = Quantity('counts of a turn of an encoder', '', 2, 65536)
-"""Of 16 bits at the most."""
+"""At most those of 16 bits."""
 
 _TOLERANCE = 1e-6
 """Error of the angles in a step of the solver [rad]: a hundredth of a count of 16 bits."""
 _HOPELESSLY_LATE = 1.0
-"""Behind the clock [s], from which on the chain is said to be too much for the machine."""
+"""Delay behind the clock that is reported [s]: the machine is too slow for the chain."""
 _MOST_BYTES = 2**16
 """Bytes per read [1]: more than the system buffers."""
 
 
 class PseudoTerminal:
-    """Both ends of a terminal that passes bytes on as they are."""
+    """Serial port without a wire: bytes pass between its path and this end."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Open it; a link to it has a name that stays from one to the next."""
+        """Open the terminal, and a link to it whose name can stay the same."""
         self._here, self._there = pty.openpty()
         tty.setraw(self._there)
         os.set_blocking(self._here, False)
@@ -57,28 +57,25 @@ class PseudoTerminal:
 
     @property
     def path(self) -> str:
-        """To be opened as a serial port."""
+        """Path of the serial port."""
         return str(self._link or os.ttyname(self._there))
 
     def read(self) -> bytes:
-        """What has come from there."""
+        """Return the bytes that have arrived."""
         try:
             return os.read(self._here, _MOST_BYTES)
         except BlockingIOError:
             return b''
 
-    def write(self, data: bytes) -> bool:
-        """Send bytes there; False where nobody takes them and some are lost."""
-        try:
-            return os.write(self._here, data) == len(data)
-        except BlockingIOError:
-            return False
+    def write(self, data: bytes) -> None:
+        """Send bytes; some are lost if nothing reads them."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._here, data)
 
     def close(self) -> None:
-        """Pull the plug."""
+        """Close both ends and remove the link."""
         if self._link is not None:
-            with contextlib.suppress(FileNotFoundError):
-                self._link.unlink()
+            self._link.unlink(missing_ok=True)
         os.close(self._here)
         os.close(self._there)
 
@@ -101,11 +98,11 @@ class PlayedChain:
 
     @property
     def time(self) -> float:
-        """Of the frame that is next [s]."""
+        """Time of the next frame [s]."""
         return self._simulation.time
 
     def play(self) -> None:
-        """Do what was told since the frame before, say where the rotors are, and go on."""
+        """Obey the commands since the frame before, send the angles, and advance."""
         simulation = self._simulation
         self._controller.hear(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))
@@ -125,38 +122,35 @@ def main(arguments: Sequence[str] | None = None) -> None:
         terminal = PseudoTerminal(options.link)
         try:
             played = PlayedChain(named, controller, terminal, options.rate)
-            print(f'{terminal.path}\n{_hint(terminal, options.chain)}', flush=True)
+            print(
+                f'{terminal.path}\nserial_encoders --ros-args --params-file {options.chain} '
+                f'-p chain_from:=parameters -p port:={terminal.path}',
+                flush=True,
+            )
             _keep_time(played)
         finally:
             terminal.close()
 
 
 def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
-    """Encoders that read too much what the chain says they do."""
+    """Return encoders with the offsets of the chain."""
     return RotaryEncoders((counts_per_turn,), offsets=named.encoder_offsets)
 
 
 def _keep_time(played: PlayedChain) -> None:
-    """Play in time, and say once where the machine is too slow for that."""
-    begun, said = time.monotonic(), False
+    """Play in real time, and report once if the machine is too slow."""
+    begun, reported = time.monotonic(), False
     while True:
         early = begun + played.time - time.monotonic()
         time.sleep(max(early, 0.0))
         played.play()
-        if early < -_HOPELESSLY_LATE and not said:
-            said = True
+        if early < -_HOPELESSLY_LATE and not reported:
+            reported = True
             print(
                 f'simulated_controller: its clock is {-early:.2g} s slow, as this machine is; '
                 'give a lower --rate or a shorter chain',
                 file=sys.stderr,
             )
-
-
-def _hint(terminal: PseudoTerminal, chain: Path) -> str:
-    return (
-        f'serial_encoders --ros-args --params-file {chain} -p chain_from:=parameters '
-        f'-p port:={terminal.path}'
-    )
 
 
 def _parser() -> ProgramParser:
