@@ -26,6 +26,7 @@ NUMBER, COUNT, YES = types.float64, types.int64, types.boolean
 READ = types.Array(types.float64, 1, 'C', readonly=True)
 ROW = types.float64[::1]
 READ_COUNTS = types.Array(types.int64, 1, 'C', readonly=True)
+COUNTS = types.int64[::1]
 READ_TABLE = types.Array(types.float64, 2, 'C', readonly=True)
 TABLE = types.float64[:, ::1]
 READ_FLAGS = types.Array(types.boolean, 1, 'C', readonly=True)

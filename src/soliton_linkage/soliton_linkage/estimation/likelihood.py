@@ -15,21 +15,23 @@ sqrt(w) r <= k, so that no reading alone moves an arc by more than k of its devi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
     COUNT,
+    COUNTS,
     NUMBER,
     READ,
-    READ_COUNTS,
     READ_FLAGS,
     READ_TABLE,
     ROW,
     TABLE,
     YES,
     compiled,
+    named_tuple,
 )
 from soliton_linkage.estimation.frames import Flags, wrapped
 from soliton_linkage.linkage.chain import Array
@@ -94,24 +96,39 @@ def _weight(square: float, bound: float, floor: float) -> float:
     return inner / square / (1 + math.exp(min(floor - _core(square, inner), 700.0)))
 
 
-@compiled(READ, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW)
+class Density(NamedTuple):
+    """Density of the difference of a rotor from the orbit."""
+
+    variance: float
+    """Variance V of a rotor [rad^2]."""
+    spread: float
+    """Variance of the arc that differences are taken from [rad^2]."""
+    bound: float
+    """Bound k, in deviations [1]."""
+    floor: float
+    """Logarithm of the density of readings that carry no information, over the core's top [1]."""
+    gross: float
+    """Difference that springs cannot make [rad]."""
+    least_share: float
+    """Share of the information below which doubtful rotors count as well [1]."""
+
+
+_DENSITY = named_tuple(Density, *(NUMBER,) * 6)
+
+
+@compiled(READ, COUNT, READ, _DENSITY, READ_FLAGS, ROW)
 def _weigh(
     differences: Array,
     first: int,
     tangent: Array,
-    variance: float,
-    spread: float,
-    bound: float,
-    floor: float,
+    density: Density,
     doubtful: Flags,
     weights: Array,
 ) -> tuple[float, float, float, float]:
     """Set the weights w of all rotors [1], shape (N,), 0 of the unknown and the doubtful.
 
-    Differences [rad] of shape (N,), NaN where unknown, are from an arc that is itself unsure by
-    the spread [rad^2], a variance; doubtful flags are of shape (N,) or (0,). Returns the
-    information on the arc, sum w t^2 [1], the step ahead that it is likeliest at [rad], and the
-    same sum with all that might have counted, and with all that are known [1].
+    Returns the information on the arc, sum w t^2 [1], the step to the likeliest arc [rad], the
+    information with all weights 1, and the same with the doubtful.
     """
     end = first + tangent.size
     information, ahead, whole, known = 0.0, 0.0, 0.0, 0.0
@@ -125,50 +142,46 @@ def _weigh(
         if doubtful.size > 0 and doubtful[n]:
             continue
         whole += moves * moves
-        square = apart * apart / (variance + spread * moves * moves)
-        weights[n] = _weight(square, bound, floor)
+        square = apart * apart / (density.variance + density.spread * moves * moves)
+        weights[n] = _weight(square, density.bound, density.floor)
         information += weights[n] * moves * moves
         ahead += weights[n] * moves * apart
     ahead = ahead / information if information > 0 else 0.0
     return information, ahead, whole, known
 
 
-@compiled(ROW, COUNT, READ, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, READ_FLAGS, ROW, ROW)
+@compiled(ROW, COUNT, READ, _DENSITY, READ_FLAGS, TABLE)
 def weigh_frame(
     differences: Array,
     first: int,
     tangent: Array,
-    variance: float,
-    spread: float,
-    bound: float,
-    floor: float,
-    gross: float,
-    least_share: float,
+    density: Density,
     doubtful: Flags,
-    weights: Array,
-    left: Array,
+    rows: Array,
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Weigh rotors, and take what a step ahead of the arc explains off the differences [rad].
+    """Weigh rotors, and subtract from differences [rad] what a step of the arc explains.
 
-    Arguments are those of `_weigh`; all that is known counts where rotors that are not doubtful
-    have less than the least share of sum t^2. What remains of the rotors about the wall is left,
-    0 of all others and of those with less than half a weight [rad], shape (N,). Returns
-    information, step ahead and information of all as `_weigh` does; how many of the rotors about
-    the wall remain, how many are known at all, how many are off, with less than half a weight and
-    a gross difference [rad] or more, how many of these are side by side at most, and how many have
-    less than half a weight at all; the sum of squares of left [rad^2], the logarithm of the
-    likelihood of the whole frame [1], and the largest difference [rad], infinite where one is not
-    known.
+    Differences, shape (N,), are NaN where unknown; the tangent is that of rotors from a first one
+    on; doubtful flags are of shape (N,) or (0,). Sets rows, shape (2, N): weights [1], and the
+    residuals of rotors about the wall with half a weight or more, else 0 [rad].
+
+    Returns information, step and information of all as `_weigh` does; counts of rotors: about the
+    wall with half a weight, known, off (less than half a weight and a gross difference), the
+    longest run of those, less than half a weight; the sum of squares of the residuals [rad^2],
+    the log likelihood of the frame [1], and the largest difference [rad], infinite with unknown
+    rotors.
     """
-    information, ahead, whole, everything = _weigh(
-        differences, first, tangent, variance, spread, bound, floor, doubtful, weights
+    weights, left = rows[0], rows[1]
+    information, ahead, whole, known = _weigh(
+        differences, first, tangent, density, doubtful, weights
     )
-    if whole < least_share * everything:
+    if whole < density.least_share * known:
         information, ahead, whole, _ = _weigh(
-            differences, first, tangent, variance, spread, bound, floor, doubtful[:0], weights
+            differences, first, tangent, density, doubtful[:0], weights
         )
+    variance, bound, floor = density.variance, density.bound, density.floor
     end = first + tangent.size
-    used, known, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
+    used, read, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
     squares, likelihood, largest = 0.0, 0.0, 0.0
     for n in range(differences.size):
         inside = first <= n < end
@@ -179,12 +192,12 @@ def weigh_frame(
         if not math.isfinite(apart):
             largest = math.inf
             continue
-        known += 1
+        read += 1
         largest = max(largest, abs(apart))
         likelihood += _log_likelihood(apart * apart / variance, bound, floor)
         believed = weights[n] >= 0.5
         unbelieved += not believed
-        if believed or abs(apart) < gross:
+        if believed or abs(apart) < density.gross:
             running = 0
         else:
             off += 1
@@ -194,7 +207,7 @@ def weigh_frame(
             used += 1
             left[n] = apart
             squares += apart * apart
-    counts = used, known, off, run, unbelieved
+    counts = used, read, off, run, unbelieved
     return (information, ahead, whole), counts, (squares, likelihood, largest)
 
 
@@ -232,42 +245,38 @@ def _looked_up(apart: float, table: Array) -> float:
     return float(table[low] + (at - low) * (table[low + 1] - table[low]))
 
 
-@compiled(
-    READ,
-    READ_TABLE,
-    READ_TABLE,
-    READ_COUNTS,
-    READ_COUNTS,
-    READ_COUNTS,
-    READ,
-    READ,
-    ROW,
-)
-def scan(
-    angles: Array,
-    before: Array,
-    beyond: Array,
-    legs: Counts,
-    firsts: Counts,
-    begins: Counts,
-    walls: Array,
-    table: Array,
-    likelihoods: Array,
-) -> None:
-    """Set the logarithm of the likelihood of a frame at samples of the orbit, shape (S,).
+class Walls(NamedTuple):
+    """Walls of an orbit at samples, with the rotors about them one after the other."""
 
-    Before and beyond are running sums by the backgrounds of each leg, shape (legs, N + 1). Each
-    sample is of a leg and has rotors about its wall, from a first one on, whose angles [rad] are
-    those of the walls from its begin to that of the next, of which there is one more. The table
-    is of `tabulate`.
+    legs: Counts
+    """Legs of the orbit, shape (S,)."""
+    firsts: Counts
+    """First rotor about each wall, shape (S,)."""
+    begins: Counts
+    """Where each wall begins in the angles, and where the last one ends, shape (S + 1,)."""
+    angles: Array
+    """Angles of the rotors about the walls [rad]."""
+
+
+_WALLS = named_tuple(Walls, *(COUNTS,) * 3, ROW)
+
+
+@compiled(READ, READ_TABLE, READ_TABLE, _WALLS, READ, ROW)
+def scan(
+    angles: Array, before: Array, beyond: Array, walls: Walls, table: Array, likelihoods: Array
+) -> None:
+    """Set the log likelihood of a frame at samples of the orbit, shape (S,).
+
+    Before and beyond are running sums by the backgrounds of each leg, shape (legs, N + 1); the
+    table is of `tabulate`.
     """
     for sample in range(likelihoods.size):
-        leg, first, begin = legs[sample], firsts[sample], begins[sample]
-        count = begins[sample + 1] - begin
+        leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]
+        count = walls.begins[sample + 1] - begin
         end = first + count
         whole = before[leg, first] + beyond[leg, angles.size] - beyond[leg, end]
         for n in range(count):
-            apart = wrapped(angles[first + n] - walls[begin + n])
+            apart = wrapped(angles[first + n] - walls.angles[begin + n])
             whole += _looked_up(apart, table)
         likelihoods[sample] = whole
 

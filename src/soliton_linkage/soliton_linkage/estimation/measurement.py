@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import bdtr
 
 from soliton_linkage.estimation.frames import Flags
-from soliton_linkage.estimation.likelihood import frame_likelihood, weigh_frame
+from soliton_linkage.estimation.likelihood import Density, frame_likelihood, weigh_frame
 from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSettings
 from soliton_linkage.linkage.chain import Array
 
@@ -81,6 +81,7 @@ class FrameLikelihood:
         self._settings = settings
         self.gross = settings.gross_share * swing
         """Difference that no springs make [rad]."""
+        self._limits = self.gross, settings.least_share
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
         tails = 2 * bound / (bound**2 - 1) * math.exp(-0.5 * bound**2)
@@ -115,24 +116,20 @@ class FrameLikelihood:
 
         The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
         """
-        bound, floor = self._settings.bound, self.floor(variance)
-        weights, left = np.empty(len(differences)), np.empty(len(differences))
+        rows = np.empty((2, len(differences)))
+        density = Density(
+            variance,
+            spread,
+            self._settings.bound,
+            self.floor(variance),
+            self.gross,
+            self._settings.least_share,
+        )
         if self.scales is not None:
             tangent = tangent / self.scales[first : first + len(tangent)]
             differences /= self.scales
         (information, ahead, whole), counts, sums = weigh_frame(
-            differences,
-            first,
-            tangent,
-            variance,
-            spread,
-            bound,
-            floor,
-            self.gross,
-            self._settings.least_share,
-            doubtful,
-            weights,
-            left,
+            differences, first, tangent, density, doubtful, rows
         )
         used, known, off, run, unbelieved = counts
         squares, likelihood, largest = sums
@@ -146,8 +143,8 @@ class FrameLikelihood:
             first,
             tangent,
             differences,
-            weights,
-            left,
+            rows[0],
+            rows[1],
             information,
             whole,
             squares,

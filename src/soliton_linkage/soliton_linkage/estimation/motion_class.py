@@ -25,7 +25,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, compiled, records
+from soliton_linkage.compiling import (
+    COUNT,
+    NUMBER,
+    READ,
+    READ_TABLE,
+    TABLE,
+    compiled,
+    named_tuple,
+    records,
+)
 from soliton_linkage.estimation.frames import wrapped
 from soliton_linkage.estimation.settings import DEFAULTS, MotionSettings, record_dtype
 from soliton_linkage.linkage.chain import Array, Motion
@@ -89,15 +98,29 @@ def _staggered(angles: Array, n: int) -> float:
     return float(math.pi - angles[n] if n % 2 else angles[n])
 
 
+class UniformPart(NamedTuple):
+    """Outer half of the rotors on one side of a wall."""
+
+    known: float
+    """Number of rotors that are known."""
+    sine: float
+    """Sum of sin(theta)."""
+    cosine: float
+    """Sum of cos(theta)."""
+    mean: float
+    """Mean angle theta [rad]."""
+    scatter: float
+    """Sum of the squares of what they differ from it [rad^2]."""
+
+
+_PART = named_tuple(UniformPart, *(NUMBER,) * 5)
+
+
 @compiled(READ, READ, READ, COUNT, COUNT)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
-) -> tuple[int, float, float, float, float]:
-    """Outer half of the rotors from the nearest to a wall to that at an edge, which is left out.
-
-    Returns how many of them are known, the sums of sin(theta) and cos(theta), their mean angle
-    theta [rad] and the sum of squares of what they differ from it [rad^2].
-    """
+) -> UniformPart:
+    """Return the outer half of the rotors from the nearest to a wall to an edge, without that."""
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -112,7 +135,7 @@ def uniform_part(
         apart = wrapped(_staggered(angles, n) - mean)
         if math.isfinite(apart):
             scatter += apart * apart
-    return count, sine, cosine, mean, scatter
+    return UniformPart(float(count), sine, cosine, mean, scatter)
 
 
 @compiled(READ, NUMBER, NUMBER)
@@ -140,24 +163,23 @@ def _steepness(mean: float) -> float:
     return abs(math.asin(math.cos(mean)))
 
 
-@compiled(_NUMBERS, READ, COUNT, COUNT, COUNT, NUMBER, NUMBER, NUMBER, TABLE)
+@compiled(_NUMBERS, READ, COUNT, COUNT, _PART, NUMBER, TABLE)
 def tail_products(
     settings: Records,
     angles: Array,
     nearest: int,
     edge: int,
-    count: int,
-    mean: float,
-    handed: float,
+    part: UniformPart,
     noise: float,
     sums: Array,
 ) -> None:
     """Set products of (e, e^2, e' - F(e)) outwards from a wall, over the variance of e', (3, 3).
 
-    The deviation e of a rotor is handed (theta - mean) [rad], the mean being of so many; they
+    The deviation e of a rotor is theta less the mean of its side, or its opposite [rad]; they
     count from the middle of the wall on, as far as they are not flat, in the inner half of the
     rotors up to an edge. Sums are 0, and stay so where noise hides the tail.
     """
+    mean, handed = part.mean, _handed(part.sine, part.cosine)
     rest_angle = math.pi / 2 - _steepness(mean)
     if noise > settings[0]['noisiest'] * rest_angle:
         return
@@ -168,7 +190,7 @@ def tail_products(
         deviations[n] = handed * wrapped(_staggered(angles, nearest + way * n) - mean)
     begin, end = tail_of_side(deviations, rest_angle, flat)
     k = 2 * math.sin(rest_angle)
-    variance = noise * noise * (settings[0]['spread'] + 1 / count)
+    variance = noise * noise * (settings[0]['spread'] + 1 / part.known)
     for n in range(begin, min(end, half)):
         e, outer = deviations[n], deviations[n + 1]
         if math.isfinite(outer):
@@ -211,22 +233,21 @@ def evidence(
         return _NO_EVIDENCE
     left = uniform_part(angles, sines, cosines, bond - 1, 0)
     right = uniform_part(angles, sines, cosines, bond, rotors - 1)
-    if min(left[0], right[0]) < 2:
+    if min(left.known, right.known) < 2:
         return _NO_EVIDENCE
-    spread = math.sqrt((left[4] + right[4]) / (left[0] + right[0] - 2))
+    spread = math.sqrt((left.scatter + right.scatter) / (left.known + right.known - 2))
     noise = max(noise, spread, settings[0]['least_noise'])
-    lefts = math.sin(left[3]) * math.sqrt(left[0]) / noise
-    rights = math.sin(right[3]) * math.sqrt(right[0]) / noise
+    lefts = math.sin(left.mean) * math.sqrt(left.known) / noise
+    rights = math.sin(right.mean) * math.sqrt(right.known) / noise
     if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > settings[0]['leaning']):
         return _NO_EVIDENCE
-    handed = _handed(left[1], left[2]), _handed(right[1], right[2])
-    inner, last = bond - 1, rotors - 1
-    tail_products(settings, angles, inner, 0, left[0], left[3], handed[0], noise, tails)
-    tail_products(settings, angles, bond, last, right[0], right[3], handed[1], noise, tails)
-    lean = math.pi / 2 - (_steepness(left[3]) + _steepness(right[3])) / 2
+    inner = bond - 1
+    tail_products(settings, angles, inner, 0, left, noise, tails)
+    tail_products(settings, angles, bond, rotors - 1, right, noise, tails)
+    lean = math.pi / 2 - (_steepness(left.mean) + _steepness(right.mean)) / 2
     crossing = inner + (before / (before - beyond) if before * beyond < 0 else 0.5)
-    variance = noise * noise * (1 / left[0] + 1 / right[0])
-    flipping = _limited(_flipping(left[3], right[3], variance), settings[0]['strongest_frame'])
+    variance = noise * noise * (1 / left.known + 1 / right.known)
+    flipping = _limited(_flipping(left.mean, right.mean, variance), settings[0]['strongest_frame'])
     return crossing, flipping, lean
 
 

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, YES, compiled, records
+from soliton_linkage.compiling import COUNT, NUMBER, READ, compiled, named_tuple, records
 from soliton_linkage.estimation.measurement import FrameView
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import (
@@ -56,10 +57,28 @@ _READ_SUMS = records(NOISE)
 _NUMBERS = records(record_dtype(NoiseSettings))
 
 
+class Products(NamedTuple):
+    """Sums of products p of three frames in a row, over the rotors about the wall."""
+
+    whole: float
+    """Sum of p [rad^2]."""
+    wall: float
+    """Sum of t^2 p [rad^2]."""
+    free: float
+    """Sum of f = t^2 - t^4 [1]."""
+    chance: float
+    """Sum of f^2 [1]."""
+
+
+_NO_PRODUCTS = Products(0.0, 0.0, 0.0, 0.0)
+"""Products of fewer than three frames."""
+_PRODUCTS = named_tuple(Products, *(NUMBER,) * 4)
+
+
 @compiled(READ, READ, READ, READ, COUNT)
 def products_in_time(
     oldest: Array, older: Array, left: Array, tangent: Array, first: int
-) -> tuple[float, float, float, float]:
+) -> Products:
     """Sums of p = x (4 x' - x'') / 3 of what three frames running left of rotors [rad], (N,).
 
     They are over those about the wall, from a first one on: sum p, sum t^2 p, sum f and sum
@@ -75,7 +94,7 @@ def products_in_time(
         wall += share * product
         free += alone
         chance += alone * alone
-    return whole, wall, free, chance
+    return Products(whole, wall, free, chance)
 
 
 @compiled(NUMBER, NUMBER, NUMBER, NUMBER)
@@ -111,30 +130,21 @@ def estimate(noise: Records, settings: Records, given: float) -> Estimate:
     return variance, least, scatter, lasting, excess, freedoms
 
 
-@compiled(
-    *(_SUMS, _NUMBERS, NUMBER, NUMBER, YES, READ, COUNT, READ, COUNT),
-    *(READ, COUNT, READ, COUNT, NUMBER),
-)
+@compiled(_SUMS, _NUMBERS, NUMBER, NUMBER, COUNT, NUMBER, COUNT, _PRODUCTS)
 def learn(
     noise: Records,
     settings: Records,
     elapsed: float,
     given: float,
-    third: bool,
-    oldest: Array,
-    oldest_freedoms: int,
-    older: Array,
-    older_freedoms: int,
-    left: Array,
     freedoms: int,
-    tangent: Array,
-    first: int,
     squares: float,
+    pairs: int,
+    products: Products,
 ) -> Estimate:
-    """Take in what is left of a frame, a time [s] after the last; returns the `estimate`.
+    """Add the residuals of a frame, a time [s] after the last; return the `estimate`.
 
-    What is left of rotors [rad], (N,), has so many degrees of freedom, in this frame and in the
-    two before, which count where it is the third; the tangent begins at a first rotor.
+    They have so many degrees of freedom and a sum of squares [rad^2]; `products_in_time` has so
+    many pairs, 0 without two frames before.
     """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
@@ -143,9 +153,8 @@ def learn(
     recent = math.exp(-min(elapsed / numbers['recent_time'], 1 / numbers['recent_frames']))
     sums['recent_squares'] = recent * sums['recent_squares'] + squares
     sums['recent_freedoms'] = recent * sums['recent_freedoms'] + freedoms
-    if third:
-        whole, wall, free, chance = products_in_time(oldest, older, left, tangent, first)
-        pairs = min(oldest_freedoms, older_freedoms, freedoms)
+    if pairs:
+        whole, wall, free, chance = products
         sums['products'] = fade * sums['products'] + whole
         sums['pairs'] = fade * sums['pairs'] + pairs
         sums['wall'] = fade * sums['wall'] + wall
@@ -187,8 +196,13 @@ class FrameNoise:
 
     def update(self, view: FrameView, elapsed: float) -> None:
         """Take in what is left of a frame, a time [s] after the last."""
-        third = len(self._earlier) == 2
-        oldest, older = self._earlier if third else (view, view)
+        pairs, products = 0, _NO_PRODUCTS
+        if len(self._earlier) == 2:
+            oldest, older = self._earlier
+            pairs = min(each.degrees_of_freedom for each in (oldest, older, view))
+            products = products_in_time(
+                oldest.left, older.left, view.left, view.tangent, view.first
+            )
         self._earlier = *self._earlier[-1:], view
         self._take(
             learn(
@@ -196,16 +210,10 @@ class FrameNoise:
                 self._settings,
                 elapsed,
                 self._given,
-                third,
-                oldest.left,
-                oldest.degrees_of_freedom,
-                older.left,
-                older.degrees_of_freedom,
-                view.left,
                 view.degrees_of_freedom,
-                view.tangent,
-                view.first,
                 view.squares,
+                pairs,
+                products,
             )
         )
 
@@ -221,12 +229,12 @@ class FrameNoise:
         self.variance, self.least, self.scatter, self.lasting, self.excess, self._freedoms = told
 
 
-@compiled(READ, READ, READ)
-def median_change(first: Array, second: Array, third: Array) -> float:
-    """Median of the absolute second differences of three rows that are known, NaN of none."""
+@compiled(READ, READ, READ, NUMBER)
+def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
+    """Return the median of |r_1 - (1 + q) r_2 + q r_3| of known rows, NaN of none."""
     changes, known = np.empty(first.size), 0
     for n in range(first.size):
-        change = abs(first[n] - 2 * second[n] + third[n])
+        change = abs(first[n] - (1 + ratio) * second[n] + ratio * third[n])
         if change < math.inf:
             changes[known] = change
             known += 1
@@ -236,46 +244,43 @@ def median_change(first: Array, second: Array, third: Array) -> float:
 class RateNoise:
     """Standard deviation of the noise of rates, from second differences in time.
 
-    Of three frames an even time dt apart, white noise leaves r_1 - 2 r_2 + r_3 with the variance
-    6 sigma^2, and a phonon of angular frequency w only (w dt)^4 / 2 of its squared amplitude.
-    The median over the rotors, which is too large by 1 / (3 N) of itself, leaves out those in a
-    wall. Frames further apart than half a radian of the fastest phonon cannot tell noise from
-    phonons.
+    Of three frames, dt_1 and dt_2 apart, white noise leaves r_1 - (1 + q) r_2 + q r_3 with the
+    variance (1 + (1 + q)^2 + q^2) sigma^2, q = dt_1 / dt_2, and a phonon of angular frequency w
+    at even times only (w dt)^4 / 2 of its squared amplitude. The median over the rotors, which is
+    too large by 1 / (3 N) of itself, excludes those in a wall. Frames more than half a radian of
+    the fastest phonon apart do not tell noise from phonons.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
-        """Begin without any frame."""
-        self._settings = settings
-        self._longest = settings.slowest_frames / band_edges(chain)[1]
+        """Start without any frame."""
+        self._memory = settings.memory
+        self._longest = 0.5 / band_edges(chain)[1]
         self.restart()
 
     def restart(self) -> None:
         """Forget all frames."""
         self._median, self._frames = 0.0, 0
-        self._before: tuple[float, Array] | None = None
-        self._last: tuple[float, Array] | None = None
+        self._rows: list[tuple[float, Array]] = []
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the noise [rad/s], NaN where it cannot be told."""
-        if not self._frames:
-            return math.nan
-        return DEVIATION_PER_MEDIAN / math.sqrt(6) * self._median
+        """Standard deviation of the noise [rad/s], NaN where it is unknown."""
+        return DEVIATION_PER_MEDIAN * self._median if self._frames else math.nan
 
     def update(self, time: float, rates: Array) -> None:
-        """Take in the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
-        row = np.ascontiguousarray(rates, dtype=np.float64)
-        before, self._before, self._last = self._before, self._last, (time, row)
-        if before is None or self._before is None:
+        """Add the rates [rad/s] of an instant [s], shape (N,), NaN where unknown."""
+        self._rows = [*self._rows[-2:], (time, np.ascontiguousarray(rates, dtype=np.float64))]
+        if len(self._rows) < 3:
             return
-        first, second = self._before[0] - before[0], time - self._before[0]
-        uneven = abs(first - second) > self._settings.unevenness * first
-        if uneven or max(first, second) > self._longest:
+        (start, first), (middle, second), _ = self._rows
+        if max(middle - start, time - middle) > self._longest:
             return
-        change = median_change(before[1], self._before[1], row)
+        ratio = (middle - start) / (time - middle)
+        change = median_change(first, second, self._rows[2][1], ratio)
         if math.isnan(change):
             return
-        self._frames = min(self._frames + 1, self._settings.rate_memory)
+        change /= math.sqrt(1 + (1 + ratio) ** 2 + ratio**2)
+        self._frames = int(min(self._frames + 1, self._memory))
         self._median += (change - self._median) / self._frames
 
 

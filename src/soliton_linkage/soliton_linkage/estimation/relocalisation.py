@@ -18,7 +18,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soliton_linkage.estimation import likelihood
 from soliton_linkage.estimation.frames import swing_of
@@ -71,34 +70,27 @@ class Competition(NamedTuple):
 
 @dataclass(frozen=True)
 class OrbitSamples:
-    """Points of an orbit, with the rotors about their walls one after the other."""
+    """Points of an orbit."""
 
     arcs: Array
     """Arc lengths [rad], shape (S,)."""
     places: Array
     """Places of the walls [rotor spacings], shape (S,)."""
-    legs: NDArray[np.int64]
-    """Legs of the orbit, shape (S,)."""
-    firsts: NDArray[np.int64]
-    """First rotor about each wall, shape (S,)."""
-    begins: NDArray[np.int64]
-    """Where each wall begins in the walls, and where the last one ends, shape (S + 1,)."""
-    walls: Array
-    """Angles of the rotors about the walls [rad]."""
+    walls: likelihood.Walls
 
 
 def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
     """Sample an orbit at arc lengths [rad], shape (S,)."""
     about = [orbit.stretch(arc) for arc in arcs.tolist()]
     counts = np.array([len(each.angles) for each in about], dtype=np.int64)
-    return OrbitSamples(
-        arcs,
-        np.array([orbit.place(arc) for arc in arcs.tolist()]),
+    walls = likelihood.Walls(
         np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
         np.array([each.first for each in about], dtype=np.int64),
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
         np.concatenate([each.angles for each in about]),
     )
+    places = np.array([orbit.place(arc) for arc in arcs.tolist()])
+    return OrbitSamples(arcs, places, walls)
 
 
 class PlaceSearch:
@@ -244,17 +236,7 @@ class PlaceSearch:
         table = np.empty(2 + math.ceil(math.pi / step))
         floor = self._likelihood.floor(variance)
         likelihood.tabulate(variance, self._given.bound, floor, table)
-        likelihood.scan(
-            image,
-            sums[0],
-            sums[1],
-            samples.legs,
-            samples.firsts,
-            samples.begins,
-            samples.walls,
-            table,
-            found,
-        )
+        likelihood.scan(image, sums[0], sums[1], samples.walls, table, found)
         return found
 
     def _sums(self, image: Array, variance: float) -> Array:

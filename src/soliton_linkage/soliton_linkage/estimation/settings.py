@@ -40,17 +40,11 @@ class _Part:
 class NoiseSettings(_Part):
     """How noise of angles and rates is told from what lasts."""
 
-    beyond_chance: float = quantity(5.0, 'standard deviations beyond which a rotor is an outlier')
     memory: float = quantity(4000, 'frames over which the noise of angles is averaged')
     recent_frames: float = quantity(20, 'frames over which the misfit of late is averaged, or')
     recent_time: float = quantity(0.25, 'time over which it is, where that is more frames', 's')
     least_noise: float = quantity(1e-5, 'least noise of angles that is estimated', 'rad')
     significance: float = quantity(4.0, 'standard deviations from which on what lasts is believed')
-    rate_memory: int = quantity(1000, 'frames over which the noise of rates is averaged')
-    slowest_frames: float = quantity(
-        0.5, 'largest phase of the fastest phonon between frames that tell noise of rates', 'rad'
-    )
-    unevenness: float = quantity(0.1, 'share by which the times between three frames may differ')
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,20 @@ Rows of springs are extensions [m] and levers A and B [m/rad], shape (3, springs
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, TABLE, YES, compiled
+from soliton_linkage.compiling import (
+    COUNT,
+    NUMBER,
+    READ,
+    READ_TABLE,
+    TABLE,
+    YES,
+    compiled,
+    named_tuple,
+)
 from soliton_linkage.linkage.chain import Array
 
 Energy = tuple[float, float, float]
@@ -178,38 +188,48 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     return left, right, first, last, moments / squares
 
 
-@compiled(
-    *(READ, READ_TABLE, YES, READ, READ, READ, NUMBER),
-    *(READ, READ, READ, NUMBER, READ, NUMBER, COUNT, COUNT, NUMBER),
-)
+class Scope(NamedTuple):
+    """Errors of a state, and which springs count to which part of it."""
+
+    noise: float
+    """Standard deviation of the angles [rad]."""
+    rate_noise: float
+    """Standard deviation of the rates [rad/s]."""
+    reach: float
+    """Distance from a wall that holds its energy [rotor spacings]."""
+    before: int
+    """Number of bonds before the first wall."""
+    beyond: int
+    """First bond beyond the last wall."""
+    domain: float
+    """Least polarisation of a bond in a domain [1]."""
+
+
+_SCOPE = named_tuple(Scope, NUMBER, NUMBER, NUMBER, COUNT, COUNT, NUMBER)
+
+
+@compiled(READ, READ_TABLE, YES, READ_TABLE, READ_TABLE, READ, _SCOPE)
 def report(
     angles: Array,
     parameters: Array,
     periodic: bool,
-    half: Array,
-    lefts: Array,
-    rights: Array,
-    noise: float,
-    inertias: Array,
-    noisy: Array,
-    rates: Array,
-    rate_noise: float,
+    springs: Array,
+    rotors: Array,
     walls: Array,
-    reach: float,
-    before: int,
-    beyond: int,
-    domain: float,
+    scope: Scope,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """All that a state shows in one call, as each costs more to make than to compute.
+    """Return shape, topology, elastic and kinetic energy in one call.
 
-    Arguments are those of `of_angles`, `elastic`, `kinetic` and `topology`. Returns the shape, and
-    what the others do.
+    Springs are the half stiffnesses and those with a noisy left and right rotor, shape (3,
+    springs); rotors are half inertias, those of noisy rates, and rates, shape (3, N).
     """
+    half = springs[0]
     rows = np.empty((3, half.size))
     twists, upright = of_angles(angles, parameters, periodic, rows)
+    noise, reach = scope.noise, scope.reach
     return (
         (twists, upright, rows[1, 0], rows[2, half.size - 1]),
-        topology(rows, before, beyond, domain),
-        elastic(rows, half, lefts, rights, periodic, noise, walls, reach),
-        kinetic(inertias, noisy, rates, rate_noise, walls, reach),
+        topology(rows, scope.before, scope.beyond, scope.domain),
+        elastic(rows, half, springs[1], springs[2], periodic, noise, walls, reach),
+        kinetic(rotors[0], rotors[1], rotors[2], scope.rate_noise, walls, reach),
     )

@@ -177,9 +177,9 @@ class StateReporter:
         self.chain = chain
         self._reach = energy_reach(chain, settings)
         self._domain = settings.domain
-        self._half_stiffnesses = 0.5 * chain.stiffnesses
-        self._half_inertias = 0.5 * chain.moments_of_inertia
-        self._at_rest = np.zeros(chain.number_of_rotors)
+        self._springs = np.tile(0.5 * chain.stiffnesses, (3, 1))
+        self._rotors = np.tile(0.5 * chain.moments_of_inertia, (3, 1))
+        self._rotors[2] = 0.0
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
@@ -208,40 +208,33 @@ class StateReporter:
         chain, walls = self.chain, _finite(places)
         state = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(state, chain.number_of_rotors)
-        half = left = right = self._half_stiffnesses
-        noisy, noise = self._half_inertias, errors.known_rate_noise
-        unseen = errors.unseen
+        noise, unseen, springs = errors.known_rate_noise, errors.unseen, self._springs
         if unseen is not None:
             seen = ~unseen
-            left, right = half * seen[: len(half)], half * np.roll(seen, -1)[: len(half)]
-            noisy = np.where(unseen, 0.0, noisy)
-        of_rotors = self._at_rest
+            half, count = springs[0], chain.number_of_springs
+            springs = np.array([half, half * seen[:count], half * np.roll(seen, -1)[:count]])
+        rotors = self._rotors.copy()
+        if unseen is not None:
+            rotors[1, unseen] = 0.0
         if not (rates is None or isinstance(rates, ArcRate)):
-            of_rotors = np.ascontiguousarray(rates, dtype=np.float64)
-        check_shape(of_rotors, chain.number_of_rotors, 'rate')
+            check_shape(rates, chain.number_of_rotors, 'rate')
+            rotors[2] = rates
         before, beyond = self._bonds_beside(walls)
         shape, sides, elastic, kinetic = state_loops.report(
             state,
             chain.spring_parameters,
             chain.periodic,
-            half,
-            left,
-            right,
-            errors.noise,
-            self._half_inertias,
-            noisy,
-            of_rotors,
-            noise,
+            springs,
+            rotors,
             self._between(walls),
-            self._reach,
-            before,
-            beyond,
-            self._domain * self._uniform,
+            state_loops.Scope(
+                errors.noise, noise, self._reach, before, beyond, self._domain * self._uniform
+            ),
         )
         if not math.isfinite(shape[0]):
             chain.check_angles(state)
         if not math.isfinite(kinetic[0]):
-            chain.check_angles(of_rotors, 'rate')
+            chain.check_angles(rotors[2], 'rate')
         if rates is None or isinstance(rates, ArcRate):
             kinetic = self._of_arc(rates, elastic)
         elif noise != errors.rate_noise:
@@ -312,10 +305,10 @@ class StateReporter:
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
         """Elastic and kinetic energy that rotors which were not seen may hide [J]."""
-        half = self._half_stiffnesses
+        half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
-        return elastic, float(self._half_inertias[unseen].sum()) * errors.known_rate_noise**2
+        return elastic, float(self._rotors[0, unseen].sum()) * errors.known_rate_noise**2
 
     def _between(self, walls: list[float]) -> Array:
         """Places of walls, which grow, and what is next beyond either end of the chain."""

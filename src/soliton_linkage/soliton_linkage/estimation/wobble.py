@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, YES, compiled, records
+from soliton_linkage.compiling import COUNT, NUMBER, READ, TABLE, YES, compiled, records
 from soliton_linkage.estimation.frames import wrapped
 from soliton_linkage.estimation.motion_class import next_deviation, tail_of_side
 from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings, record_dtype
@@ -36,25 +36,25 @@ _NOT_TOLD = (math.nan, math.nan, math.nan)
 """The overshoot of a spinner, or of no rotor [m]."""
 
 
-@compiled(READ, READ, COUNT, COUNT, COUNT, COUNT, YES, NUMBER, ROW, ROW)
+@compiled(READ, READ, COUNT, COUNT, COUNT, YES, NUMBER, TABLE)
 def beside_wall(
     angles: Array,
     at_rest: Array,
     first: int,
     low: int,
     middle: int,
-    high: int,
     spins: bool,
     rest_angle: float,
-    expected: Array,
-    measured: Array,
+    leans: Array,
 ) -> None:
-    """Leans beside a wall less that of the uniform state [rad], outwards, first those before it.
+    """Set leans beside a wall less that of the uniform state [rad], outwards, shape (2, n).
 
-    They are set as the wall at rest has them, whose angles are those of its rotors from the
-    first on, and as they are measured: of the rotors from a low one to the end of the high ones,
-    of which those from the middle on are beyond the wall, where those of spinners turn over.
+    The first row is that of the wall at rest, whose angles are those of rotors from the first on;
+    the second is measured. The columns are rotors from a low one on, first those before the
+    middle, then those beyond, where the rotors of spinners turn over.
     """
+    expected, measured = leans[0], leans[1]
+    high = low + expected.size
     alike = 0.0
     for n in range(low, high):
         alike += math.cos(angles[n]) * math.cos(at_rest[n - first])
@@ -210,8 +210,9 @@ def wobble(
     low, high = max(first, 1), min(first + at_rest.size, rotors - 1)
     middle = min(max(math.floor(place) + 1, low), high)
     split, count = middle - low, high - low
-    expected, measured = np.empty(count), np.empty(count)
-    beside_wall(angles, at_rest, first, low, middle, high, spins, rest_angle, expected, measured)
+    leans = np.empty((2, count))
+    beside_wall(angles, at_rest, first, low, middle, spins, rest_angle, leans)
+    expected, measured = leans[0], leans[1]
     overshoot = _NOT_TOLD
     square, product, variance, weight, distance = 0.0, 0.0, 0.0, 0.0, 0.0
     for side in range(2):
