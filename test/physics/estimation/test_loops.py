@@ -44,7 +44,7 @@ def test_a_scan_finds_the_likelihood_of_each_sample() -> None:
     likelihood.tabulate(variance, bound, floor, table)
     found, first = np.empty(1), np.zeros(1, dtype=np.int64)
     sums, begins = np.zeros((1, ROTORS + 1)), np.array([0, ROTORS])
-    samples = likelihood.Walls(first, first, begins, walls)
+    samples = likelihood.SampledWalls(first, first, begins, walls)
     likelihood.scan(angles, sums, sums, samples, table, found)
     assert found[0] == pytest.approx(expected, abs=ROTORS / (8 * 32**2))
 

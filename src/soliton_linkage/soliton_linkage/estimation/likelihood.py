@@ -113,7 +113,7 @@ class Density(NamedTuple):
     """Share of the information below which doubtful rotors count as well [1]."""
 
 
-_DENSITY = named_tuple(Density, *(NUMBER,) * 6)
+_DENSITY = named_tuple(Density, NUMBER)
 
 
 @compiled(READ, COUNT, READ, _DENSITY, READ_FLAGS, ROW)
@@ -245,7 +245,7 @@ def _looked_up(apart: float, table: Array) -> float:
     return float(table[low] + (at - low) * (table[low + 1] - table[low]))
 
 
-class Walls(NamedTuple):
+class SampledWalls(NamedTuple):
     """Walls of an orbit at samples, with the rotors about them one after the other."""
 
     legs: Counts
@@ -258,12 +258,17 @@ class Walls(NamedTuple):
     """Angles of the rotors about the walls [rad]."""
 
 
-_WALLS = named_tuple(Walls, *(COUNTS,) * 3, ROW)
+_WALLS = named_tuple(SampledWalls, COUNTS, COUNTS, COUNTS, ROW)
 
 
 @compiled(READ, READ_TABLE, READ_TABLE, _WALLS, READ, ROW)
 def scan(
-    angles: Array, before: Array, beyond: Array, walls: Walls, table: Array, likelihoods: Array
+    angles: Array,
+    before: Array,
+    beyond: Array,
+    walls: SampledWalls,
+    table: Array,
+    likelihoods: Array,
 ) -> None:
     """Set the log likelihood of a frame at samples of the orbit, shape (S,).
 

@@ -113,7 +113,7 @@ class UniformPart(NamedTuple):
     """Sum of the squares of what they differ from it [rad^2]."""
 
 
-_PART = named_tuple(UniformPart, *(NUMBER,) * 5)
+_PART = named_tuple(UniformPart, NUMBER)
 
 
 @compiled(READ, READ, READ, COUNT, COUNT)

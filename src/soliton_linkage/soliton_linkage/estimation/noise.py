@@ -72,7 +72,7 @@ class Products(NamedTuple):
 
 _NO_PRODUCTS = Products(0.0, 0.0, 0.0, 0.0)
 """Products of fewer than three frames."""
-_PRODUCTS = named_tuple(Products, *(NUMBER,) * 4)
+_PRODUCTS = named_tuple(Products, NUMBER)
 
 
 @compiled(READ, READ, READ, READ, COUNT)

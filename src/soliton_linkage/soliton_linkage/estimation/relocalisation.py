@@ -76,14 +76,14 @@ class OrbitSamples:
     """Arc lengths [rad], shape (S,)."""
     places: Array
     """Places of the walls [rotor spacings], shape (S,)."""
-    walls: likelihood.Walls
+    walls: likelihood.SampledWalls
 
 
 def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
     """Sample an orbit at arc lengths [rad], shape (S,)."""
     about = [orbit.stretch(arc) for arc in arcs.tolist()]
     counts = np.array([len(each.angles) for each in about], dtype=np.int64)
-    walls = likelihood.Walls(
+    walls = likelihood.SampledWalls(
         np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
         np.array([each.first for each in about], dtype=np.int64),
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
