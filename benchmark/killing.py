@@ -34,8 +34,8 @@ from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.programs.child_processes import private_domain
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.child_processes import private_domain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40

@@ -15,7 +15,7 @@ from typing import Any
 import rclpy
 from ament_index_python.packages import get_package_prefix
 
-from soliton_linkage_nodes.programs.child_processes import private_domain
+from soliton_linkage_nodes.runtime.child_processes import private_domain
 
 _LONGEST_STOP = 60.0
 

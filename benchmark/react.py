@@ -33,7 +33,7 @@ from std_msgs.msg import Float64
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.scheduling import go_first
+from soliton_linkage_nodes.runtime.pacing import go_first
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40

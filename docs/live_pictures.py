@@ -26,7 +26,7 @@ import imageio_ffmpeg
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from soliton_linkage_nodes.programs.child_processes import private_domain
+from soliton_linkage_nodes.runtime.child_processes import private_domain
 
 HERE = Path(__file__).parent / 'pictures'
 CONFIGURATION = HERE.parents[1] / 'config' / 'flipper.yaml'

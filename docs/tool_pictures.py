@@ -40,8 +40,8 @@ from visualization_msgs.msg import Marker
 
 import soliton_linkage as sl
 from soliton_linkage.linkage import robot_description
-from soliton_linkage_nodes.programs.child_processes import private_domain
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.child_processes import private_domain
 
 PICTURES = Path(__file__).parent / 'pictures'
 CONFIG = PICTURES.parents[1] / 'config'

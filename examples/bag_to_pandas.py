@@ -12,7 +12,7 @@ import numpy as np
 
 import soliton_linkage as sl
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.programs.linkage_bags import read_recording
+from soliton_linkage_nodes.programs.bag_analysis import read_recording
 
 
 def read(bag: Path) -> tuple[sl.Chain, sl.Recording, dict[str, np.ndarray]]:

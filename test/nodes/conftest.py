@@ -15,9 +15,9 @@ import pytest
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.programs.child_processes import keep_to_the_loopback
 from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime import diagnostics
+from soliton_linkage_nodes.runtime.child_processes import keep_to_the_loopback
 
 sys.path.append(str(Path(__file__).parent))
 

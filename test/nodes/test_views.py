@@ -15,7 +15,7 @@ import pytest
 import yaml
 from std_srvs.srv import SetBool
 
-from soliton_linkage_nodes.commands.fields import interface_type
+from soliton_linkage_nodes.messages.fields import interface_type
 from soliton_linkage_nodes.runtime.interfaces import DRAWN, SUITE
 
 VIEWS = Path(__file__).parents[2] / 'config' / 'views'

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from soliton_linkage import command
-from soliton_linkage.completion import complete, skip_word, words_before
+from soliton_linkage.command_line import complete, skip_word, words_before
 
 
 def failing(arguments: list[str]) -> int:

@@ -18,8 +18,7 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
 
-from soliton_linkage.command_line import PlainParser
-from soliton_linkage.completion import complete, skip_word, words_before
+from soliton_linkage.command_line import PlainParser, complete, skip_word, words_before
 
 PROGRAM = 'soliton-linkage'
 _GROUP = 'soliton_linkage.commands'

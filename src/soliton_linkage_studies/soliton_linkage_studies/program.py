@@ -13,8 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from soliton_linkage.command_line import PlainParser
-from soliton_linkage.completion import complete
+from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_studies.workers import local_processes, process_count
 

@@ -12,6 +12,7 @@ from recordings import START
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
+from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
     NamedChain,
@@ -19,7 +20,6 @@ from soliton_linkage_nodes.messages.conversions import (
     default_joint_names,
     frame_to_msg,
 )
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 

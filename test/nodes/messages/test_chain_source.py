@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +14,7 @@ from graphs import Graph, values
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Disorder
-from soliton_linkage_nodes.messages.chain_source import ChainSource
+from soliton_linkage_nodes.messages.chain_source import ChainSource, chain_of_file
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
@@ -170,3 +172,52 @@ def test_parameters_that_describe_no_chain_stop_the_node(
 ) -> None:
     with pytest.raises(ValueError, match=complaint):
         graph.start(Learner, given)
+
+
+CONFIG = Path(__file__).parents[3] / 'config'
+
+
+@pytest.mark.parametrize(
+    ('content', 'complaint'),
+    [
+        ('just words', 'is no file of parameters'),
+        ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
+        ('/**: {ros__parameters: {chain.mass: -1.0}}', 'mass = -1.0 must lie in the range'),
+        (
+            '/**: {ros__parameters: {chain.number_of_rotors: 3, joint_names: [a, b]}}',
+            'joint_names has 2 names for 3 rotors; name one joint a rotor',
+        ),
+    ],
+)
+def test_a_file_that_describes_no_chain_is_refused(
+    tmp_path: Path, content: str, complaint: str
+) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(content)
+    with pytest.raises(ValueError, match=complaint):
+        chain_of_file(path)
+
+
+def test_a_file_may_name_the_joints(tmp_path: Path) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(
+        'soliton_analyser:\n  ros__parameters:\n    chain.number_of_rotors: 2\n'
+        '    joint_names: [left, right]\n    noise: 0.1\n'
+    )
+    chain = replace(Chain(), number_of_rotors=2)
+    assert chain_of_file(path) == NamedChain(chain, ('left', 'right'))
+
+
+def test_the_file_of_all_parameters_describes_the_chain_that_nodes_have_by_themselves() -> None:
+    named = chain_of_file(CONFIG / 'linkage.yaml')
+    assert named == NamedChain(Chain(), default_joint_names(Chain().number_of_rotors))
+
+
+def test_a_file_may_hold_deviations_and_groups_of_parameters(tmp_path: Path) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(
+        'left:\n  simulator:\n    ros__parameters:\n      chain:\n'
+        '        number_of_rotors: 2\n        deviations: {mass: [0.0, 0.5]}\n'
+    )
+    chain = chain_of_file(path).chain
+    assert (chain.number_of_rotors, chain.deviations.mass) == (2, (0.0, 0.5))

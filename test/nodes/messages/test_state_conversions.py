@@ -14,15 +14,16 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, CyclePhase, cycle_phase
-from soliton_linkage.estimation.estimates import AnalysedSoliton, TrackingStatus
+from soliton_linkage.estimation.estimates import AnalysedSoliton, EventKind, TrackingStatus
 from soliton_linkage.estimation.motion_class import MotionClass
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_msgs import msg
-from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_msgs.msg import SolitonEvent, SolitonState
 from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.messages.state_conversions import (
+    KINDS,
     NumberFields,
     columns,
     row,
@@ -260,3 +261,8 @@ def test_a_field_that_nothing_fills_is_said_at_once() -> None:
         NumberFields(marked, AnalysedSoliton)
     with pytest.raises(TypeError, match='MotionClass has no mark; add it'):
         NumberFields(['mark'], Analysis, {'mark': 'measured_motion.mark'})
+
+
+def test_each_kind_has_a_number_of_its_own() -> None:
+    assert sorted(KINDS.values()) == list(range(len(EventKind)))
+    assert KINDS[EventKind.PASSING] == SolitonEvent.PASSING

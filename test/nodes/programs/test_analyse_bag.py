@@ -31,8 +31,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
     impulses_to_msg,
 )
-from soliton_linkage_nodes.messages.event_conversions import events_to_msgs
-from soliton_linkage_nodes.messages.state_conversions import state_to_msg
+from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.programs.analyse_bag import main
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.runtime import interfaces

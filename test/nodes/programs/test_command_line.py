@@ -8,13 +8,14 @@ import os
 
 import pytest
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
-from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
 
 
 @pytest.fixture
-def parser() -> ProgramParser:
-    parser = ProgramParser(prog='push')
+def parser() -> PlainParser:
+    parser = PlainParser(prog='push')
     parser.add_argument('force', type=number(Quantity('of the push', 'N', -10.0, 10.0)))
     parser.add_argument('--times', type=number(Quantity('how often', minimum=1), int), default=1)
     return parser
@@ -39,13 +40,13 @@ def parser() -> ProgramParser:
     ],
 )
 def test_a_wrong_command_line_ends_in_one_line(
-    parser: ProgramParser,
+    parser: PlainParser,
     capfd: pytest.CaptureFixture[str],
     arguments: list[str],
     said: str,
 ) -> None:
     with pytest.raises(SystemExit) as end:
-        parser.parse_beside_ros(arguments)
+        parse_beside_ros(parser, arguments)
     assert end.value.code == 2
     line = capfd.readouterr().err.splitlines()[-1]
     assert line.startswith(f'push: {said}')
@@ -53,8 +54,10 @@ def test_a_wrong_command_line_ends_in_one_line(
     assert '.c:' not in line
 
 
-def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: ProgramParser) -> None:
-    options = parser.parse_beside_ros(['-1e-3', '--times', '2', '--ros-args', '-r', '__ns:=/left'])
+def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: PlainParser) -> None:
+    options = parse_beside_ros(
+        parser, ['-1e-3', '--times', '2', '--ros-args', '-r', '__ns:=/left']
+    )
     assert vars(options) == {'force': -1e-3, 'times': 2}
 
 

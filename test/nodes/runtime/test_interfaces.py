@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 from graphs import Graph
@@ -15,6 +16,7 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
@@ -93,3 +95,34 @@ def test_queues_hold_10_to_1000_messages_and_64_mebibytes_where_these_allow(size
     assert 10 <= depth <= 1000
     assert depth == 10 or depth * size <= 64 * 2**20
     assert depth == 1000 or (depth + 1) * size > 64 * 2**20
+
+
+TOPIC = interfaces.NUDGE
+FOR_EVER = 1e6
+
+
+def test_it_ends_once_there_is_a_subscriber(graph: Graph) -> None:
+    publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
+    graph.hear(TOPIC)
+    assert wait_for_subscriber(publisher, FOR_EVER)
+
+
+def test_it_ends_in_time_where_there_is_none(graph: Graph) -> None:
+    publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
+    assert not wait_for_subscriber(publisher, 0.0)
+
+
+def test_it_ends_when_it_is_told_to_stop(graph: Graph) -> None:
+    publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
+    stopping = threading.Event()
+    stopping.set()
+    assert not wait_for_subscriber(publisher, FOR_EVER, stopping)
+
+
+def test_it_waits_for_as_many_as_asked_for(graph: Graph) -> None:
+    publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
+    graph.hear(TOPIC)
+    assert wait_for_subscriber(publisher, FOR_EVER)
+    assert not wait_for_subscriber(publisher, 0.0, fewest=2)
+    graph.hear(TOPIC)
+    assert wait_for_subscriber(publisher, FOR_EVER, fewest=2)

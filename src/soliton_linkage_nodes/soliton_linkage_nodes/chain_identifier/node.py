@@ -30,7 +30,7 @@ from soliton_linkage_nodes.messages.conversions import (
     check_names,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters

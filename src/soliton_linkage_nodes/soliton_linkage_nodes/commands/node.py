@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.visitor import visiting
-from soliton_linkage_nodes.commands.words import Verbs
+from soliton_linkage_nodes.commands.visitor import Verbs, visiting
 
 
 def main(arguments: list[str]) -> int:

@@ -16,8 +16,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
-from soliton_linkage_nodes.commands.visitor import Visitor, visiting
-from soliton_linkage_nodes.commands.words import Verbs
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, visiting
 
 
 def main(arguments: list[str]) -> int:

@@ -6,8 +6,7 @@ from __future__ import annotations
 import sys
 from functools import partial
 
-from soliton_linkage.command_line import PlainParser
-from soliton_linkage.completion import complete
+from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes import start
 
 PROGRAMS = sorted(name for name, value in vars(start).items() if isinstance(value, partial))

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
-from soliton_linkage_nodes.commands.visitor import visiting
-from soliton_linkage_nodes.commands.words import Verbs
+from soliton_linkage_nodes.commands.visitor import Verbs, visiting
+from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
 
 
 def main(arguments: list[str]) -> int:

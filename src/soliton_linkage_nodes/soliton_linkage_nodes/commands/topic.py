@@ -10,9 +10,8 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
-from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Visitor, visiting
-from soliton_linkage_nodes.commands.words import Verbs
+from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Verbs, Visitor, visiting
+from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 

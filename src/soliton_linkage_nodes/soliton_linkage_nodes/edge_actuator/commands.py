@@ -23,12 +23,12 @@ from soliton_linkage_nodes.edge_actuator.outlets import ActuatorOutlets
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.messages.command_conversions import (
     JointActuators,
+    StampRule,
     edge_command_from_msg,
     efforts_from_array,
     efforts_from_msg,
     trajectory_from_msg,
 )
-from soliton_linkage_nodes.messages.command_stamps import StampRule
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
-from soliton_linkage_nodes.runtime.freshness import Freshness
-from soliton_linkage_nodes.runtime.stamps import SECOND
+from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 
 
 class LatestFrames:

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.edge_actuator.parameters import (
 from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode

@@ -11,7 +11,7 @@ from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, TorqueBuffer, publ
 from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.scheduling import let_others_go
+from soliton_linkage_nodes.runtime.pacing import let_others_go
 
 
 class ActuatorOutlets:

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 
 from soliton_linkage_nodes.bags.guards.texts import load_json
 from soliton_linkage_nodes.bags.read.reading import message_class
-from soliton_linkage_nodes.commands.fields import built
+from soliton_linkage_nodes.messages.fields import built
 from soliton_linkage_nodes.runtime.interfaces import command_qos
 
 ENCODINGS = ('cdr', 'json')

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage_nodes.bags.stored_topic import service_definitions
-from soliton_linkage_nodes.commands.fields import interface_type
+from soliton_linkage_nodes.messages.fields import interface_type
 from soliton_linkage_nodes.runtime.guarded import CALLS
 
 _LONGEST_ANSWER = 10.0

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.live_view.chain_topics import REPORTS_LAST, ChainFind
 from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.messages.view_conversions import NodeReport
-from soliton_linkage_nodes.programs.child_processes import ChildProcesses
+from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 _LONGEST_END = 10.0

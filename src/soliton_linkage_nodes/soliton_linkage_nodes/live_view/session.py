@@ -11,7 +11,7 @@ import time
 import webbrowser
 from pathlib import Path
 
-from soliton_linkage_nodes.programs.child_processes import (
+from soliton_linkage_nodes.runtime.child_processes import (
     LONGEST_START,
     ChildProcesses,
     address_in,

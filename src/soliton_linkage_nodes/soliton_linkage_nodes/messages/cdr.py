@@ -97,34 +97,28 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decodes joint states, fast where frame and names are those of the message before."""
+    """Decoder of joint states, fast if frame and names are those of the message before."""
 
     def __init__(self) -> None:
-        """Begin without knowing any names."""
+        """Know no names."""
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Joint states whose arrays may be unaligned views; ValueError where they are damaged."""
+        """Return joint states whose arrays may be unaligned views; ValueError if damaged."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
-                seconds, nanoseconds = layout.stamp(serialized)
-                position, velocity = layout.arrays(serialized, 2)
-                return JointStates(
-                    seconds, nanoseconds, layout.frame_id, layout.name, position, velocity
-                )
+                stamp, arrays = layout.stamp(serialized), layout.arrays(serialized, 2)
+                return JointStates(*stamp, layout.frame_id, layout.name, *arrays)
             message = deserialize_message(serialized, JointState)
-        except Exception as error:  # rclpy's own has no public name
-            raise ValueError(
-                f'joint_states of {len(serialized)} bytes are no sensor_msgs/JointState: {error}; '
-                'mend what publishes them'
-            ) from error
+        except Exception as error:  # that of rclpy has no public name
+            raise _damaged('joint_states', serialized, 'sensor_msgs/JointState', error) from error
         joints = joint_states_from_msg(message)
         self._layout = Layout(joints.frame_id, joints.name)
         return joints
 
     def stamp(self, serialized: bytes) -> int:
-        """Stamp alone of joint states [ns]; ValueError where they are damaged."""
+        """Return the stamp alone of joint states [ns]; ValueError if damaged."""
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -133,7 +127,7 @@ class JointStateDecoder:
 
 
 class _RotorDecoder:
-    """Decodes values of rotors, fast where frame and names are those of the message before."""
+    """Decoder of one value a rotor, fast if frame and names are those of the message before."""
 
     _type: Any
     _topic: str
@@ -149,7 +143,7 @@ class _RotorDecoder:
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Value of each rotor, shape (N,); ValueError unless all are acceptable."""
+        """Return the value of each rotor, shape (N,); ValueError unless all are acceptable."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -159,11 +153,8 @@ class _RotorDecoder:
                     values[self._order] = given
                     return values
             message = deserialize_message(serialized, self._type)
-        except Exception as error:  # rclpy's own has no public name
-            raise ValueError(
-                f'{self._topic} of {len(serialized)} bytes are no {self._type.__name__}: {error}; '
-                'mend what publishes them'
-            ) from error
+        except Exception as error:  # that of rclpy has no public name
+            raise _damaged(self._topic, serialized, self._type.__name__, error) from error
         values = self._from_msg(self._rotors, message, self._largest)
         self._layout = Layout(message.header.frame_id, tuple(message.name))
         self._order = np.array([self._rotors[name] for name in message.name], dtype=np.intp)
@@ -171,24 +162,30 @@ class _RotorDecoder:
 
 
 class ImpulseDecoder(_RotorDecoder):
-    """Decodes rotor_impulses: angular impulses [N m s]."""
+    """Decoder of rotor_impulses: angular impulses [N m s]."""
 
     _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
     _from_msg = staticmethod(impulses_from_msg)
 
 
 class TorqueDecoder(_RotorDecoder):
-    """Decodes rotor_torques [N m], the efforts of joint states."""
+    """Decoder of rotor_torques [N m], the efforts of joint states."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
     _from_msg = staticmethod(torques_from_msg)
 
 
-class _StampedArrays:
-    """A serialized message that begins with a stamp and has arrays of one double a joint."""
+def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) -> ValueError:
+    return ValueError(
+        f'{topic} of {len(serialized)} bytes are no {type_name}: {error}; mend what publishes them'
+    )
+
+
+class _MessageBuffer:
+    """Serialized message that begins with a stamp, whose last arrays are overwritten in place."""
 
     def __init__(self, message: Any, arrays: int) -> None:
-        """Overwrite the stamp and the first arrays of a message."""
+        """Lay out a message that has so many arrays of one double a joint."""
         self._bytes = bytearray(serialize_message(message))
         layout = Layout(message.header.frame_id, tuple(message.name))
         self._arrays = layout.arrays(self._bytes, arrays)
@@ -198,48 +195,28 @@ class _StampedArrays:
         """Size of the message in bytes."""
         return len(self._bytes)
 
+    def fill(self, stamp: int, *values: Array) -> bytearray:
+        """Return the message of a stamp [ns]; the next call overwrites it."""
+        self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
+        for array, filling in zip(self._arrays[-len(values) :], values, strict=True):
+            array[...] = filling
+        return self._bytes
 
-class JointStateBuffer(_StampedArrays):
+    def write(self, stamp: int, *values: Array) -> bytes:
+        """Return the same as `fill`, as a message of its own."""
+        return bytes(self.fill(stamp, *values))
+
+
+class JointStateBuffer(_MessageBuffer):
     """Joint states of named joints: angles [rad], rates [rad/s] and torques [N m]."""
 
     def __init__(self, named: NamedChain) -> None:
         """Lay out the message once."""
         zeros = np.zeros(len(named.joint_names))
         super().__init__(frame_to_msg(named, Frame(zeros, zeros), zeros, Time()), arrays=3)
-        self._position, self._velocity, self._effort = self._arrays
-
-    def fill(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytearray:
-        """Return the message for a frame of a stamp [ns].
-
-        It is the same object each time: the next frame overwrites this one.
-        """
-        self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
-        self._position[...] = angles
-        self._velocity[...] = rates
-        self._effort[...] = torques
-        return self._bytes
-
-    def write(self, stamp: int, angles: Array, rates: Array, torques: Array) -> bytes:
-        """Return the same as `fill`, as a message of its own."""
-        return bytes(self.fill(stamp, angles, rates, torques))
 
 
-class _RotorBuffer(_StampedArrays):
-    """Values of all rotors."""
-
-    def __init__(self, message: Any, arrays: int) -> None:
-        """Overwrite the last of so many arrays of a message."""
-        super().__init__(message, arrays)
-        self._values = self._arrays[-1]
-
-    def fill(self, stamp: int, values: Array) -> bytearray:
-        """Return the message of a stamp [ns]; the next one overwrites it."""
-        self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
-        self._values[...] = values
-        return self._bytes
-
-
-class ImpulseBuffer(_RotorBuffer):
+class ImpulseBuffer(_MessageBuffer):
     """Angular impulses of all rotors [N m s]."""
 
     def __init__(self, named: NamedChain) -> None:
@@ -247,7 +224,7 @@ class ImpulseBuffer(_RotorBuffer):
         super().__init__(impulses_to_msg(named, np.zeros(named.rotors), Time()), arrays=1)
 
 
-class TorqueBuffer(_RotorBuffer):
+class TorqueBuffer(_MessageBuffer):
     """Torques of all rotors [N m], as joint states that hold efforts only."""
 
     def __init__(self, named: NamedChain) -> None:

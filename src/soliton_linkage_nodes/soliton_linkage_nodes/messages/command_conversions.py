@@ -16,7 +16,9 @@ from soliton_linkage.actuation.kick_record import Delivered, Kick
 from soliton_linkage.actuation.torque_drive import Rotors
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.steering.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs import msg
+from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, check_names
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
@@ -210,3 +212,78 @@ def last_kick_to_msg(named: NamedChain, kick: Kick) -> msg.LastKick:
         cut_short=kick.cut_short,
         measured=kick.measured,
     )
+
+
+_OUTCOMES = {
+    Outcome.REACHED: MoveSoliton.Result.REACHED,
+    Outcome.STOPPED: MoveSoliton.Result.CANCELLED,
+    Outcome.PREEMPTED: MoveSoliton.Result.PREEMPTED,
+    Outcome.OUT_OF_CHAIN: MoveSoliton.Result.OUT_OF_CHAIN,
+    Outcome.OUT_OF_REACH: MoveSoliton.Result.OUT_OF_REACH,
+    Outcome.NO_SOLITON: MoveSoliton.Result.NO_SOLITON,
+    Outcome.SOLITON_LOST: MoveSoliton.Result.SOLITON_LOST,
+    Outcome.NOT_HELD: MoveSoliton.Result.NOT_HELD,
+    Outcome.INVALID_SPEED: MoveSoliton.Result.INVALID_SPEED,
+}
+
+
+def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
+    """How a move of the soliton ended, as the result of the action."""
+    return MoveSoliton.Result(
+        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
+    )
+
+
+def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
+    """Where the soliton is on its way, with the energy of the phonons [J]."""
+    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
+
+
+@dataclass(frozen=True)
+class StampRule:
+    """Which stamps and durations commands may have; a stamp of 0 means now.
+
+    oldest: age of a command [s], 0 for as old as it may be long.
+    longest: time that a command may last or lie ahead [s].
+    """
+
+    oldest: float
+    longest: float
+
+    def check_at_once(self, source: str, stamp: int, now: int) -> None:
+        """Raise ValueError for a command to be carried out at once, of a stamp and time [ns]."""
+        age = self._age(stamp, now)
+        limit = self.oldest or self.longest
+        if age > limit:
+            raise ValueError(
+                f'{source} is {age:.3g} s old, the limit is {limit:g} s; send it in time, or with '
+                'a stamp of 0, which means now, or raise command_timeout'
+            )
+        if -age > limit:
+            raise ValueError(
+                f'{source} is of {-age:.3g} s ahead, the limit is {limit:g} s; set the clocks, or '
+                'send it with a stamp of 0, which means now'
+            )
+
+    def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
+        """Time until a command begins that lasts for a duration [s]; ValueError where refused."""
+        delay = -self._age(stamp, now)
+        if delay + duration < 0:
+            raise ValueError(
+                f'{source} was over {-duration - delay:.3g} s ago; send it in time, or with a '
+                'stamp of 0, which means now'
+            )
+        self.check_length(source, max(delay, 0.0) + duration)
+        return delay
+
+    def check_length(self, source: str, ends: float) -> None:
+        """Raise ValueError for a command that ends too late after now [s]."""
+        if ends > self.longest:
+            raise ValueError(
+                f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '
+                'shorter ones, or raise longest_command'
+            )
+
+    @staticmethod
+    def _age(stamp: int, now: int) -> float:
+        return (now - stamp) / SECOND if stamp else 0.0

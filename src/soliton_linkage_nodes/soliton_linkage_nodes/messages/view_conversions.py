@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,47 +23,35 @@ _BEYOND_INTEGERS = 2**63
 """Least whole number that a ROS parameter, an int64, does not hold [1]."""
 
 OUTCOMES = {
-    MoveSoliton.Result.REACHED: 'reached',
-    MoveSoliton.Result.CANCELLED: 'cancelled',
-    MoveSoliton.Result.PREEMPTED: 'another goal took its place',
-    MoveSoliton.Result.OUT_OF_CHAIN: 'out of the chain',
-    MoveSoliton.Result.OUT_OF_REACH: 'out of reach',
-    MoveSoliton.Result.NO_SOLITON: 'no soliton',
-    MoveSoliton.Result.SOLITON_LOST: 'soliton lost',
-    MoveSoliton.Result.NOT_HELD: 'not held',
-    MoveSoliton.Result.INVALID_SPEED: 'invalid speed',
-}
-"""How a move may end, in words."""
+    getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')
+    for name in (
+        *('REACHED', 'CANCELLED', 'OUT_OF_CHAIN', 'OUT_OF_REACH', 'NO_SOLITON'),
+        *('SOLITON_LOST', 'NOT_HELD', 'INVALID_SPEED'),
+    )
+} | {MoveSoliton.Result.PREEMPTED: 'another goal took its place'}
+"""Outcomes of a move, in words."""
 STATES = {
-    'initial': Reset.Request.INITIAL,
-    'left-leaning': Reset.Request.LEFT_LEANING,
-    'right-leaning': Reset.Request.RIGHT_LEANING,
-    'soliton': Reset.Request.SOLITON,
-    'angles': Reset.Request.ANGLES,
+    name: getattr(Reset.Request, name.upper().replace('-', '_'))
+    for name in ('initial', 'left-leaning', 'right-leaning', 'soliton', 'angles')
 }
 """States that a simulation may be reset to."""
-_EDGES = {
-    'nearest': msg.EdgeCommand.NEAREST,
-    'first': msg.EdgeCommand.FIRST,
-    'last': msg.EdgeCommand.LAST,
+_EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
+_KINDS = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('kick', 'pulse', 'pressure')}
+_TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
+    ParameterType.PARAMETER_BOOL: (bool, 'bool_value'),
+    ParameterType.PARAMETER_INTEGER: (int, 'integer_value'),
+    ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
+    ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-_KINDS = {
-    'kick': msg.EdgeCommand.KICK,
-    'pulse': msg.EdgeCommand.PULSE,
-    'pressure': msg.EdgeCommand.PRESSURE,
-}
-_WORDS = {
-    ParameterType.PARAMETER_BOOL: ('bool', 'bool_value'),
-    ParameterType.PARAMETER_INTEGER: ('int', 'integer_value'),
-    ParameterType.PARAMETER_DOUBLE: ('float', 'double_value'),
-    ParameterType.PARAMETER_STRING: ('str', 'string_value'),
-}
-_CONVERSIONS: Mapping[str, Callable[[Any], Any]] = {
-    'bool': bool,
-    'int': int,
-    'float': float,
-    'str': str,
-}
+"""Python type and field of the value, by type of a parameter."""
+_SOLITON = (
+    *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
+)
+_CYCLE = ('phase', 'phase_deviation', 'completed', 'leg')
+_TOPOLOGY = (
+    *('winding_before', 'winding_beyond', 'polarisation_before', 'polarisation_beyond'),
+    *('charge', 'zero_mode_rotor', 'first_toggled', 'last_toggled', 'first_turns', 'last_turns'),
+)
 
 
 @dataclass(frozen=True)
@@ -95,42 +83,21 @@ class AdjustableParameter:
 def state_numbers(message: msg.SolitonState) -> Numbers:
     """Numbers of a state by name, of its first soliton among them; NaN where there is none."""
     first = message.solitons[0] if message.solitons else None
-    cycle, topology, energies = message.cycle, message.topology, message.energies
-    nothing = math.nan
+    cycle, energies = message.cycle, message.energies
     return {
         'state_stamp': time_from_msg(message.header.stamp) / SECOND,
         'walls': len(message.solitons),
-        'rotor': first.rotor if first else nothing,
-        'position': first.position if first else nothing,
-        'position_deviation': first.position_deviation if first else nothing,
-        'velocity': first.velocity if first else nothing,
-        'velocity_deviation': first.velocity_deviation if first else nothing,
-        'width': first.width if first else nothing,
-        'wall_charge': first.charge if first else nothing,
-        'motion': message.motion,
-        'status': message.status,
-        'phase': cycle.phase,
+        **{name: getattr(first, name, math.nan) for name in _SOLITON},
+        'wall_charge': getattr(first, 'charge', math.nan),
+        **{name: getattr(message, name) for name in ('motion', 'status', 'misfit', 'unseen')},
+        **{name: getattr(cycle, name) for name in _CYCLE},
         'phase_rate': cycle.rate,
-        'phase_deviation': cycle.phase_deviation,
-        'completed': cycle.completed,
-        'leg': cycle.leg,
         'cycle_rotor': cycle.rotor,
         'kinetic': energies.kinetic,
         'elastic': energies.elastic,
         'wall_energy': energies.wall,
         'wake_energy': energies.wake,
-        'winding_before': topology.winding_before,
-        'winding_beyond': topology.winding_beyond,
-        'polarisation_before': topology.polarisation_before,
-        'polarisation_beyond': topology.polarisation_beyond,
-        'charge': topology.charge,
-        'zero_mode_rotor': topology.zero_mode_rotor,
-        'first_toggled': topology.first_toggled,
-        'last_toggled': topology.last_toggled,
-        'first_turns': topology.first_turns,
-        'last_turns': topology.last_turns,
-        'misfit': message.misfit,
-        'unseen': message.unseen,
+        **{name: getattr(message.topology, name) for name in _TOPOLOGY},
     }
 
 
@@ -216,7 +183,7 @@ def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
 def is_adjustable(descriptor: ParameterDescriptor) -> bool:
     """Whether a parameter may be changed and is of a kind that a page can show."""
     own = descriptor.name != 'use_sim_time' and not descriptor.name.startswith('qos_overrides.')
-    return bool(own and not descriptor.read_only and descriptor.type in _WORDS)
+    return bool(own and not descriptor.read_only and descriptor.type in _TYPES)
 
 
 def adjustable_parameters(
@@ -225,19 +192,19 @@ def adjustable_parameters(
     """Parameters of these descriptions, with their values as far as these were told."""
     found = []
     for descriptor, value in zip(descriptors, values, strict=False):
-        kind, field = _WORDS[descriptor.type]
+        kind, field = _TYPES[descriptor.type]
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         low, high = (ranges[0].from_value, ranges[0].to_value) if ranges else (None, None)
         choices = descriptor.additional_constraints
         found.append(
             AdjustableParameter(
                 descriptor.name,
-                kind,
+                kind.__name__,
                 getattr(value, field),
                 descriptor.description,
                 low,
                 high,
-                tuple(choices.split(', ')) if choices and kind == 'str' else (),
+                tuple(choices.split(', ')) if choices and kind is str else (),
             )
         )
     return found
@@ -245,14 +212,19 @@ def adjustable_parameters(
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
     """A value for a parameter; raises ValueError where it is not of its kind."""
-    kind, field = next(words for words in _WORDS.values() if words[0] == parameter.kind)
+    code, kind, field = next(
+        (code, kind, field)
+        for code, (kind, field) in _TYPES.items()
+        if kind.__name__ == parameter.kind
+    )
     try:
-        converted = _CONVERSIONS[kind](value)
-        if kind == 'int' and not -_BEYOND_INTEGERS <= converted < _BEYOND_INTEGERS:
+        converted = kind(value)
+        if kind is int and not -_BEYOND_INTEGERS <= int(converted) < _BEYOND_INTEGERS:
             raise OverflowError
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f'parameter {parameter.name} = {value!r} must be a {kind}') from error
-    code = next(number for number, words in _WORDS.items() if words[0] == kind)
+        raise ValueError(
+            f'parameter {parameter.name} = {value!r} must be a {parameter.kind}'
+        ) from error
     return ParameterValue(type=code, **{field: converted})
 
 

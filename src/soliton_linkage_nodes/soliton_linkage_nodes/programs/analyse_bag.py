@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array, Chain
@@ -26,21 +27,22 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
+from soliton_linkage_nodes.messages.chain_source import chain_of_file, differences
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
-from soliton_linkage_nodes.messages.event_conversions import EVENT_COLUMNS, event_rows
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
-from soliton_linkage_nodes.messages.state_conversions import columns, row
-from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.chain_file import chain_of_file, differences
+from soliton_linkage_nodes.messages.state_conversions import (
+    EVENT_COLUMNS,
+    columns,
+    event_rows,
+    row,
+)
+from soliton_linkage_nodes.programs.bag_analysis import analysed, read_chain
 from soliton_linkage_nodes.programs.command_line import (
-    ProgramParser,
     add_limits,
     limits_of,
     plain_failures,
 )
-from soliton_linkage_nodes.programs.linkage_bags import read_chain
-from soliton_linkage_nodes.programs.many_bags.run import analyse_many
-from soliton_linkage_nodes.programs.many_bags.study import ManyBags, named_bags
+from soliton_linkage_nodes.programs.many_bags import ManyBags, analyse_many, named_bags
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_studies.pictures import save_run
 from soliton_linkage_studies.workers import process_count
@@ -161,8 +163,8 @@ def _many(options: argparse.Namespace) -> ManyBags:
     return ManyBags(named_bags(options.bags), folder, within, chain, options.noise)
 
 
-def _parser() -> ProgramParser:
-    parser = ProgramParser(prog='analyse_bag', description=__doc__)
+def _parser() -> PlainParser:
+    parser = PlainParser(prog='analyse_bag', description=__doc__)
     parser.add_argument(
         'bags', type=Path, nargs='+', metavar='bag', help='directory of a bag, as bags/flipper_0'
     )

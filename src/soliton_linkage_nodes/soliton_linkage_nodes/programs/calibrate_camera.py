@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage.vision.camera import calibrated
 from soliton_linkage.vision.footage import read_film
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.messages.picture_conversions import write_camera
-from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.command_line import number, plain_failures
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
@@ -32,7 +33,7 @@ _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Calibrate."""
-    parser = ProgramParser(prog='calibrate_camera', description=__doc__)
+    parser = PlainParser(prog='calibrate_camera', description=__doc__)
     parser.add_argument('paths', type=Path, nargs='+', metavar='picture', help='or one film')
     parser.add_argument(
         '--columns', type=number(_CORNERS, int), default=8, help='of inner corners (%(default)s)'

@@ -7,11 +7,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards.texts import count_in, load_json
 from soliton_linkage_nodes.bags.rescue.bag_rescue import BagReport, check_bag
 from soliton_linkage_nodes.programs.command_line import (
-    ProgramParser,
     add_limits,
     limits_of,
     plain_failures,
@@ -23,7 +23,7 @@ _DAMAGE = 'damage'
 
 def main() -> None:
     """Check a bag; the exit code is 1 where it is damaged or messages were lost."""
-    parser = ProgramParser(
+    parser = PlainParser(
         prog='check_bag',
         description=f'{__doc__} The exit code is 1 where it is damaged or messages were lost.',
     )

@@ -18,34 +18,18 @@ from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage_nodes.bags.guards.limits import BagLimits
 from soliton_linkage_nodes.start import INTERRUPTED
 
-_ROS_FLAGS = ('-r', '--remap', '-p', '--param', '--params-file', '--log-level')
-_NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 _PLACE_IN_ROS = re.compile(r', at /\S+:\d+')
-_AFTER_ROS_ARGS = 'ROS arguments come after --ros-args, as --ros-args -r __ns:=/left'
 
 
-class ProgramParser(PlainParser):
-    """Knows the arguments of ROS from those of the program."""
-
-    def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
-        """What is given, by default on the command line."""
-        given = sys.argv[1:] if arguments is None else arguments
-        # argparse takes only plain decimals for negative numbers, and other ones for options.
-        spaced = [f' {each}' if _NEGATIVE.match(each) else each for each in given]
-        options, unknown = self.parse_known_args(spaced)
-        if any(each in _ROS_FLAGS or ':=' in each for each in unknown):
-            self.error(_AFTER_ROS_ARGS)
-        if unknown:
-            self.error(f'{" ".join(unknown)}: unknown')
-        return options
-
-    def parse_beside_ros(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
-        """What is given beside the arguments of ROS."""
-        try:
-            own = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
-        except RuntimeError as error:
-            self.error(f'wrong ROS arguments: {reason(error)}')
-        return self.parse(own)
+def parse_beside_ros(
+    parser: PlainParser, arguments: Sequence[str] | None = None
+) -> argparse.Namespace:
+    """Return the options that are given beside the arguments of ROS."""
+    try:
+        own = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
+    except RuntimeError as error:
+        parser.error(f'wrong ROS arguments: {reason(error)}')
+    return parser.parse(own)
 
 
 def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:

@@ -17,18 +17,18 @@ from pathlib import Path
 
 import numpy as np
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.read.reading import open_bag
-from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.child_processes import (
+from soliton_linkage_nodes.programs.bag_analysis import analysed, read_chain
+from soliton_linkage_nodes.programs.command_line import plain_failures
+from soliton_linkage_nodes.runtime.child_processes import (
     LONGEST_START,
     ChildProcesses,
     private_domain,
 )
-from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
-from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interruptible, stop_on_signals
 from soliton_linkage_studies.accuracy.contraction import (
     RECORDED,
@@ -177,8 +177,8 @@ def _given(**parameters: object) -> list[str]:
     return given
 
 
-def _parser() -> ProgramParser:
-    parser = ProgramParser(prog='contraction', description=__doc__)
+def _parser() -> PlainParser:
+    parser = PlainParser(prog='contraction', description=__doc__)
     parser.add_argument(
         'config',
         type=Path,

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rclpy.serialization import serialize_message
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
@@ -34,6 +35,7 @@ from soliton_linkage.vision.overlay import overlaid
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.messages.picture_conversions import read_camera
 from soliton_linkage_nodes.messages.sight import (
@@ -46,8 +48,7 @@ from soliton_linkage_nodes.messages.sight import (
     median_deviation,
     placed,
 )
-from soliton_linkage_nodes.programs.chain_file import chain_of_file, markers_of_file
-from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.command_line import number, plain_failures
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
@@ -206,8 +207,8 @@ def _footage(options: argparse.Namespace) -> Footage:
     return Footage(time.time(), 0, camera_pictures(options.camera))
 
 
-def _parser() -> ProgramParser:
-    parser = ProgramParser(prog='film_encoders', description=__doc__)
+def _parser() -> PlainParser:
+    parser = PlainParser(prog='film_encoders', description=__doc__)
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument('film', type=Path, nargs='?', help='file of a film, such as film.mp4')
     source.add_argument(

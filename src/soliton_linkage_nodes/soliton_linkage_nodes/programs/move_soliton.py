@@ -17,14 +17,14 @@ from typing import Any
 import rclpy
 from rclpy.action import ActionClient
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
-from soliton_linkage_nodes.programs.spinning import WaitingNode
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION
-from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
+from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _ROTOR = Quantity('where to, from rotor 0', 'rotor spacings')
@@ -115,7 +115,7 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 
 def main() -> None:
     """Carry the soliton where the command line says."""
-    options = _parser().parse_beside_ros()
+    options = parse_beside_ros(_parser())
     stopping = stop_on_signals()
     try:
         with plain_failures('move_soliton'):
@@ -128,8 +128,8 @@ def main() -> None:
     sys.exit(result.outcome != MoveSoliton.Result.REACHED)
 
 
-def _parser() -> ProgramParser:
-    parser = ProgramParser(
+def _parser() -> PlainParser:
+    parser = PlainParser(
         prog='move_soliton', description=__doc__, epilog=f'In the picture of the chain {LEGEND}.'
     )
     parser.add_argument('rotor', type=number(_ROTOR), help=f'{_ROTOR.description} [{_ROTOR.unit}]')

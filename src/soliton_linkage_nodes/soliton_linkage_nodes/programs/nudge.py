@@ -17,12 +17,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Float64
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import EdgeCommand, LastKick
-from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
-from soliton_linkage_nodes.programs.spinning import WaitingNode
+from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
+from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _SPEED = Quantity('speed of the kick along the zero mode; the sign is its direction', 'rad/s')
@@ -153,7 +153,7 @@ def described(kick: LastKick) -> str:
 
 def main() -> None:
     """Nudge as the command line asks; exit with 1 where nothing came of it, 130 on Ctrl-C."""
-    options = _parser().parse_beside_ros()
+    options = parse_beside_ros(_parser())
     stopping = stop_on_signals()
     try:
         with plain_failures('nudge'):
@@ -168,8 +168,8 @@ def main() -> None:
         sys.exit(INTERRUPTED)
 
 
-def _parser() -> ProgramParser:
-    parser = ProgramParser(prog='nudge', description=__doc__)
+def _parser() -> PlainParser:
+    parser = PlainParser(prog='nudge', description=__doc__)
     parser.add_argument('speed', type=number(_SPEED), help=f'{_SPEED.description} [rad/s]')
     parser.add_argument(
         '--subscribers',

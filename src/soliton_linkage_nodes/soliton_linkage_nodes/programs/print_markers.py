@@ -11,15 +11,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.sheets import PAPERS, write_sheets
-from soliton_linkage_nodes.programs.chain_file import chain_of_file, markers_of_file
-from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
+from soliton_linkage_nodes.programs.command_line import plain_failures
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the page."""
-    parser = ProgramParser(prog='print_markers', description=__doc__)
+    parser = PlainParser(prog='print_markers', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     parser.add_argument(
         '--output', type=Path, default=Path('out/markers.pdf'), help='.pdf or .svg (%(default)s)'

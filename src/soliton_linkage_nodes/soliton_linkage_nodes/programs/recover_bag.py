@@ -6,10 +6,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
 from soliton_linkage_nodes.programs.command_line import (
-    ProgramParser,
     add_limits,
     limits_of,
     plain_failures,
@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 def main() -> None:
     """Recover a bag; the exit code is 1 where nothing could be brought back."""
-    parser = ProgramParser(prog='recover_bag', description=__doc__)
+    parser = PlainParser(prog='recover_bag', description=__doc__)
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     parser.add_argument(
         '--output',

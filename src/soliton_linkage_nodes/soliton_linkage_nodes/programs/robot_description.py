@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
-from soliton_linkage_nodes.programs.command_line import ProgramParser, plain_failures
+from soliton_linkage_nodes.messages.chain_source import chain_of_file
+from soliton_linkage_nodes.programs.command_line import plain_failures
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
 
 
 def main() -> None:
     """Print it."""
-    parser = ProgramParser(prog='robot_description', description=__doc__)
+    parser = PlainParser(prog='robot_description', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     with plain_failures('robot_description'):
         print(description_of_file(parser.parse().config))

@@ -16,6 +16,7 @@ import tty
 from collections.abc import Sequence
 from pathlib import Path
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.gravity import NO_GRAVITY
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
@@ -23,9 +24,9 @@ from soliton_linkage.microcontroller.simulated_controller import (
     ControllerSettings,
     SimulatedController,
 )
+from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
-from soliton_linkage_nodes.programs.command_line import ProgramParser, number, plain_failures
+from soliton_linkage_nodes.programs.command_line import number, plain_failures
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.simulator.world import World, WorldParameters
 
@@ -153,9 +154,9 @@ def _keep_time(played: PlayedChain) -> None:
             )
 
 
-def _parser() -> ProgramParser:
+def _parser() -> PlainParser:
     quantities = described_fields(ControllerSettings)
-    parser = ProgramParser(prog='simulated_controller', description=__doc__)
+    parser = PlainParser(prog='simulated_controller', description=__doc__)
     parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
     parser.add_argument(
         '--protocol', choices=('binary', 'text'), default='binary', help='how it writes (binary)'

@@ -15,8 +15,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.programs.command_line import ProgramParser
+from soliton_linkage_nodes.programs.command_line import parse_beside_ros
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import refuse_unknown
@@ -80,11 +81,12 @@ class WatchSoliton(Node):
 
 def main() -> None:
     """Show the soliton until told to stop."""
-    ProgramParser(
+    parser = PlainParser(
         prog='watch_soliton',
         description=__doc__,
         epilog=f'Marks: {LEGEND}. Ctrl-C ends it.',
-    ).parse_beside_ros()
+    )
+    parse_beside_ros(parser)
     try:
         run(WatchSoliton)
     except SystemExit as end:

@@ -7,6 +7,7 @@ import gc
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import rclpy
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -21,8 +23,53 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from soliton_linkage_nodes.runtime.command_line import check_arguments
+from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
 from soliton_linkage_nodes.runtime.parameter_files import notices
-from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
+from soliton_linkage_nodes.runtime.parameters import refuse_unknown
+
+_SPIN = 0.02
+"""How soon a condition is looked at again where nothing is heard [s]."""
+
+
+def spin_until(
+    executor: Executor,
+    condition: Callable[[], bool],
+    seconds: float,
+    give_up: Callable[[], bool] = lambda: False,
+) -> bool:
+    """Spin until a condition holds; False where it does not in time, or is given up."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if give_up() or time.monotonic() > deadline:
+            return False
+        executor.spin_once(timeout_sec=_SPIN)
+    return True
+
+
+class WaitingNode(Node):
+    """The node of a program that spins it while it waits for answers, until it is interrupted."""
+
+    def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
+        """Take no parameters; `stopping` is set to interrupt what it waits for."""
+        super().__init__(name, **kwargs)
+        self.stopping = stopping
+        refuse_unknown(self)
+        self._waiting = EventsExecutor(context=self.context)
+        self._waiting.add_node(self)
+
+    def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Spin until a condition holds; False where it is too late or interrupted."""
+        return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
+
+    def wait_on(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Spin until a condition holds, also where it was interrupted."""
+        return spin_until(self._waiting, condition, seconds)
+
+    def destroy_node(self) -> None:
+        """Leave the graph, on which the executor would else keep it."""
+        self._waiting.shutdown()
+        super().destroy_node()
+
 
 _SHARE_OF_PERIOD = 0.1
 """Of the time between frames, after which a thread gives the interpreter up to who paces them [1]:

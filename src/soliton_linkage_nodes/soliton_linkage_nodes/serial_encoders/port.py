@@ -13,7 +13,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from soliton_linkage_nodes.runtime.scheduling import go_first
+from soliton_linkage_nodes.runtime.pacing import go_first
 
 _LONGEST_SILENCE = 0.1
 """Time without input after which the thread checks whether it has to end [s]."""

@@ -13,7 +13,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, publish_buffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.scheduling import let_others_go
+from soliton_linkage_nodes.runtime.pacing import let_others_go
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.simulator.delivery import DeliveryPublisher
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters

@@ -18,16 +18,14 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
-from soliton_linkage_nodes.messages.event_conversions import events_to_msgs
-from soliton_linkage_nodes.messages.state_conversions import state_to_msg
+from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.stamps import nanoseconds_of
+from soliton_linkage_nodes.runtime.stamps import ClockWatch, nanoseconds_of
 from soliton_linkage_nodes.runtime.subscriptions import (
     LONGEST_LAG,
     CountedSubscription,

@@ -13,7 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 
 from soliton_linkage.steering.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.messages.move_conversions import (
+from soliton_linkage_nodes.messages.command_conversions import (
     move_feedback_to_msg,
     move_result_to_msg,
 )

@@ -23,13 +23,13 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     frame_from_msg,
 )
-from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.freshness import Freshness
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.stamps import Freshness
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
 from soliton_linkage_nodes.soliton_steering.parameters import PARAMETERS, SolitonSteeringParameters

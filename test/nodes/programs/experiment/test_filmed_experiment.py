@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from soliton_linkage_nodes.programs.experiment.film_page import write_film_page
-from soliton_linkage_nodes.programs.experiment.filmed_experiment import run
+from soliton_linkage_nodes.programs.experiment.filmed_experiment import run, write_film_page
 
 CONFIG = Path(__file__).resolve().parents[4] / 'config/filmed.yaml'
 

@@ -19,7 +19,7 @@ from soliton_linkage_nodes.bags.play.recorded_states import RecordedStates
 from soliton_linkage_nodes.bags.read.older_messages import is_older
 from soliton_linkage_nodes.bags.read.reading import decoder, latched_depth, message_class
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.matching import wait_for_subscriber
+from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 
 _POLL_INTERVAL = Duration(seconds=0.02)
 """How soon it stops waiting when it is told to."""

@@ -14,7 +14,7 @@ from soliton_linkage_nodes.bags.record.connecting import Connecting
 from soliton_linkage_nodes.bags.record.inlets import Inlet, InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThread
-from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
+from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
 
 _POLL_INTERVAL = 0.05
 """How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""

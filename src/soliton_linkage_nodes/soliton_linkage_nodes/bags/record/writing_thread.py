@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
-from soliton_linkage_nodes.runtime.scheduling import FirstAsLongAsIdle
+from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
 
 _TICK = 0.1
 """How often the bag is told of the time where no messages come, so that it flushes [s]."""

@@ -20,18 +20,17 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.services import service_type
-from soliton_linkage_nodes.programs.child_processes import (
+from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTrip
+from soliton_linkage_nodes.programs.lean_line import LeanLine
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.child_processes import (
     LONGEST_START,
     ChildProcesses,
     address_in,
     has_display,
 )
-from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTrip
-from soliton_linkage_nodes.programs.lean_line import LeanLine
-from soliton_linkage_nodes.programs.spinning import spin_until
-from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import CALLS
-from soliton_linkage_nodes.runtime.process import interruptible
+from soliton_linkage_nodes.runtime.process import interruptible, spin_until
 
 _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')

@@ -24,10 +24,11 @@ from typing import Any
 import rclpy
 import yaml
 
-from soliton_linkage_nodes.programs.child_processes import has_display, private_domain
-from soliton_linkage_nodes.programs.command_line import ProgramParser, reason
+from soliton_linkage.command_line import PlainParser
+from soliton_linkage_nodes.programs.command_line import reason
 from soliton_linkage_nodes.programs.experiment.experiment import Experiment
 from soliton_linkage_nodes.programs.experiment.observer import Observer
+from soliton_linkage_nodes.runtime.child_processes import has_display, private_domain
 from soliton_linkage_nodes.runtime.process import (
     initialise,
     interrupt_on_signals,
@@ -197,7 +198,7 @@ def parameters_of(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _options() -> argparse.Namespace:
-    parser = ProgramParser(prog='experiment', description=__doc__)
+    parser = PlainParser(prog='experiment', description=__doc__)
     parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
     parser.add_argument(
         '--output',

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from rosbags.rosbag2 import Reader
 
+from soliton_linkage.command_line import PlainParser
 from soliton_linkage.identification.identification import Identification
 from soliton_linkage.identification.identify import identify
 from soliton_linkage.identification.readings import joined
@@ -27,10 +28,10 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
+from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.chain_file import chain_of_file
+from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.command_line import (
-    ProgramParser,
     add_limits,
     limits_of,
     number,
@@ -38,7 +39,6 @@ from soliton_linkage_nodes.programs.command_line import (
 )
 from soliton_linkage_nodes.programs.identify_chain.recorded import read_joints
 from soliton_linkage_nodes.programs.identify_chain.summary import summary, write_lengths
-from soliton_linkage_nodes.programs.linkage_bags import read_chain
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_studies.identification.report_page import save_report
 
@@ -136,8 +136,8 @@ def _told(reader: Reader) -> NamedChain | None:
         return None
 
 
-def _parser() -> ProgramParser:
-    parser = ProgramParser(prog='identify_chain', description=__doc__)
+def _parser() -> PlainParser:
+    parser = PlainParser(prog='identify_chain', description=__doc__)
     parser.add_argument(
         'bags', type=Path, nargs='+', metavar='bag', help='directory of a bag, as bags/flipper_0'
     )
@@ -160,7 +160,7 @@ def _parser() -> ProgramParser:
     return parser
 
 
-def _add_circumstances(parser: ProgramParser) -> None:
+def _add_circumstances(parser: PlainParser) -> None:
     """What angles do not tell."""
     parser.add_argument(
         '--spacing',
@@ -195,7 +195,7 @@ def _add_circumstances(parser: ProgramParser) -> None:
     )
 
 
-def _add_span(parser: ProgramParser) -> None:
+def _add_span(parser: PlainParser) -> None:
     """Which frames count."""
     time = Quantity('time', 's', 0.0)
     parser.add_argument(

@@ -11,7 +11,7 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.read.reading import decoder, find_topic, read_messages
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
-from soliton_linkage_nodes.messages.encoder_watch import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
 

@@ -13,7 +13,7 @@ from recordings import frame_message, run_of, write_bag
 from soliton_linkage_nodes.bags.read.reading import open_bag, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.linkage_bags import read_recording
+from soliton_linkage_nodes.programs.bag_analysis import read_recording
 from soliton_linkage_nodes.runtime import interfaces
 
 

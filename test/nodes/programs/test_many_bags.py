@@ -12,8 +12,7 @@ from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs import analyse_bag
-from soliton_linkage_nodes.programs.many_bags.run import analyse_many
-from soliton_linkage_nodes.programs.many_bags.study import COLUMNS, ManyBags, named_bags
+from soliton_linkage_nodes.programs.many_bags import COLUMNS, ManyBags, analyse_many, named_bags
 
 DEADLY = ('bag_60', 'bag_140')
 

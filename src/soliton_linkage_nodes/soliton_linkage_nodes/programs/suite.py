@@ -20,7 +20,8 @@ from typing import Any
 import yaml
 from rclpy.parameter import Parameter
 
-from soliton_linkage_nodes.programs.command_line import ProgramParser
+from soliton_linkage.command_line import PlainParser
+from soliton_linkage_nodes.programs.command_line import parse_beside_ros
 from soliton_linkage_nodes.runtime.command_line import parameter_names
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.process import Component, run_together
@@ -47,7 +48,7 @@ _OF_JOINTS = 'torque_limits.'
 
 def main() -> None:
     """Run the nodes until they are told to stop, or one of them cannot go on."""
-    parser = ProgramParser(
+    parser = PlainParser(
         prog='suite',
         usage='%(prog)s [NODE ...] [--ros-args ...]',
         description=__doc__,
@@ -64,7 +65,7 @@ def main() -> None:
         metavar='NODE',
         help=f'{", ".join(NODES)}; without any, all of one chain',
     )
-    names = parser.parse_beside_ros(_known_to_ros(sys.argv[1:])).nodes or of_one_chain(sys.argv)
+    names = parse_beside_ros(parser, _known_to_ros(sys.argv[1:])).nodes or of_one_chain(sys.argv)
     for name in names:
         if _kind(name) not in NODES:
             parser.error(f'{name!r} is none of {", ".join(NODES)}')

@@ -15,7 +15,7 @@ from std_msgs.msg import ByteMultiArray, Float64
 from std_srvs.srv import SetBool
 
 from soliton_linkage_msgs.msg import Chain
-from soliton_linkage_nodes.commands.fields import as_yaml, interface_type, read
+from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
 
 
 def diagnosis() -> DiagnosticArray:

@@ -13,8 +13,8 @@ from graphs import Graph, values
 from programs import Program
 
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.programs.suite import program as suite
-from soliton_linkage_nodes.programs.suite.program import NODES, addressed, of_one_chain
+from soliton_linkage_nodes.programs import suite
+from soliton_linkage_nodes.programs.suite import NODES, addressed, of_one_chain
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 

@@ -15,8 +15,8 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from graphs import Graph
 
-from soliton_linkage_nodes.programs import child_processes
-from soliton_linkage_nodes.programs.child_processes import ChildProcesses
+from soliton_linkage_nodes.runtime import child_processes
+from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 LONGEST_WAIT = 20.0
 TIME_TO_STOP = 20.0
@@ -124,8 +124,8 @@ def test_none_outlives_a_parent_that_was_killed(graph: Graph, tmp_path: Path) ->
     parent = """
 import os, sys, time
 from pathlib import Path
-from soliton_linkage_nodes.programs import child_processes
-from soliton_linkage_nodes.programs.child_processes import ChildProcesses
+from soliton_linkage_nodes.runtime import child_processes
+from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 children = ChildProcesses(Path(sys.argv[1]))
 children.start('soliton_analyser', [], dict(os.environ))
 print(children._running['soliton_analyser'].pid, flush=True)

@@ -1,13 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Another clock is found out by the quickest of the messages that it stamps."""
+"""What came last grows old by the clock on the wall; what never came is too old."""
 
 from __future__ import annotations
 
+import math
 import random
 
 import pytest
 
-from soliton_linkage_nodes.runtime.clock_watch import ClockWatch
+from soliton_linkage_nodes.runtime import stamps
+from soliton_linkage_nodes.runtime.stamps import ClockWatch, Freshness
+
+
+def test_what_came_grows_old_and_is_renewed(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(stamps.time, 'monotonic', lambda: now)
+    watched = Freshness(0.5)
+    assert (watched.age, watched.stale, str(watched)) == (math.inf, True, 'none has come')
+    watched.renew()
+    now = 100.5
+    assert (watched.age, watched.stale) == (0.5, False)
+    now = 101.25
+    assert (watched.stale, str(watched)) == (True, 'the last is 1.25 s old')
+    watched.renew()
+    assert not watched.stale
+
 
 SECOND = 10**9
 
