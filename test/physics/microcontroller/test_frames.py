@@ -107,15 +107,22 @@ def test_every_pattern_of_up_to_four_flipped_bits_has_a_checksum_of_its_own() ->
     assert (np.diff(syndromes) > 0).all()
 
 
-def test_no_bit_of_a_frame_on_the_line_can_be_flipped_unnoticed() -> None:
+@pytest.mark.parametrize('protocol', Protocol)
+def test_no_bit_of_a_frame_on_the_line_can_be_flipped_unnoticed(protocol: Protocol) -> None:
     counts = np.random.default_rng(0).integers(-(10**6), 10**6, ROTORS).astype(float)
-    piece = encode_binary(SerialFrame(FrameKind.COUNTS, 12, 3456, counts))[:-1]
-    for bit in range(8 * len(piece)):
-        flipped = bytearray(piece)
+    counts[3] = np.nan
+    written = encode(SerialFrame(FrameKind.COUNTS, 12, 3456, counts), protocol)
+    for bit in range(8 * (len(written) - 1)):
+        flipped = bytearray(written)
         flipped[bit // 8] ^= 1 << bit % 8
-        for part in bytes(flipped).split(b'\0'):
-            with pytest.raises(ValueError, match=r'checksum|short|truncated'):
-                decode_binary(part)
+        decoder = FrameDecoder()
+        assert len(decoder.feed(written)) == 1
+        # Checksums in text may have small letters.
+        assert [encode(frame, protocol) for frame in decoder.feed(bytes(flipped))] in (
+            [],
+            [written],
+        )
+        assert bytes(flipped).upper() == written.upper() or decoder.frames == 1
 
 
 @pytest.mark.parametrize(
@@ -174,19 +181,6 @@ def test_what_cannot_be_meant_is_refused_in_one_line(line: bytes) -> None:
     assert '\n' not in str(raised.value)
 
 
-def test_a_checksum_vouches_for_every_character() -> None:
-    written = encode_text(SerialFrame(FrameKind.COUNTS, 3, 40, np.array([1.0, np.nan, -20.0])))
-    line = written[:-1]
-    assert line.startswith(b'counts 3 40 1 - -20*')
-    assert decode_text(line)[1]
-    for place in range(len(line) - 9):
-        for bit in range(8):
-            flipped = bytearray(line)
-            flipped[place] ^= 1 << bit
-            with pytest.raises(ValueError, match=r'checksum'):
-                decode_text(bytes(flipped))
-
-
 def written(frames: list[SerialFrame]) -> list[bytes]:
     return [encode_text(frame) for frame in frames]
 
@@ -238,7 +232,8 @@ def test_frames_that_are_broken_are_counted_and_never_given() -> None:
 
 
 def test_once_lines_had_checksums_all_must() -> None:
-    checked = encode_text(SerialFrame(FrameKind.COUNTS, 1, 2, np.array([3.0])))
+    checked = encode_text(SerialFrame(FrameKind.COUNTS, 1, 2, np.array([3.0, np.nan])))
+    assert checked.startswith(b'counts 1 2 3 -*')
     decoder = FrameDecoder()
     assert len(decoder.feed(b'counts 0 1 2\n' + checked + b'counts 2 3 4\n')) == 2
     assert (decoder.corrupted, decoder.complaint) == (
