@@ -14,7 +14,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance, wall_between
 from mpmath import mp, mpf
-from scipy.integrate import quad
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.estimation.state_report import StateReporter
@@ -142,27 +141,6 @@ def test_place_is_the_arc_length_of_the_motion(example: tuple[float, float]) -> 
         motion = RigidSimulation(chain, start, onwards, period=abs(spacings) * arc)
         motion.advance()
         assert distance(motion.angles, static_wall(chain, 84.2 + spacings, leg)) < FOLLOWED
-
-
-@pytest.mark.parametrize('odd', [0, 1])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_arc_is_the_integral_over_the_angle_of_the_nearest_rotor(
-    example: tuple[float, float], odd: int
-) -> None:
-    chain = chain_of(example, 151)
-    seed = 74 + odd
-    near = static_wall(chain, seed + 0.0)
-    sides = sides_of(chain, near)
-
-    def rate(angle: float) -> float:
-        return 1 / abs(zero_mode(chain, hung_from(chain, seed, angle, *sides))[seed])
-
-    # At both ends the wall is half way, where its angles follow from symmetry.
-    before = static_wall(chain, seed - 0.5)[seed]
-    beyond = static_wall(chain, seed + 0.5 - 1e-15 * seed)[seed]
-    beyond = before + math.remainder(beyond - before, 2 * math.pi)
-    arc, _ = quad(rate, min(before, beyond), max(before, beyond), epsabs=1e-12, epsrel=1e-12)
-    assert site_arc(chain) == pytest.approx(arc, rel=1e-10)
 
 
 class Decimals:
