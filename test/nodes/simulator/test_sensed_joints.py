@@ -14,7 +14,7 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
+from soliton_linkage_nodes.simulator.frame_publisher import SensedJoints
 
 PERIOD = 0.01
 NOISY = EncoderErrors(noise=0.05, quantisation=0.001, offsets=(0.1,) * 8, seed=4)

@@ -13,7 +13,7 @@ import pytest
 
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.simulator.control import SimulationStatus
-from soliton_linkage_nodes.simulator.standard_services import StandardServices
+from soliton_linkage_nodes.simulator.services import StandardServices
 
 FEATURES = (
     'SIMULATION_RESET',

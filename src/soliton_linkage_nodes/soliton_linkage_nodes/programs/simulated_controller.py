@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
+from soliton_linkage.dynamics.world import World, WorldParameters
 from soliton_linkage.linkage.gravity import NO_GRAVITY
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
@@ -28,7 +29,6 @@ from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.command_line import number, plain_failures
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
-from soliton_linkage_nodes.simulator.world import World, WorldParameters
 
 _RATE = Quantity('frames a second', 'Hz', 1.0, 1000.0)
 """Frames of 40 rotors take at most 1.8 Mbaud."""
@@ -92,7 +92,9 @@ class PlayedChain:
         rate: float,
     ) -> None:
         """Begin with a chain at rest, whose frames come at a rate [Hz]."""
-        world = World(named, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
+        world = World(
+            named.chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate
+        )
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)
         self._controller, self._terminal = controller, terminal
         self._terminal.write(controller.start(0.0))

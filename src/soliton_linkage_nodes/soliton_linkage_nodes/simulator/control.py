@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulation that several threads share: one lets it go on, others command it."""
+"""A simulation that several threads share: one advances it, others command it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import in_one_line
 
 _LONGEST_TRIAL = 1.0
-"""Of the first frame after a reset, in time of the processor [s], for which the caller waits."""
+"""Processor time for which a reset waits for its first frame [s]."""
 _LEAST_PROGRESS = 1e-3
-"""Share of a frame that must be computed in that time [1]: one that takes a quarter of an hour is
-refused."""
+"""Share of a frame that must be computed in that time [1]: a frame of 1000 s is rejected."""
 _MOST_KICKS = 10_000
-"""Kicks that may wait for a frame: a second of the fastest topic, and no lasting growth."""
+"""Kicks that may wait for a frame: those of a second on the fastest topic."""
 
 
 @dataclass(frozen=True)
 class SimulationStatus:
-    """How a simulation is doing."""
+    """State of a simulation."""
 
     frames: int
     """Frames published."""
@@ -35,18 +34,18 @@ class SimulationStatus:
     """Commands that wait for the next frame."""
     paused: bool
     failure: str | None
-    """Why it cannot go on before a reset."""
+    """Reason why it cannot continue before a reset."""
     energy: float
-    """Of the current frame [J]."""
+    """Energy of the current frame [J]."""
     energy_drift: float
-    """Energy gained or lost by the solver, over the largest there was [1]."""
+    """Energy gained or lost by the solver over the largest energy so far [1]."""
     dissipated: float
-    """Energy that the damping has taken out since the last reset [J]."""
+    """Energy dissipated by the damping since the last reset [J]."""
 
 
 @dataclass
 class _Pending:
-    """What waits for the next frame."""
+    """Commands that wait for the next frame."""
 
     kicks: list[Array] = field(default_factory=list)
     torques: Array | None = None
@@ -54,14 +53,13 @@ class _Pending:
 
 
 class SimulationControl:
-    """Publishes the frames of a simulation one by one, and what is commanded comes in between.
+    """Publishes the frames of a simulation one by one and applies commands between them.
 
-    A command acts at the instant of the frame that is published next: each of the kicks that
-    wait for it, of torques and of gravity the latest. The frame shows the rates right after the
-    kicks. Torques are dropped `command_timeout` [s] of simulated time after that frame, unless
-    it is 0. Where the next frame cannot be computed, the simulation is paused until it is reset.
-
-    A frame of a wild or a long chain takes seconds to compute. Only `step` waits for it.
+    Commands act at the instant of the next published frame: all waiting kicks, and the latest
+    torques and gravity. That frame has the rates right after the kicks. Torques end
+    `command_timeout` [s] of simulated time after that frame, unless it is 0. If the next frame
+    cannot be computed, the simulation is paused until a reset. A frame may take seconds to
+    compute. Only `step` waits for it.
     """
 
     def __init__(
@@ -71,15 +69,15 @@ class SimulationControl:
         gravity: Gravity,
         command_timeout: float,
         publish: Callable[[int, Simulation], None],
-        tell: Callable[[int, Array], None] = lambda frame, impulses: None,
+        announce: Callable[[int, Array], None] = lambda frame, impulses: None,
     ) -> None:
-        """Begin in a state; `publish` takes each frame's number and the simulation at it.
+        """Start in a state; `publish` is called with each frame's number and the simulation.
 
-        `tell` takes before that the sum of the impulses that act at its instant [N m s].
+        `announce` is called before that with the sum of the impulses at its instant [N m s].
         """
         self._begin = begin
         self._gravity = gravity
-        self._publish, self._tell = publish, tell
+        self._publish, self._announce = publish, announce
         self._lock = threading.Lock()
         self._frame_in_work = threading.Lock()
         self._stopping = False
@@ -88,7 +86,7 @@ class SimulationControl:
         self._commands = _Pending()
         self._torques_expire: int | None = None
         self._frame = 0
-        self._given_up: Simulation | None = None
+        self._abandoned: Simulation | None = None
         self._simulation = begin(state, gravity)
         self._timeout = 0
         if command_timeout:
@@ -96,7 +94,7 @@ class SimulationControl:
 
     @property
     def status(self) -> SimulationStatus:
-        """How the simulation is doing."""
+        """State of the simulation."""
         with self._lock:
             return SimulationStatus(
                 self._frame,
@@ -110,19 +108,19 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """The simulation since the last reset; look at it only while it is paused."""
+        """Simulation since the last reset; to be read only while paused."""
         return self._simulation
 
     @property
     def state(self) -> State:
-        """Angles and rates of the frame that is published next."""
+        """State at the next frame."""
         with self._lock:
             return State(self._simulation.angles, self._simulation.rates)
 
     def tick(self) -> bool:
-        """Publish the current frame, commands first, and go on to the next; False if paused."""
+        """Apply commands, publish the current frame and advance; return False if paused."""
         with self._frame_in_work:
-            if self._given_up is self._simulation:
+            if self._abandoned is self._simulation:
                 self._finish_frame(self._simulation)
             with self._lock:
                 if self._paused or self._stopping:
@@ -132,7 +130,7 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply angular impulses [N m s], shape (N,); return why that cannot be."""
+        """Apply angular impulses [N m s], shape (N,); return the reason of a rejection."""
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks wait for the next frame already; let time go on'
@@ -141,18 +139,18 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), until told otherwise or until the time is over."""
+        """Apply torques [N m], shape (N,), until other torques or the time limit."""
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
 
     def turn_gravity(self, gravity: Gravity) -> None:
-        """Let gravity be another, after a reset too."""
+        """Set the gravity, also after resets."""
         with self._lock:
             self._gravity = gravity
 
     def pause(self, paused: bool) -> str | None:
-        """Pause at once or go on; return why that cannot be."""
+        """Pause at once or continue; return the reason of a rejection."""
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -160,7 +158,7 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish so many frames while paused; return why that cannot be."""
+        """Publish a number of frames while paused; return the reason of a rejection."""
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -175,10 +173,10 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Drop all commands and put the chain into a state; time goes on.
+        """Drop all commands and put the chain into a state; time continues.
 
-        Raises ValueError, with nothing changed, where the mechanics do not allow the state or no
-        frame can be computed from it.
+        Raises ValueError and changes nothing if the mechanics do not allow the state or no frame
+        can be computed from it.
         """
         simulation = self._begin(state, self._gravity)
         _try(simulation)
@@ -190,11 +188,11 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Give up the frame that is being computed and publish no other until it goes on."""
+        """Abandon the frame that is being computed; publish no other before `go_on`."""
         self._stopping = True
 
     def go_on(self) -> None:
-        """Go on after a stop, with the frame that was given up."""
+        """Continue after a stop with the abandoned frame."""
         self._stopping = False
 
     def _begin_frame(self) -> Simulation:
@@ -207,9 +205,9 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Go on to the next frame, with the lock free until that is computed."""
+        """Advance to the next frame; the lock is free while it is computed."""
         failure: Exception | None = None
-        self._given_up = simulation
+        self._abandoned = simulation
         try:
             while not (simulation.ready or self._failure or self._forsaken(simulation)):
                 simulation.step()
@@ -222,7 +220,7 @@ class SimulationControl:
                         simulation.advance()
                 except Exception as error:
                     failure = error
-                self._given_up = None
+                self._abandoned = None
                 if failure is not None:
                     self._fail(failure)
 
@@ -241,7 +239,7 @@ class SimulationControl:
         for impulses in commands.kicks:
             simulation.kick(impulses)
         if commands.kicks:
-            self._tell(self._frame, np.sum(commands.kicks, axis=0))
+            self._announce(self._frame, np.sum(commands.kicks, axis=0))
         if commands.torques is not None:
             simulation.hold(commands.torques)
             self._torques_expire = self._frame + self._timeout if self._timeout else None
@@ -251,7 +249,7 @@ class SimulationControl:
 
 
 def _try(simulation: Simulation) -> None:
-    """Compute the first frame, or as much as there is time for; ValueError where it cannot be."""
+    """Compute the first frame within the time limit; ValueError if it would take too long."""
     deadline = time.thread_time() + _LONGEST_TRIAL
     try:
         while not simulation.ready and time.thread_time() < deadline:

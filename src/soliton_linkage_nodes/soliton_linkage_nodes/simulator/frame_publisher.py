@@ -1,39 +1,132 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics on which a simulator publishes its frames."""
+"""The topics on which a simulator publishes its frames and what commands did to the chain."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from soliton_linkage.actuation.kick_record import Delivered
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, publish_buffer
+from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
+from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, JointStateBuffer, publish_buffer
+from soliton_linkage_nodes.messages.command_conversions import delivery_to_msg
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import let_others_go
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
-from soliton_linkage_nodes.simulator.delivery import DeliveryPublisher
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
-from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
+
+
+class SensedJoints:
+    """Serialized joint states: angles and rates with the errors of encoders, exact torques.
+
+    Without errors, angles and rates are exact. Missing joints are left out of every message.
+    Readings exceed the angles by the known offsets of the chain's encoders and by their errors.
+    """
+
+    def __init__(
+        self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
+    ) -> None:
+        """Lay out the message; frames are a period [s] apart, missing joints given by number."""
+        shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
+        names = tuple(named.joint_names[rotor] for rotor in shown)
+        self._shown = np.array(shown, dtype=np.intp) if missing else None
+        self._buffer = JointStateBuffer(NamedChain(named.chain, names))
+        self._known_offsets = named.encoder_offsets
+        self._encoders = Encoders(named.rotors, period, errors)
+        self.change(errors)
+        self._simulation: Simulation | None = None
+
+    def __len__(self) -> int:
+        """Return the size of the message in bytes."""
+        return len(self._buffer)
+
+    def change(self, errors: EncoderErrors) -> None:
+        """Apply other errors from the next frame on."""
+        if self._known_offsets:
+            offsets = np.add(self._known_offsets, errors.offsets or 0.0)
+            errors = replace(errors, offsets=tuple(offsets.tolist()))
+        self._encoders.errors = errors
+
+    def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
+        """Return the message of a frame, given its stamp [ns] and number.
+
+        The next frame overwrites it. Rates restart with another simulation, as after a reset.
+        """
+        angles, rates = simulation.angles, simulation.rates
+        if not self._encoders.errors.none:
+            if simulation is not self._simulation:
+                self._encoders.forget()
+                self._simulation = simulation
+            angles, rates = self._encoders.read(frame, angles)
+        shown, torques = self._shown, simulation.link_torques
+        if shown is not None:
+            angles, rates, torques = angles[shown], rates[shown], torques[shown]
+        return self._buffer.fill(stamp, angles, rates, torques)
+
+
+class DeliveryPublisher:
+    """Publisher of `delivery` for each frame in which impulses or torques acted.
+
+    Torques are constant over a frame, so that their work is torque times angle turned, exactly.
+    The sums continue through resets, which replace the simulation.
+    """
+
+    def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
+        """Publish that nothing has been delivered; stamp [ns]."""
+        self._publisher = interfaces.DELIVERY.publisher(node)
+        self._delivered = Delivered(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
+        self._simulation: Simulation | None = None
+        self._angles = self._torques = np.zeros(number_of_rotors)
+        self._kicks, self._kick_work = 0, 0.0
+        self._counted = (0, 0.0)
+        self._publisher.publish(delivery_to_msg(self._delivered))
+
+    def add(self, stamp: int, simulation: Simulation) -> None:
+        """Add the period that ends with a frame, given the frame's stamp [ns].
+
+        Impulses at the instant of the frame are added with the next one.
+        """
+        if simulation is not self._simulation:
+            self._simulation = simulation
+            self._angles, self._torques = simulation.angles, 0 * self._torques
+            self._counted = (0, 0.0)
+        before = self._delivered
+        acting = bool(self._torques.any())
+        if acting or before.torques_act or self._kicks:
+            turned = simulation.angles - self._angles
+            self._delivered = Delivered(
+                stamp,
+                before.impulses + self._kicks,
+                before.work_of_impulses + self._kick_work,
+                acting,
+                before.work_of_torques + float(self._torques @ turned),
+                before.impulse_of_torques + self._torques * simulation.period,
+            )
+            self._publisher.publish(delivery_to_msg(self._delivered))
+        self._angles, self._torques = simulation.angles, simulation.torques
+        kicks, work = self._counted
+        self._kicks, self._kick_work = simulation.kicks - kicks, simulation.kick_work - work
+        self._counted = (simulation.kicks, simulation.kick_work)
 
 
 class FramePublisher:
-    """Publishes frames and what acts at their instants, stamped from an epoch on.
-
-    Of `joint_states`, `chain`, `delivery`, `delivered_impulses` and `/clock`.
-    """
+    """Publisher of `joint_states`, `chain`, `delivery`, `delivered_impulses` and `/clock`."""
 
     def __init__(
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
     ) -> None:
         """Publish as a node."""
         self.epoch: int | None = None
-        """Stamp of the first frame [ns], None before time has begun."""
+        """Stamp of the first frame [ns], None before the first frame."""
         self.stamp = 0
-        """Of the last frame [ns]."""
+        """Stamp of the last frame [ns]."""
         self._node = node
         self._named = named
         self._joints = joints
@@ -47,16 +140,16 @@ class FramePublisher:
 
     @property
     def subscribers(self) -> int:
-        """How many listen to the joint states."""
+        """Number of subscribers of the joint states."""
         return int(self._joint_states.get_subscription_count())
 
     @property
     def depth(self) -> int:
-        """How many frames a subscriber can hold."""
+        """Number of frames that a subscriber can hold."""
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Announce the chain; the first frame is now. What has begun goes on."""
+        """Publish the chain and take the present as the time of the first frame, once."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -64,25 +157,22 @@ class FramePublisher:
         self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
 
     def flush(self) -> None:
-        """Wait, not for long, until the last frames are heard."""
+        """Wait briefly until the last frames are acknowledged."""
         interfaces.let_be_heard(self._joint_states)
 
-    def tell(self, frame: int, impulses: Array) -> None:
-        """Tell of impulses [N m s] that act at a frame, ahead of it.
-
-        What one process publishes comes in its order, but for what has to be sent again.
-        """
+    def announce(self, frame: int, impulses: Array) -> None:
+        """Publish the impulses [N m s] that act at a frame, ahead of the frame."""
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the frame of a number, that a simulation is at."""
+        """Publish the current frame of a simulation, given its number."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
         let_others_go()
-        self._delivery.note(stamp, simulation)
+        self._delivery.add(stamp, simulation)
 
     def _stamp_of(self, frame: int) -> int:
         return (self.epoch or 0) + round(frame * SECOND / self._rate)

@@ -11,6 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
+from soliton_linkage.dynamics.world import World, joint_numbers
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import described_fields
@@ -26,22 +27,19 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.simulator.control import SimulationControl
-from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher
+from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher, SensedJoints
 from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters
 from soliton_linkage_nodes.simulator.report import (
     SimulationReport,
-    obstacles_in_words,
-    simulation_in_words,
+    describe_obstacles,
+    describe_simulation,
 )
-from soliton_linkage_nodes.simulator.sensed_joints import SensedJoints
-from soliton_linkage_nodes.simulator.services import SimulationServices
-from soliton_linkage_nodes.simulator.standard_services import serve_standard
-from soliton_linkage_nodes.simulator.world import World, rotors_of
+from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Real-time factor below which time stands still anyway [1]: a frame an hour at 300 Hz."""
+"""Smallest real-time factor [1]: a frame an hour at 300 Hz."""
 _POLL_INTERVAL = 0.02
-"""Between two looks at who listens [s], before time begins."""
+"""Poll interval while waiting for subscribers [s]."""
 
 
 class Simulator(ManagedNode):
@@ -58,7 +56,7 @@ class Simulator(ManagedNode):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Configure and activate the node, unless a manager does that."""
         super().__init__('simulator', **kwargs)
 
     def configure(self) -> None:
@@ -71,13 +69,18 @@ class Simulator(ManagedNode):
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)
         self._torques = TorqueDecoder(self.named.numbers, settings.torque_limit)
         period = 1 / settings.publish_rate
-        missing = rotors_of('missing_joints', settings.missing_joints, names)
+        missing = joint_numbers('missing_joints', settings.missing_joints, names)
         self._joints = SensedJoints(self.named, period, errors, missing)
-        world = World(self.named, settings, period)
+        world = World(chain, names, settings, period)
         self.frames = FramePublisher(self, self.named, self._joints, settings)
-        publish, timeout = self.frames.publish, settings.command_timeout
-        state, tell = world.initial_state(), self.frames.tell
-        self.control = SimulationControl(world.begin, state, gravity, timeout, publish, tell)
+        self.control = SimulationControl(
+            world.begin,
+            world.initial_state(),
+            gravity,
+            settings.command_timeout,
+            self.frames.publish,
+            self.frames.announce,
+        )
         pace = self._pace(settings.real_time_factor)
         self.loop = PacedLoop(pace, self.control.tick, self.real_time)
         self._figures = SimulationReport(
@@ -86,24 +89,25 @@ class Simulator(ManagedNode):
         self.diagnostics = Diagnostics(self, 'simulation', self.reporting(self._report))
         self._obstacles = find_obstacles(chain)
         self._listen()
-        most = self.frames.depth
-        services = SimulationServices(self, self.named, world, self.control, period, most)
+        services = SimulationServices(
+            self, self.named, world, self.control, period, self.frames.depth
+        )
         serve_standard(self, services)
-        self.get_logger().info(simulation_in_words(chain, settings))
+        self.get_logger().info(describe_simulation(chain, settings))
         if self._obstacles:
-            self.get_logger().warning(obstacles_in_words(self._obstacles))
+            self.get_logger().warning(describe_obstacles(self._obstacles))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._beginning = self.create_timer(_POLL_INTERVAL, self._begin, clock=steady)
         self._beginning.cancel()
 
     def activate(self) -> None:
-        """Announce the chain and start the clockwork, or go on."""
+        """Publish the chain and start or continue the simulation loop."""
         self.control.go_on()
         self._beginning.reset()
         self._begin()
 
     def deactivate(self) -> None:
-        """Stop the clockwork, and let no torque of before act when it goes on."""
+        """Stop the simulation loop and drop all torques."""
         self._beginning.cancel()
         self.control.stop()
         self.loop.stop()
@@ -112,16 +116,16 @@ class Simulator(ManagedNode):
 
     @property
     def rate_of_frames(self) -> float:
-        """At which frames are due [Hz], infinite where each follows the last."""
+        """Rate at which frames are due [Hz], infinite without a limit."""
         return self.loop.rate if self.configured else math.inf
 
     @property
     def failure(self) -> Exception | None:
-        """What has stopped the clockwork for good."""
+        """Error that has ended the simulation loop."""
         return self.loop.failure if self.configured else None
 
     def _begin(self) -> None:
-        """Let time begin once there are as many subscribers as asked for."""
+        """Start the simulation loop once there are enough subscribers."""
         if self.frames.subscribers >= self.settings.subscribers:
             self._beginning.cancel()
             self.frames.begin()
@@ -129,11 +133,12 @@ class Simulator(ManagedNode):
 
     def _listen(self) -> None:
         refusing = self.diagnostics.refusing
-        take_impulses = refusing('rotor_impulses', self._on_impulses)
-        take_torques = refusing('rotor_torques', self._on_torques)
-        diagnostics = self.diagnostics
-        CountedSubscription(self, interfaces.ROTOR_IMPULSES, take_impulses, diagnostics, raw=True)
-        CountedSubscription(self, interfaces.ROTOR_TORQUES, take_torques, diagnostics, raw=True)
+        for topic, callback in (
+            (interfaces.ROTOR_IMPULSES, self._on_impulses),
+            (interfaces.ROTOR_TORQUES, self._on_torques),
+        ):
+            take = refusing(topic.name, callback)
+            CountedSubscription(self, topic, take, self.diagnostics, raw=True)
         interfaces.TILT.subscribe(self, refusing('tilt', self._on_tilt))
 
     def _on_impulses(self, serialized: bytes) -> None:
@@ -151,7 +156,7 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_made(self, source: str, stamp: int) -> None:
-        """Refuse a stamp [ns] that is of another time than this one, by clock and frames."""
+        """Raise ValueError if a stamp [ns] is far from the clock and from the last frame."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return
@@ -176,13 +181,13 @@ class Simulator(ManagedNode):
             )
 
     def follow_parameters(self) -> None:
-        """Let gravity, encoders and pace be as they were set."""
+        """Apply the parameters of gravity, encoders and pace."""
         self.control.turn_gravity(current(self, Gravity, PARAMETERS[Gravity]))
         self._joints.change(current(self, EncoderErrors, PARAMETERS[EncoderErrors]))
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Rate of frames on the clock [Hz]; without a limit where the factor is 0."""
+        """Return the rate of frames on the clock [Hz], infinite for a factor of 0."""
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
@@ -212,5 +217,5 @@ def _finished(simulator: Simulator) -> bool:
 
 
 def main() -> None:
-    """Run the simulator until it is told to stop."""
+    """Run the simulator."""
     run(Simulator, _finished)

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from soliton_linkage.dynamics.world import WorldParameters
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
-from soliton_linkage_nodes.simulator.world import WorldParameters
 
 
 @dataclass(frozen=True)

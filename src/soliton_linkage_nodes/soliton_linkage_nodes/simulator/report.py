@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a simulator says about itself: its pace, its energy and what holds it up."""
+"""The diagnostics of a simulator: pace, energy and failures."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from soliton_linkage_nodes.simulator.control import SimulationControl, Simulatio
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 _FRAMES_OVERDUE = 3
-"""Frames that a report may miss before it says that the next takes long: one may lie on each
-side of the second, and one may be late."""
+"""Frames missing from a report for which the next frame counts as slow: one may lie on each side
+of the second, and one may be late."""
 
 
 class SimulationReport:
-    """Reports on a simulation; rates are those since the report before."""
+    """Reports on a simulation, with the rates since the previous report."""
 
     def __init__(
         self,
@@ -30,17 +30,17 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """`complain` is called once with what stops the simulation, slows or spoils it."""
+        """`complain` is called once for each trouble of the simulation."""
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate
         self._drift_limit = settings.energy_drift_limit
         self._complain = complain
-        self._said = ''
+        self._logged = ''
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Report of this moment, with figures of the world beside those of the motion."""
+        """Return the present report; `world` has further values."""
         status, punctuality = self._control.status, self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._before
@@ -50,9 +50,9 @@ class SimulationReport:
         overdue = (now - before) * min(self._loop.rate, self._publish_rate) > _FRAMES_OVERDUE
         slow = not status.paused and not rate and overdue
         message, trouble = self._message(status, late, slow)
-        if trouble and trouble != self._said:
+        if trouble and trouble != self._logged:
             self._complain(trouble)
-        self._said = trouble
+        self._logged = trouble
         return Report(
             message,
             {
@@ -71,17 +71,16 @@ class SimulationReport:
         )
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """How it is doing, and what of that is to be said once, empty where all is as meant."""
+        """Return the state of the simulation, and the trouble to log, empty for none."""
         if status.failure:
-            told = f'paused, {status.failure}'
-            return told, told
+            return (f'paused, {status.failure}',) * 2
         if slow:
             steps = self._control.simulation.steps_a_frame
-            told = (
+            message = (
                 f'the next frame takes long to compute, {steps:.1g} steps of the solver at least; '
                 'take softer springs, heavier masses, less damping or slower rotors'
             )
-            return told, told
+            return message, message
         trouble = ''
         if abs(status.energy_drift) > self._drift_limit:
             trouble = (
@@ -95,15 +94,15 @@ class SimulationReport:
         return trouble or 'on time', trouble
 
 
-def simulation_in_words(chain: Chain, settings: SimulatorParameters) -> str:
-    """What is being simulated, how, and at which rate."""
+def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:
+    """Return the chain, the mechanics and the rate of frames as a sentence."""
     elastic = settings.mechanics == 'elastic'
     how = f'elastic by {settings.integrator}' if elastic else settings.mechanics
     return f'simulating {chain_in_words(chain)}, {how}, at {settings.publish_rate:g} Hz'
 
 
-def obstacles_in_words(obstacles: Sequence[Obstacle]) -> str:
-    """Warning of bonds that may stop a wall."""
+def describe_obstacles(obstacles: Sequence[Obstacle]) -> str:
+    """Return a warning of bonds that may stop a soliton."""
     first = obstacles[0]
     return (
         f'{len(obstacles)} bonds may stop a wall, first bond {first.bond} between rotors '

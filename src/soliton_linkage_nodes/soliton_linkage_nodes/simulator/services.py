@@ -1,24 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services that pause, step and reset a simulation."""
+"""The services that pause, step and reset a simulation, the node's own and the standard's."""
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from soliton_linkage.dynamics.initial_states import State
+from soliton_linkage.dynamics.world import World
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages.conversions import NamedChain, state_from_reset
 from soliton_linkage_nodes.simulator.control import SimulationControl
-from soliton_linkage_nodes.simulator.world import World
+
+_STANDARD_FEATURES = (
+    'SIMULATION_RESET',
+    'SIMULATION_RESET_STATE',
+    'SIMULATION_STATE_GETTING',
+    'SIMULATION_STATE_SETTING',
+    'SIMULATION_STATE_PAUSE',
+    'STEP_SIMULATION_SINGLE',
+    'STEP_SIMULATION_MULTIPLE',
+)
 
 
 class SimulationServices:
-    """Serves `~/pause`, `~/step` and `~/reset` of a simulation; others may call it as well.
+    """The services `~/pause`, `~/step` and `~/reset` of a simulation.
 
-    Each method returns None, or why what was asked for cannot be; then nothing was changed.
+    A method returns None, or the reason of a rejection, which changes nothing.
     """
 
     def __init__(
@@ -30,7 +41,7 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Serve; a step takes so many periods [s] at most, the frames that subscribers hold."""
+        """Create the services; the period of a frame is in [s], `most_periods` limits a step."""
         self.control = control
         self._named = named
         self._world = world
@@ -41,7 +52,7 @@ class SimulationServices:
         node.create_service(Reset, '~/reset', self._on_reset)
 
     def step(self, periods: int) -> str | None:
-        """Publish so many frames while paused."""
+        """Publish a number of frames of a paused simulation."""
         if not 1 <= periods <= self._most_periods:
             return (
                 f'periods = {periods} must lie in the range 1 to {self._most_periods}, '
@@ -95,3 +106,103 @@ def _answer(response: Any, complaint: str | None, message: str) -> Any:
     response.success = complaint is None
     response.message = complaint or message
     return response
+
+
+def serve_standard(node: Node, services: SimulationServices) -> StandardServices | None:
+    """Create the services of the package simulation_interfaces; None if it is not installed."""
+    try:
+        messages = importlib.import_module('simulation_interfaces.msg')
+        types = importlib.import_module('simulation_interfaces.srv')
+    except ImportError:
+        return None
+    standard = StandardServices(services, messages, types)
+    for name, callback in (
+        ('GetSimulatorFeatures', standard.get_simulator_features),
+        ('GetSimulationState', standard.get_simulation_state),
+        ('SetSimulationState', standard.set_simulation_state),
+        ('StepSimulation', standard.step_simulation),
+        ('ResetSimulation', standard.reset_simulation),
+    ):
+        node.create_service(getattr(types, name), f'~/{callback.__name__}', callback)
+    return standard
+
+
+class StandardServices:
+    """The standard's services, answered by those that pause, step and reset.
+
+    A simulation is stopped while it is paused in its initial state after a request to stop.
+    """
+
+    def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:
+        """Answer with the standard's modules of messages and services."""
+        self._services = services
+        self._control = services.control
+        self._messages = messages
+        self._types = types
+        self._stopped_at: int | None = None
+
+    def get_simulator_features(self, _request: Any, response: Any) -> Any:
+        """Return the supported features of the standard."""
+        known = self._messages.SimulatorFeatures
+        response.features.features = [getattr(known, name) for name in _STANDARD_FEATURES]
+        return response
+
+    def get_simulation_state(self, _request: Any, response: Any) -> Any:
+        """Return whether the simulation is playing, paused or stopped."""
+        response.state.state = self._state()
+        return self._answered(response, None)
+
+    def set_simulation_state(self, request: Any, response: Any) -> Any:
+        """Play, pause, or stop (pause and reset)."""
+        known, wanted = self._messages.SimulationState, request.state.state
+        if wanted not in (known.STATE_PLAYING, known.STATE_PAUSED, known.STATE_STOPPED):
+            return self._unsupported(
+                response, f'state = {wanted} must be playing, paused or stopped'
+            )
+        if wanted == self._state():
+            response.result.result = (
+                self._types.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+            )
+            return response
+        complaint = self._control.pause(wanted != known.STATE_PLAYING)
+        self._stopped_at = None
+        if wanted == known.STATE_STOPPED:
+            complaint = self._services.reset(Reset.Request(state=Reset.Request.INITIAL))
+            self._control.pause(True)
+            self._stopped_at = self._control.status.frames
+        return self._answered(response, complaint)
+
+    def step_simulation(self, request: Any, response: Any) -> Any:
+        """Publish a number of frames of a paused simulation."""
+        return self._answered(response, self._services.step(request.steps))
+
+    def reset_simulation(self, request: Any, response: Any) -> Any:
+        """Put the chain into its initial state; the time cannot be reset."""
+        scopes = self._types.ResetSimulation.Request
+        if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
+            return self._unsupported(
+                response,
+                f'scope = {request.scope} includes the time, which never runs backwards, or not '
+                f'the state; ask for SCOPE_STATE = {scopes.SCOPE_STATE}',
+            )
+        complaint = self._services.reset(Reset.Request(state=Reset.Request.INITIAL))
+        return self._answered(response, complaint)
+
+    def _state(self) -> int:
+        known, status = self._messages.SimulationState, self._control.status
+        if not status.paused:
+            return int(known.STATE_PLAYING)
+        stopped = self._stopped_at == status.frames
+        return int(known.STATE_STOPPED if stopped else known.STATE_PAUSED)
+
+    def _answered(self, response: Any, complaint: str | None) -> Any:
+        known = self._messages.Result
+        failed = complaint is not None
+        response.result.result = known.RESULT_OPERATION_FAILED if failed else known.RESULT_OK
+        response.result.error_message = complaint or ''
+        return response
+
+    def _unsupported(self, response: Any, complaint: str) -> Any:
+        response.result.result = self._messages.Result.RESULT_FEATURE_UNSUPPORTED
+        response.result.error_message = complaint
+        return response

@@ -12,17 +12,16 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.dynamics.world import World, WorldParameters, joint_numbers
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
-from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
-from soliton_linkage_nodes.simulator.world import World, WorldParameters, rotors_of
 
 CHAIN = Chain(number_of_rotors=8)
-NAMED = NamedChain(CHAIN, default_joint_names(8))
+NAMES = tuple(f'rotor_{rotor}' for rotor in range(8))
 
 
-def world(named: NamedChain = NAMED, **parameters: object) -> World:
-    return World(named, dataclasses.replace(WorldParameters(), **parameters), 0.01)
+def world(chain: Chain = CHAIN, **parameters: object) -> World:
+    return World(chain, NAMES, dataclasses.replace(WorldParameters(), **parameters), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +51,7 @@ def test_it_starts_with_a_soliton() -> None:
 
 
 def test_bars_between_periodic_ends_and_bars_with_a_fixed_rotor_are_refused() -> None:
-    ring = NamedChain(dataclasses.replace(CHAIN, periodic=True), NAMED.joint_names)
+    ring = dataclasses.replace(CHAIN, periodic=True)
     for stuck in (world(ring, mechanics='rigid'), world(mechanics='rigid', fixed_rotors=('1',))):
         with pytest.raises(ValueError, match='or simulate springs'):
             stuck.begin(stuck.initial_state(), NO_GRAVITY)
@@ -64,8 +63,8 @@ def test_fixed_rotors_are_those_of_the_simulation() -> None:
 
 
 def test_a_joint_goes_by_its_name_or_its_number_and_the_name_goes_first() -> None:
-    assert rotors_of('these', ('b', '0', 'a'), ('a', 'b', 'c')) == (0, 1)
-    assert rotors_of('these', ('0',), ('1', '0')) == (1,)
-    assert rotors_of('these', (), ('a', 'b')) == ()
+    assert joint_numbers('these', ('b', '0', 'a'), ('a', 'b', 'c')) == (0, 1)
+    assert joint_numbers('these', ('0',), ('1', '0')) == (1,)
+    assert joint_numbers('these', (), ('a', 'b')) == ()
     with pytest.raises(ValueError, match=r"these names joint '3', which is none of 'a' to 'c' or"):
-        rotors_of('these', ('3',), ('a', 'b', 'c'))
+        joint_numbers('these', ('3',), ('a', 'b', 'c'))

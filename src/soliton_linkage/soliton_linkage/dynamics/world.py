@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The world that a simulator simulates: a chain, its mechanics, and the states it starts from."""
+"""Simulations of a chain as parameters specify them: mechanics, solver and initial state."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
 from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_nodes.messages.conversions import NamedChain
 
 _MECHANICS = ('elastic', 'rigid')
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
@@ -53,47 +53,51 @@ class WorldParameters:
 
 
 class World:
-    """Begins simulations of a chain; raises ValueError for what its mechanics do not allow."""
+    """Simulations of one chain. Raises ValueError if its mechanics do not allow a state."""
 
-    def __init__(self, named: NamedChain, parameters: WorldParameters, period: float) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        joint_names: Sequence[str],
+        parameters: WorldParameters,
+        period: float,
+    ) -> None:
         """Prepare simulations whose frames are a period [s] apart."""
-        self._chain = named.chain
+        self._chain = chain
         self._parameters = parameters
         self._period = period
-        self._fixed = rotors_of('fixed_rotors', parameters.fixed_rotors, named.joint_names)
+        self._fixed = joint_numbers('fixed_rotors', parameters.fixed_rotors, joint_names)
 
     def begin(self, state: State, gravity: Gravity) -> Simulation:
-        """Simulate from a state on."""
+        """Return a simulation that starts in a state."""
         given = self._parameters
-        begun = (state.angles, state.rates, self._period, given.tolerance, gravity, self._fixed)
+        start = (state.angles, state.rates, self._period, given.tolerance, gravity, self._fixed)
         if given.mechanics == 'rigid':
-            return RigidSimulation(self._chain, *begun)
-        return ElasticSimulation(self._chain, *begun, integrator=given.integrator)
+            return RigidSimulation(self._chain, *start)
+        return ElasticSimulation(self._chain, *start, integrator=given.integrator)
 
     def initial_state(self) -> State:
-        """State that the parameters say."""
+        """Return the state that the parameters specify."""
         given = self._parameters
         if given.initial_state == _SOLITON:
             return self.soliton(given.initial_place, given.initial_velocity)
         return self.leaning(_LEANS[given.initial_state])
 
     def leaning(self, lean: int) -> State:
-        """At rest and uniform but for the chain's deviations."""
+        """Return the state at rest that leans left (-1) or right (1)."""
         return leaning(self._chain, lean)
 
     def soliton(self, place: float, velocity: float) -> State:
-        """A soliton at a place [rotor spacings] with a velocity [m/s]."""
+        """Return a soliton at a site coordinate [rotor spacings] with a velocity [m/s]."""
         return with_soliton(self._chain, place, velocity)
 
 
-def rotors_of(
+def joint_numbers(
     parameter: str, joints: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[int, ...]:
-    """Numbers of joints that are given by name or number; ValueError for one that is not there."""
-    numbers = {name: rotor for rotor, name in enumerate(joint_names)}
-    numbers |= {
-        str(rotor): rotor for rotor in range(len(joint_names)) if str(rotor) not in numbers
-    }
+    """Return the numbers of joints given by name or number; ValueError for an unknown joint."""
+    numbers = {str(rotor): rotor for rotor in range(len(joint_names))}
+    numbers |= {name: rotor for rotor, name in enumerate(joint_names)}
     for joint in joints:
         if joint not in numbers:
             raise ValueError(
