@@ -27,44 +27,43 @@ from soliton_linkage.compiling import (
     ROW,
     TABLE,
     YES,
-    arrays_do_not_overlap,
     compile_loop,
     compiled,
 )
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
-"""Standard deviation of the edge of a dot to begin with, as lenses and pixels make it [pixels]."""
+"""First blur of an edge [pixels]: that of usual lenses and pixels."""
 _BLURS = (0.35, 1.5)
-"""Least and most that it may be found to be [pixels]: a pixel's own, and that of bad lenses."""
+"""Least and largest blur [pixels]: that of a pixel alone, and that of bad lenses."""
 _RADII = (0.7, 1.4)
-"""Least and largest radius of a dot over that which is expected [1]."""
+"""Least and largest radius of a dot over the expected one [1]."""
 _PARAMETERS = 8
-"""w, c, g in columns and rows, p in columns and rows, R and b."""
+"""Number of parameters [1]: w, c, g (2), p (2), R and b."""
 _CLEAR = 1.4
-"""Of the edge of a label within which pixels do not count [pixels], more than twice the blur."""
+"""Margin of a label where pixels do not count [pixels], more than twice the blur."""
 _BEYOND = 4.0
-"""Of the edge of a dot beyond which they tell nothing of it [pixels]."""
+"""Distance from the edge of a dot beyond which pixels do not count [pixels]."""
 _ITERATIONS = 6
-"""Of Gauss and Newton at most: the first places are within a pixel."""
+"""Gauss-Newton iterations at most [1]: the first places are within a pixel."""
 _SETTLED = 3e-4
-"""Step after which no more is taken [pixels]: a third of it is left, a hundredth of the noise."""
+"""Last step [pixels]: a third of it, a hundredth of the noise, remains as an error."""
 _LONGEST_STEP = 0.7
-"""Of an iteration [pixels]: the model is linear no farther."""
+"""Longest step of an iteration [pixels], within which the model is linear."""
 _PLACES = 5
-"""On the way of a dot while it is exposed, of which the mean is taken."""
+"""Places on the way of a dot during the exposure that are averaged [1]."""
 _WIDEST = 4.0
-"""From the edge of a dot where it has ended, in deviations of the blur [1]: to 3e-5 of it."""
+"""Half width of an edge in deviations of the blur [1]: to 3e-5 of the contrast."""
 _STEPS = 64
-"""Of the tables of edges in one of these [1]: lines between them are right to 1e-5."""
+"""Steps of the tables of edges per deviation [1]: interpolation is exact to 1e-5."""
 _AT = np.arange(2 * int(_WIDEST) * _STEPS + 1) / _STEPS - _WIDEST
-"""Distances from an edge that the tables are of, in deviations of the blur [1]."""
+"""Distances from an edge in the tables, in deviations of the blur [1]."""
 _COVERS: Array = erfc(_AT / math.sqrt(2)) / 2
-"""Share of a dot at these distances from its blurred edge [1]: a step through a Gaussian."""
+"""Shares of a dot at these distances from its blurred edge [1]."""
 _EDGES: Array = np.exp(-(_AT**2) / 2) / math.sqrt(2 * math.pi)
-"""Slopes of these shares, with the sign changed [1]."""
+"""Negative slopes of these shares [1]."""
 _LEAST_SMEAR = 0.3
-"""Way below which a dot is as good as at rest [pixels]."""
+"""Way below which a dot counts as at rest [pixels]."""
 
 
 @compiled(READ_PICTURE, ROW, ROW)
@@ -150,7 +149,6 @@ def normal_loop(
 
     The last time the matrix with squared weights is filled too.
     """
-    arrays_do_not_overlap()
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
     reach = dot[3]
