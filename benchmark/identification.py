@@ -19,7 +19,7 @@ from comparison import Figure, Part, parser, write
 from identification_draws import CHAINS, Draw, draw_of
 from identification_use import figures_of_springs, figures_of_use
 
-from soliton_linkage.identification.geometry.lengths import split
+from soliton_linkage.identification.lengths import split
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.progress import ProgressLine
 

@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from soliton_linkage.estimation.relocalisation import fit_near
-from soliton_linkage.identification.geometry.adjustment import adjusted, bound
-from soliton_linkage.identification.geometry.bundle import Bundle
-from soliton_linkage.identification.geometry.lengths import lengths_of
-from soliton_linkage.identification.geometry.start import equal_rotors
-from soliton_linkage.identification.geometry.tolerances import Tolerances, unknowns_of
+from soliton_linkage.identification.adjustment import adjusted, bound
+from soliton_linkage.identification.bundle import Bundle
+from soliton_linkage.identification.lengths import (
+    Tolerances,
+    equal_rotors,
+    lengths_of,
+    unknowns_of,
+)
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of

@@ -15,10 +15,10 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.relocalisation import fit_anywhere
-from soliton_linkage.identification.geometry.adjustment import adjusted
-from soliton_linkage.identification.geometry.start import equal_rotors
+from soliton_linkage.identification.adjustment import adjusted
 from soliton_linkage.identification.identification import Identification
 from soliton_linkage.identification.identify import identify
+from soliton_linkage.identification.lengths import equal_rotors
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain

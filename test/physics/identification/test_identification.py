@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from passages import FLIPPER, NAMES, SPINNER, passage, read, unequal
 
-from soliton_linkage.identification.geometry.adjustment import adjusted
-from soliton_linkage.identification.geometry.lengths import split
-from soliton_linkage.identification.geometry.start import equal_rotors
+from soliton_linkage.identification.adjustment import adjusted
 from soliton_linkage.identification.identify import identify
+from soliton_linkage.identification.lengths import equal_rotors, split
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array, Chain
 

@@ -8,24 +8,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from soliton_linkage.identification.conclusions import STRAINED, of_bonds, of_springs
-from soliton_linkage.identification.geometry.adjustment import Adjustment, adjusted
-from soliton_linkage.identification.geometry.start import equal_rotors
-from soliton_linkage.identification.identification import Identification
-from soliton_linkage.identification.motion.bar_motion import BarMotion, bar_motion
-from soliton_linkage.identification.motion.free_motion import FreeMotion
-from soliton_linkage.identification.motion.mass_scale import mass_scale
-from soliton_linkage.identification.motion.motion_fit import MotionFit, MotionFitting
-from soliton_linkage.identification.motion.windows import first_windows
-from soliton_linkage.identification.readings import Readings
-from soliton_linkage.identification.residuals import (
+from soliton_linkage.identification.adjustment import Adjustment, adjusted
+from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
+from soliton_linkage.identification.free_motion import FreeMotion
+from soliton_linkage.identification.identification import (
+    STRAINED,
+    Identification,
+    of_bonds,
+    of_springs,
+)
+from soliton_linkage.identification.lengths import equal_rotors
+from soliton_linkage.identification.mass_scale import mass_scale
+from soliton_linkage.identification.motion_fit import MotionFit, MotionFitting
+from soliton_linkage.identification.readings import Readings, informative_frames
+from soliton_linkage.identification.screening import (
     LEAST_NOISE,
     check_jumps,
+    check_motion,
     check_slips,
     noise_of,
 )
-from soliton_linkage.identification.screening import check_motion
-from soliton_linkage.identification.thinning import telling
+from soliton_linkage.identification.windows import first_windows
 from soliton_linkage.linkage.chain import Array, Chain
 
 _NOT_CLOSED = (
@@ -61,7 +64,7 @@ def identify(
         raise ValueError(_NOT_CLOSED) from error
     known = spacing_known or not readings.gravity.acceleration
     pushes = [push.time for push in readings.pushes]
-    stay = telling(times, readings.seen, pushes, _MOST_FITTED)
+    stay = informative_frames(times, readings.seen, pushes, _MOST_FITTED)
     left_out = len(times) - len(stay)
     some = replace(readings, angles=readings.seen).of_frames(stay)
     fitted = _fitted(some, found.left[stay], found, given, noise, tolerance, known)

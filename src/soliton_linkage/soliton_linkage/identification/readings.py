@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording of a chain holds: readings of its angles, and what pushed it."""
+"""Readings of a recording: angles with their deviations, impulses and tilts; rounding, thinning.
+
+Errors of readings that are rounded by a step q are uniform, of the variance q^2 / 12, and new in
+each frame where angles cross steps, as noise is (B. Widrow, I. Kollar, Quantization Noise,
+Cambridge, 2008). Where a rotor rests they are one error, however often it is read.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,10 +18,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.identification.screening import filled
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
+_FEWEST_ROTORS = 4
+"""With fewer the edges' bonds are all there are [1]."""
+_SEEN = 0.5
+"""Least share of the frames that show a rotor [1]."""
+MOST_NAMED = 4
+"""Rotors that an error message names [1]."""
 _PAUSE = 1.0
 """Between recordings that are joined [s]: no motion goes on across it."""
 _LARGEST_SPREAD = 100.0
@@ -146,6 +157,117 @@ def joined(recordings: Sequence[Readings]) -> Readings:
     )
 
 
+def filled(times: Array, readings: Array, names: Sequence[str]) -> Array:
+    """Readings without gaps or turns of 2 pi from frame to frame [rad], (T, N).
+
+    Raises ValueError where rotors are missing.
+    """
+    if readings.shape[1] < _FEWEST_ROTORS:
+        raise ValueError(
+            f'{readings.shape[1]} rotors are too few to identify a chain; it takes '
+            f'{_FEWEST_ROTORS} or more'
+        )
+    shares = np.isfinite(readings).mean(axis=0)
+    missing = np.flatnonzero(~(shares >= _SEEN))
+    if missing.size:
+        shown = ', '.join(names[n] for n in missing[:MOST_NAMED])
+        more = ', ...' if missing.size > MOST_NAMED else ''
+        raise ValueError(
+            f'{missing.size} of {len(names)} rotors are missing in half of the frames or more: '
+            f'{shown}{more}; the chain cannot be closed across them, record all rotors'
+        )
+    whole = np.empty_like(readings)
+    for rotor, values in enumerate(readings.T):
+        seen = np.isfinite(values)
+        whole[:, rotor] = np.interp(times, times[seen], np.unwrap(values[seen]))
+    return whole
+
+
 def _usual(deviations: Array) -> float:
     known = deviations[deviations > 0]
     return float(np.median(known[np.isfinite(known)])) if np.isfinite(known).any() else 0.0
+
+
+_LEAST_STEP = 1e-9
+"""Of readings that are rounded [rad]: less is that of numbers."""
+
+
+def rounding_noise(readings: Array) -> float:
+    """Standard deviation of rounding to the least step of readings [rad], (T, N), 0 of none."""
+    steps = np.abs(np.diff(readings, axis=0))
+    least = float(steps[steps > _LEAST_STEP].min(initial=np.inf))
+    return least / math.sqrt(12) if math.isfinite(least) else 0.0
+
+
+def repeats(readings: Array) -> Array:
+    """How many readings in a row are the same as each [1], (T, N); missing ones count for none.
+
+    All of them together say as much as one does: their variance is so many times that of one.
+    """
+    made = np.ones_like(readings)
+    for own, values in zip(made.T, readings.T, strict=True):
+        seen = np.flatnonzero(np.isfinite(values))
+        changed = np.abs(np.diff(values[seen], prepend=np.inf)) > _LEAST_STEP
+        counts = np.diff(np.flatnonzero(changed), append=len(seen))
+        own[seen] = np.repeat(counts, counts)
+    return made
+
+
+_NEAR = 100
+"""Frames before a push, and after it, all of which stay [1]: as many as a free motion has."""
+_OF_PUSHES = 0.5
+"""Largest part of the frames that stay for being near pushes [1]: the rest shows the chain."""
+_AVERAGED = 8
+"""Frames over which angles are averaged to see rotors turn [1], so that noise is a third."""
+_TURNING = 0.05
+"""Change from one average to the next of a rotor that turns [rad]: noise of 0.03 rad, the largest
+that chains were identified with, makes it of 40 rotors once in thirty times."""
+_AT_REST = 0.1
+"""Frames of rotors at rest that stay over those that turn [1], in a time: what offsets and bonds
+they tell, a tenth of them tells nearly as well."""
+_FILLINGS = 5
+"""Times that what single frames have too much of is given to the others [1]."""
+
+
+def informative_frames(
+    times: Array, angles: Array, pushes: Sequence[float], most: int
+) -> NDArray[np.intp]:
+    """Numbers of the frames that stay, no more than most, shape (K,), in order.
+
+    Of angles [rad], NaN where missing, (T, N), at times [s], (T,), with pushes at instants [s].
+    """
+    if len(times) <= most:
+        return np.arange(len(times))
+    stays = _near(times, pushes, int(_OF_PUSHES * most))
+    shares = np.where(_turning(angles), 1.0, _AT_REST) * np.gradient(times)
+    shares[stays] = 0.0
+    others = most - int(stays.sum())
+    for _ in range(_FILLINGS):
+        shares = np.minimum(shares, shares.sum() / others)
+    ranks = np.floor(np.cumsum(shares) * (others / shares.sum()) * (1 - 1e-9))
+    stays[~stays] = np.diff(ranks[~stays], prepend=-1) > 0
+    return np.flatnonzero(stays)
+
+
+def _near(times: Array, pushes: Sequence[float], most: int) -> NDArray[np.bool_]:
+    """Frames near the first pushes, no more than most, shape (T,)."""
+    near = np.zeros(len(times), dtype=np.bool_)
+    for push in pushes:
+        arrived = int(np.searchsorted(times, push))
+        wider = near.copy()
+        wider[max(arrived - _NEAR, 0) : arrived + _NEAR] = True
+        if wider.sum() > most:
+            break
+        near = wider
+    return near
+
+
+def _turning(angles: Array) -> NDArray[np.bool_]:
+    """Frames in which a rotor turns, whatever whole turns encoders leave out, shape (T,)."""
+    pointers = np.nan_to_num(np.exp(1j * angles))
+    sums = np.cumsum(np.vstack([np.zeros(angles.shape[1]), pointers]), axis=0)
+    means = (sums[_AVERAGED:] - sums[:-_AVERAGED]) / _AVERAGED
+    changes = np.abs(means[_AVERAGED:] - means[:-_AVERAGED]).max(axis=1)
+    turning = np.zeros(len(angles), dtype=np.bool_)
+    turning[_AVERAGED:][: len(changes)] = changes > _TURNING
+    return turning

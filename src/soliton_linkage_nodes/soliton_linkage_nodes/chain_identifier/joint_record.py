@@ -10,8 +10,12 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.actuation.kick_record import Delivered
-from soliton_linkage.identification.readings import Readings, RecordedPush, RecordedTilt
-from soliton_linkage.identification.thinning import telling
+from soliton_linkage.identification.readings import (
+    Readings,
+    RecordedPush,
+    RecordedTilt,
+    informative_frames,
+)
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
@@ -158,7 +162,7 @@ class JointRecord:
         stamps = np.array(list(self._angles))
         pushes = [(stamp - stamps[0]) / SECOND for stamp, _ in self._pushes]
         times, angles = (stamps - stamps[0]) / SECOND, np.array(list(self._angles.values()))
-        stay = telling(times, angles, pushes, self._most // 2)
+        stay = informative_frames(times, angles, pushes, self._most // 2)
         self._angles = {stamp: self._angles[stamp] for stamp in stamps[stay].tolist()}
         self._forget_deviations()
 

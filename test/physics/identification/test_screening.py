@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.identification.readings import Readings
-from soliton_linkage.identification.residuals import check_slips, noise_of
+from soliton_linkage.identification.screening import check_slips, noise_of
 from soliton_linkage.linkage.chain import Array
 
 TIMES = np.arange(1000)[:, None]

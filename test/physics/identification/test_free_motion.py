@@ -13,13 +13,13 @@ from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.initial_states import leaning
-from soliton_linkage.identification.geometry.lengths import lengths_of
-from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.motion.free_motion import (
+from soliton_linkage.identification.free_motion import (
     FreeMotion,
     frames,
     frames_with_changes,
 )
+from soliton_linkage.identification.identify import identify
+from soliton_linkage.identification.lengths import lengths_of
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain

@@ -20,16 +20,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from soliton_linkage.identification.motion.free_motion import (
+from soliton_linkage.identification.free_motion import (
     FreeMotion,
     followed,
     frames,
     split_chain,
 )
-from soliton_linkage.identification.motion.motion_fit import MotionFit
-from soliton_linkage.identification.motion.windows import FreeWindow
-from soliton_linkage.identification.readings import Readings
-from soliton_linkage.identification.rounding import repeats
+from soliton_linkage.identification.motion_fit import MotionFit
+from soliton_linkage.identification.readings import Readings, repeats
+from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50

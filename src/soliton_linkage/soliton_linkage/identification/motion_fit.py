@@ -16,20 +16,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from soliton_linkage.identification.geometry.tolerances import Tolerances
-from soliton_linkage.identification.motion.free_motion import FreeMotion, frames
-from soliton_linkage.identification.motion.motion_prior import (
+from soliton_linkage.identification.free_motion import FreeMotion, Parts, frames
+from soliton_linkage.identification.lengths import Tolerances
+from soliton_linkage.identification.readings import repeats
+from soliton_linkage.identification.windows import (
     MASSES_BEGIN,
+    FreeWindow,
     MotionPrior,
-    measurable_changes,
-)
-from soliton_linkage.identification.motion.spreading import widened
-from soliton_linkage.identification.motion.window_equations import (
     WindowEquations,
+    joined,
+    measurable_changes,
     window_equations,
 )
-from soliton_linkage.identification.motion.windows import FreeWindow, joined
-from soliton_linkage.identification.rounding import repeats
 from soliton_linkage.linkage.chain import Array
 
 _ALIKE = 0.03
@@ -149,7 +147,7 @@ class MotionFitting:
         if self._noise > of_bars:
             return None
         if self._noise <= most:
-            covariance = widened(covariance, self._samples(), self._motion.parts)
+            covariance = inflated_covariance(covariance, self._samples(), self._motion.parts)
         left = np.zeros_like(self._readings)
         for window in self._windows:
             repeated = np.sqrt(self._repeats[window.frames])
@@ -327,3 +325,16 @@ def _stiffened(windows: Sequence[FreeWindow], factor: float) -> tuple[FreeWindow
         )
         for window in windows
     )
+
+
+def inflated_covariance(covariance: Array, samples: Array, at: Parts) -> Array:
+    """Covariance of a chain, (P, P), as wide as samples of its changes, (S, P).
+
+    By one factor for lengths and offsets, one for stiffnesses and one for masses, as samples are
+    few, and none below 1: to first order they are the least that there is.
+    """
+    variances, factors = np.diag(covariance), np.ones(len(covariance))
+    for part in (at.lengths, at.stiffnesses, at.masses):
+        over = samples[:, part] ** 2 / variances[part]
+        factors[part] = max(1.0, float(np.sqrt(np.mean(over))))
+    return np.asarray(factors[:, None] * covariance * factors)

@@ -11,10 +11,10 @@ import pytest
 from passages import FLIPPER, passage, read, unequal
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.identification.geometry.adjustment import measurable
-from soliton_linkage.identification.geometry.lengths import lengths_of
+from soliton_linkage.identification.adjustment import measurable
+from soliton_linkage.identification.bar_motion import bar_motion
 from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.motion.bar_motion import bar_motion
+from soliton_linkage.identification.lengths import lengths_of
 from soliton_linkage.identification.readings import Readings, joined
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations

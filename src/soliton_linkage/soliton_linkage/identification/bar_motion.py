@@ -12,6 +12,12 @@ so that u keeps still without gravity and drag: a wall is slow where the rotors 
 Least squares between the arcs of a motion and those of the frames, each of the noise of a single
 reading, give the masses over their mean. What is unsure of lengths and offsets moves the arcs of
 all frames together: independent combinations of them, each of unit variance, are unknowns too.
+Where lengths and offsets are off by dp, the orbit of the true chain is nearest to that of the one
+that is known at
+
+    dphi = -R^T (R R^T)^-1 (df/dp) dp
+
+from its configuration at the same arc, and frames seem to be at arcs that are t . do further on.
 """
 
 from __future__ import annotations
@@ -21,21 +27,169 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from soliton_linkage.identification.geometry.lengths import Lengths, split
-from soliton_linkage.identification.motion.along_orbit import GRID, Along, AlongOrbit, arcs_of
-from soliton_linkage.identification.motion.bar_loops import move_along
-from soliton_linkage.identification.motion.free_motion import OF_FORCES
-from soliton_linkage.identification.motion.motion_prior import (
+from soliton_linkage.compiling import READ, READ_TABLE, TABLE, compile_loop, compiled
+from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
+from soliton_linkage.identification.bundle import factor, misclosures
+from soliton_linkage.identification.free_motion import OF_FORCES
+from soliton_linkage.identification.lengths import Lengths, split
+from soliton_linkage.identification.readings import Readings
+from soliton_linkage.identification.windows import (
     MASSES_BEGIN,
+    free_spans,
     learnt_spread,
     spreads_of_forces,
 )
-from soliton_linkage.identification.motion.windows import free_spans
-from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.orbit.orbit import Orbit
+
+
+def _acceleration(
+    arc: float,
+    speed: float,
+    roots: Array,
+    pulls: Array,
+    rubbing: Array,
+    column: int,
+    grid: Array,
+    drags: Array,
+) -> tuple[float, float]:
+    """Changes of arc and speed in time, by rows of the grid between which there are lines."""
+    at = (arc - grid[0]) / grid[1]
+    row = 0
+    if at > 0.0:
+        row = int(min(at, len(rubbing) - 2.0))
+    part = min(max(at - row, 0.0), 1.0)
+    root = (1 - part) * roots[row, column] + part * roots[row + 1, column]
+    rub = (1 - part) * rubbing[row] + part * rubbing[row + 1]
+    pull = (1 - part) * pulls[row, column] + part * pulls[row + 1, column]
+    rate = speed / root
+    drag = drags[0, column] * rate + drags[1, column] * rub * math.tanh(rate / grid[2])
+    return rate, (pull - drag) / root
+
+
+acceleration = compile_loop(_acceleration, inlined=True)
+
+
+@compiled(READ_TABLE, READ_TABLE, READ, READ, READ_TABLE, READ, READ_TABLE, TABLE)
+def move_along(
+    roots: Array,
+    pulls: Array,
+    rubbing: Array,
+    grid: Array,
+    drags: Array,
+    times: Array,
+    begin: Array,
+    arcs: Array,
+) -> None:
+    """Set arcs at times, (T, K), of K motions along an orbit from `begin`, arcs and speeds (2, K).
+
+    On a grid of G arcs, which begins at grid[0] and is grid[1] apart, are the roots of the
+    inertias and the pulls of gravity, (G, K), and the rubbing, (G,); `drags` are damping and dry
+    friction, (2, K), which is nearly whole at the rate grid[2]. By the classical method of Runge
+    and Kutta.
+    """
+    for k in range(begin.shape[1]):
+        s, u = begin[0, k], begin[1, k]
+        arcs[0, k] = s
+        for n in range(1, len(times)):
+            step = times[n] - times[n - 1]
+            half = step / 2
+            s1, u1 = acceleration(s, u, roots, pulls, rubbing, k, grid, drags)
+            s2, u2 = acceleration(
+                s + half * s1, u + half * u1, roots, pulls, rubbing, k, grid, drags
+            )
+            s3, u3 = acceleration(
+                s + half * s2, u + half * u2, roots, pulls, rubbing, k, grid, drags
+            )
+            s4, u4 = acceleration(
+                s + step * s3, u + step * u3, roots, pulls, rubbing, k, grid, drags
+            )
+            s += step / 6 * (s1 + 2 * s2 + 2 * s3 + s4)
+            u += step / 6 * (u1 + 2 * u2 + 2 * u3 + u4)
+            arcs[n, k] = s
+
+
+GRID = 0.03
+"""Between arcs of the tables [rad]: half of it changes masses by 1e-4."""
+
+
+class Along(NamedTuple):
+    """What moves bars, at the arcs of a grid, of K chains or changes of one."""
+
+    inertia: Array
+    """sum m r^2 t^2, shape (G, K)."""
+    weight: NDArray[np.complex128]
+    """sum m r t (cos phi + i sin phi), shape (G, K)."""
+
+
+class AlongOrbit:
+    """Configurations at even arcs of an orbit, and sums over the rotors there."""
+
+    def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
+        """Lay out a grid that holds some arcs [rad], and a site more on each side."""
+        self._lengths = lengths
+        self.begin = float(np.nanmin(arcs)) - orbit.site_arc
+        """First arc of the grid [rad]."""
+        count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / GRID)
+        grid = self.begin + GRID * np.arange(count + 1)
+        self._angles = np.array([orbit.configuration(arc) for arc in grid.tolist()])
+        self._tangents = np.array([orbit.tangent(arc) for arc in grid.tolist()])
+        r = lengths.rotor_lengths
+        self._inertias = (r * self._tangents) ** 2
+        self._weights = r * self._tangents * np.exp(1j * self._angles)
+        self.rubbing = np.abs(self._tangents).sum(axis=1)
+        """sum |t|, shape (G,)."""
+
+    def place(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
+        """Row of the grid before each arc [rad], and the part of the way to the next [1]."""
+        at = (arcs - self.begin) / GRID
+        row = np.clip(at, 0, len(self.rubbing) - 2).astype(np.intp)
+        return row, np.clip(at - row, 0.0, 1.0)
+
+    def tangents(self, arcs: Array) -> Array:
+        """Unit tangents at arcs [rad], (T, N)."""
+        row, part = self.place(arcs)
+        before, after = self._tangents[row], self._tangents[row + 1]
+        return np.asarray(before + part[:, None] * (after - before))
+
+    def of_masses(self, masses: Array) -> Along:
+        """Sums for masses [1], of which each column is of a chain, shape (N, K)."""
+        return Along(self._inertias @ masses, self._weights @ masses)
+
+    def changes(self, masses: Array, changes: Array) -> Along:
+        """Changes of these sums for masses [1], (N,), with changes of the unknowns, (P, K)."""
+        t, r = self._tangents, self._lengths.rotor_lengths
+        about = misclosures(self._lengths, self._angles.T)
+        factors = factor(about.first, about.second, np.ones_like(t.T))
+        turns = r * np.exp(1j * self._angles)
+        inertia = np.empty((len(t), changes.shape[1]))
+        weight = inertia.astype(np.complex128)
+        for column, change in enumerate(changes.T):
+            rotor, _, spacing, rest = split(change)
+            of_bonds = (rotor[:-1], 0 * rest, spacing, rest, rotor[1:], 0 * rest)
+            closing = np.einsum('ngu,un->ng', about.slopes, np.array(of_bonds))
+            moved = -about.pulled(factors.solved(factors.whitened(closing))).T
+            along = np.gradient(moved, GRID, axis=0) + rotor * t
+            inertia[:, column] = 2 * (r**2 * t * along) @ masses
+            weight[:, column] = (turns * (along + 1j * t * moved)) @ masses
+        return Along(inertia, weight)
+
+
+def arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
+    """Arc of each frame and its standard deviation [rad], shape (T,) each."""
+    arc = fit_anywhere(orbit, angles[0]).arc
+    found = []
+    for frame in angles:
+        nearest = fit_near(orbit, frame, arc)
+        arc = nearest.arc
+        found.append((arc, noise / math.sqrt(max(nearest.information, 1e-6))))
+    arcs, spreads = np.array(found).T
+    return arcs, spreads
+
 
 _SLIDING = 0.1
 """Rate beyond which dry friction is nearly whole [rad/s], small beside those of walls."""

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soliton_linkage.identification.geometry.lengths import OF_A_BOND, OF_A_ROTOR, Lengths
+from soliton_linkage.identification.lengths import OF_A_BOND, OF_A_ROTOR, Lengths
 from soliton_linkage.linkage.chain import Array
 
 _TOGETHER = 256
