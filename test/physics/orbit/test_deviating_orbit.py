@@ -346,25 +346,6 @@ def test_frames_are_found_from_anywhere(example: Example) -> None:
         assert fit.misfit < 2 * 0.01
 
 
-@pytest.mark.parametrize('example', CLASSES)
-def test_the_filter_follows_free_motion_along_it(example: Example) -> None:
-    orbit = orbit_with(example, 14)
-    period, sigma = 2e-3, 0.01
-    random = np.random.default_rng(5)
-    tracker, arc = OrbitFilter(orbit, sigma), 3.0
-    errors = []
-    for frame in range(500):
-        noise = random.normal(0, sigma, 14)
-        estimate = tracker.update(period * frame, orbit.configuration(arc) + noise)
-        error = math.remainder(estimate.arc - arc, orbit.length)
-        errors.append((error, orbit.place(estimate.arc) - estimate.place))
-        arc += 9.6 * orbit.free_rate(arc + 4.8 * period * orbit.free_rate(arc)) * period
-    assert tracker.starts == 1
-    found = np.array(errors[50:])
-    assert np.sqrt(np.mean(found[:, 0] ** 2)) < sigma
-    assert np.abs(found[:, 1]).max() < 1e-9
-
-
 def test_the_filter_follows_the_chain_of_springs() -> None:
     orbit = orbit_with(FLIPPER, 14)
     chain, start = orbit.chain, 3.0
