@@ -155,13 +155,6 @@ def test_any_joint_states_come_back_whatever_came_before(messages: list[JointSta
         assert_same(decoder, message, serialize_message(message))
 
 
-@given(NAMES.flatmap(lambda names: st.lists(states(st.just(names)), min_size=2)))
-def test_messages_of_the_same_joints_come_back(messages: list[JointState]) -> None:
-    decoder = JointStateDecoder()
-    for filling, message in enumerate(messages):
-        assert_same(decoder, message, scribbled(message, filling % 256))
-
-
 def test_joint_states_of_the_same_joints_are_not_deserialized_again(
     deserialized: list[bytes],
 ) -> None:
@@ -213,15 +206,6 @@ def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized: li
         message = RotorImpulses(name=['three', 'one'], impulse=[value, 0.5])
         assert_as_of_the_message(decoder, message, serialize_message(message))
     assert len(deserialized) == 1
-
-
-def test_impulses_of_two_messages_are_two_arrays() -> None:
-    decoder = ImpulseDecoder(ROTORS, LARGEST)
-    first, second, third = (
-        decoder.decode(serialize_message(RotorImpulses(name=['two'], impulse=[value])))
-        for value in (0.25, 0.5, 1.0)
-    )
-    assert (first[1], second[1], third[1]) == (0.25, 0.5, 1.0)
 
 
 @pytest.mark.parametrize('known', [False, True])

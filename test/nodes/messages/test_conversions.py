@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -250,8 +249,3 @@ def test_a_wrong_reset_by_name_is_refused(request_: Reset.Request, complaint: st
     named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
     with pytest.raises(ValueError, match=re.escape(complaint)):
         state_from_reset(named, request_, State(np.zeros(3), np.zeros(3)))
-
-
-def test_named_chains_count_their_rotors() -> None:
-    assert NAMED.rotors == 5
-    assert replace(NAMED, chain=Chain(number_of_rotors=9)).rotors == 9

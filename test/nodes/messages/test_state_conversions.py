@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.analysis import Analysis, CyclePhase, cycle_phase
+from soliton_linkage.estimation.analysis import Analysis, CyclePhase
 from soliton_linkage.estimation.estimates import AnalysedSoliton, EventKind, TrackingStatus
 from soliton_linkage.estimation.motion_class import MotionClass
 from soliton_linkage.estimation.state_report import EdgeRotors, Energies, Topology
@@ -66,49 +66,6 @@ def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back(coun
     assert len(back) == count
     for one, other in zip(back, solitons, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_a_message_tells_what_the_analysis_does() -> None:
-    analysis = WOBBLING
-    message = state_to_msg(analysis, JOINTS)
-    estimate, topology, energies = analysis.estimate, analysis.topology, analysis.energies
-    assert (message.motion, message.motion_name) == (
-        SolitonState.WOBBLING_FLIPPER,
-        'wobbling flipper',
-    )
-    assert message.status == SolitonState.TRACKING
-    for name in ('phase', 'rate', 'phase_deviation', 'rate_deviation', 'completed', 'leg'):
-        assert getattr(message.cycle, name) == getattr(analysis.cycle, name)
-    assert (message.cycle.leg, message.cycle.rotor) == (1, estimate.place)
-    assert topology is not None
-    assert (message.topology.winding_before, message.topology.winding_beyond) == (0, 1)
-    assert message.topology.charge == 1
-    assert message.topology.zero_mode_rotor == topology.mode_centre
-    assert message.topology.last_toggled
-    assert not message.topology.first_toggled
-    assert math.isnan(message.topology.first_turns)
-    assert energies is not None
-    assert message.energies.wall == energies.wall
-    assert message.energies.wake == energies.wake
-    assert analysis.wobble is not None
-    assert message.wobble.amplitude == analysis.wobble.amplitude
-    assert message.wobble.theory_wavelength == pytest.approx(0.2)
-    assert (message.noise, message.misfit) == (estimate.noise, estimate.misfit)
-    assert message.unseen == 1
-
-
-def test_what_is_unknown_is_nan_and_no_leg() -> None:
-    unknown = WOBBLING._replace(topology=None, energies=None, wobble=None, edge_rotors=None)
-    lost = cycle_phase(WOBBLING.estimate, None)
-    unknown = unknown._replace(cycle=lost, motion=None)
-    message = state_to_msg(unknown, JOINTS)
-    assert (message.motion, message.motion_name) == (SolitonState.UNKNOWN, 'unknown')
-    assert math.isnan(message.cycle.phase)
-    assert message.cycle.leg == -1
-    for nested in (message.energies, message.wobble):
-        for name in nested.get_fields_and_field_types():
-            assert math.isnan(getattr(nested, name))
-    assert math.isnan(message.topology.zero_mode_rotor)
 
 
 def filled(analysis: Analysis, joints: JointStates) -> SolitonState:

@@ -15,7 +15,6 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from graphs import Graph
 
-from soliton_linkage_nodes.runtime import child_processes
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 LONGEST_WAIT = 20.0
@@ -86,38 +85,6 @@ def test_one_that_does_not_heed_the_interrupt_is_killed(
     asked = time.monotonic()
     assert children.stop() == {'bag_recorder': -signal.SIGKILL}
     assert time.monotonic() - asked < TIME_TO_STOP
-
-
-@pytest.mark.parametrize(('works', 'code'), [(True, 7), (False, -signal.SIGKILL)])
-def test_one_that_has_work_left_may_end_it(
-    children: ChildProcesses,
-    works: bool,
-    code: int,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    """It is told by what it writes, as a recorder does."""
-    program = tmp_path / 'lib' / 'soliton_linkage_nodes' / 'node'
-    program.parent.mkdir(parents=True)
-    program.write_text(
-        f"""#!{sys.executable}
-import signal, sys, time
-def stop(number, frame):
-    for _ in range(20):
-        time.sleep(0.1)
-        {works} and print('written', flush=True)
-    sys.exit(7)
-signal.signal(signal.SIGTERM, stop)
-print('ready', flush=True)
-time.sleep(60)
-"""
-    )
-    program.chmod(0o755)
-    monkeypatch.setattr(child_processes, 'get_package_prefix', lambda _: tmp_path)
-    children.start('node', [], dict(os.environ))
-    log = tmp_path / 'log' / 'node.log'
-    wait_until(lambda: 'ready' in log.read_text(encoding='utf-8'), 'the first words')
-    assert children.stop(rest=0.5) == {'node': code}
 
 
 def test_none_outlives_a_parent_that_was_killed(graph: Graph, tmp_path: Path) -> None:

@@ -37,7 +37,6 @@ class Visitor:
     """A node of its own in the graph of the domain, and what it is told there."""
 
     def __init__(self) -> None:
-        """Join the graph."""
         self.node = rclpy.create_node(
             f'soliton_linkage_command_{os.getpid()}',
             enable_rosout=False,
@@ -129,7 +128,6 @@ class Verbs:
     """Verbs of a command, each with arguments of its own."""
 
     def __init__(self, command: str, description: str | None) -> None:
-        """Describe a command that has none so far."""
         self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)
         self._verbs = self._parser.add_subparsers(metavar='VERB', required=True)
 

@@ -18,8 +18,6 @@ from soliton_linkage_nodes.messages.view_conversions import NodeReport
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
-_LONGEST_END = 10.0
-"""For the recorder to write what waits for the disk [s]."""
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
 _DONE = {
@@ -104,7 +102,7 @@ class BagRecording:
             raise ValueError('nothing is recorded by this page')
         processes = self._processes
         self._running = False
-        codes = await asyncio.to_thread(processes.stop, None, _LONGEST_END)
+        codes = await asyncio.to_thread(processes.stop)
         self._finder.reports.pop(f'{self.namespace}{_RECORDER}', None)
         if any(codes.values()):
             raise ValueError(f'the recorder ended with exit code {codes[_RECORDER]}')
@@ -136,7 +134,7 @@ class BagRecording:
     def close(self) -> None:
         """End it with the page."""
         if self._processes is not None and self._running:
-            self._processes.stop(None, _LONGEST_END)
+            self._processes.stop()
 
 
 class BagReplay:

@@ -22,8 +22,6 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 _PAGE = 'live_view'
-_LONGEST_END = 10.0
-"""For the recorder to write what waits for the disk [s]."""
 _POLL_INTERVAL = 0.1
 """Between two looks at whether all still run [s]."""
 
@@ -46,7 +44,7 @@ def main() -> None:
         print(f'\nlive: {error}', file=sys.stderr)
     finally:
         # The page first, with the recorder, which is to have all that the others say.
-        processes.stop([_PAGE], _LONGEST_END)
+        processes.stop([_PAGE])
         processes.stop()
     sys.exit(code)
 

@@ -100,7 +100,6 @@ class JointStateDecoder:
     """Decoder of joint states, fast if frame and names are those of the message before."""
 
     def __init__(self) -> None:
-        """Know no names."""
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
@@ -192,7 +191,6 @@ class _MessageBuffer:
         self._stamp = memoryview(self._bytes)[_ENCAPSULATION_BYTES:][:8].cast('I')
 
     def __len__(self) -> int:
-        """Size of the message in bytes."""
         return len(self._bytes)
 
     def fill(self, stamp: int, *values: Array) -> bytearray:
@@ -211,7 +209,6 @@ class JointStateBuffer(_MessageBuffer):
     """Joint states of named joints: angles [rad], rates [rad/s] and torques [N m]."""
 
     def __init__(self, named: NamedChain) -> None:
-        """Lay out the message once."""
         zeros = np.zeros(len(named.joint_names))
         super().__init__(frame_to_msg(named, Frame(zeros, zeros), zeros, Time()), arrays=3)
 
@@ -220,7 +217,6 @@ class ImpulseBuffer(_MessageBuffer):
     """Angular impulses of all rotors [N m s]."""
 
     def __init__(self, named: NamedChain) -> None:
-        """Lay out the message once."""
         super().__init__(impulses_to_msg(named, np.zeros(named.rotors), Time()), arrays=1)
 
 
@@ -228,7 +224,6 @@ class TorqueBuffer(_MessageBuffer):
     """Torques of all rotors [N m], as joint states that hold efforts only."""
 
     def __init__(self, named: NamedChain) -> None:
-        """Lay out the message once."""
         super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
 
 

@@ -48,7 +48,6 @@ class NamedChain:
     """What positions of joint states are known to be too large by [rad], one a rotor or none."""
 
     def __post_init__(self) -> None:
-        """Refuse offsets that do not fit."""
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
 
     @property

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseWithCovariance, PoseWithCovarianceStamped, Vector3
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image
-from std_msgs.msg import ColorRGBA, Header, String
-from visualization_msgs.msg import Marker, MarkerArray
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
@@ -87,21 +86,6 @@ def lettering_to_msg(
     return marker
 
 
-def deletion_to_msg(header: Header, name: str, number: int) -> Marker:
-    """Have viewers take a marker away."""
-    return Marker(header=header, ns=name, id=number, action=Marker.DELETE)
-
-
-def clearance_to_msg(header: Header) -> Marker:
-    """Have viewers take all markers of the topic away."""
-    return Marker(header=header, action=Marker.DELETEALL)
-
-
-def markers_to_msg(markers: list[Marker]) -> MarkerArray:
-    """Markers in one message."""
-    return MarkerArray(markers=markers)
-
-
 def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
     """Walls of a state, from rotor 0 on."""
     return [
@@ -140,16 +124,6 @@ def kick_from_msg(named: NamedChain, message: msg.LastKick) -> Array:
         if name in named.numbers:
             impulses[named.numbers[name]] = impulse
     return impulses
-
-
-def text_to_msg(text: str) -> String:
-    """A text as a message."""
-    return String(data=text)
-
-
-def header_of(stamp: Time, frame: str) -> Header:
-    """Header of what is drawn."""
-    return Header(stamp=stamp, frame_id=frame)
 
 
 def _upright() -> Pose:

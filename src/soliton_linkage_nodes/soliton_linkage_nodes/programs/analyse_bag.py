@@ -55,7 +55,6 @@ class Drawn:
     """Frames for the pictures, evenly thinned out so that any bag fits into memory."""
 
     def __init__(self, named: NamedChain) -> None:
-        """Begin without any of a chain."""
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self._every, self._count = 1, 0
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []

@@ -39,7 +39,6 @@ class WatchSoliton(Node):
     """Draws `chain` and `joint_states` on a line, and the first soliton of `soliton_state`."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Listen."""
         super().__init__('watch_soliton', **kwargs)
         self._line = LeanLine(self)
         self._heard: tuple[bytes, float] | None = None

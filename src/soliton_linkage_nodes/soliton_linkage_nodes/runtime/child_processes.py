@@ -26,10 +26,8 @@ LONGEST_START = 60.0
 """How long nodes may take until they hear each other, on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
 """PR_SET_PDEATHSIG of prctl(2)."""
-_LONGEST_REST = 1.5
-"""Of a node that is to end, before it is killed [s]: one that has work left does some in less."""
-_LONGEST_END = 20.0
-"""Of a node that works on, as a recorder does whose disk is slow [s]; then it is killed."""
+_LONGEST_END = 10.0
+"""Time for a node to end, before it is killed [s]: a recorder may have to wait for its disk."""
 _LOG_TAIL = 5
 """Lines of a log that are told when a node has ended."""
 _DOMAINS = 100
@@ -41,7 +39,6 @@ class ChildProcesses:
     """Processes of the suite's nodes, each with a log file of what it says."""
 
     def __init__(self, log_folder: Path) -> None:
-        """Keep the logs in a folder."""
         self._log_folder = log_folder
         self._log_folder.mkdir(parents=True, exist_ok=True)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
@@ -83,18 +80,13 @@ class ChildProcesses:
             raise RuntimeError(self._obituary(node, code))
         return True
 
-    def stop(
-        self, nodes: Sequence[str] | None = None, rest: float = _LONGEST_REST
-    ) -> dict[str, int]:
-        """Terminate some processes, or all, and return their exit codes.
-
-        One that does nothing for a time of `rest` [s], or does not end in twenty, is killed.
-        """
+    def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
+        """Terminate some processes, or all, and return their exit codes; kill them after 10 s."""
         chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
         for process in chosen.values():
             process.terminate()
         deadline = time.monotonic() + _LONGEST_END
-        return {node: _end(process, rest, deadline) for node, process in chosen.items()}
+        return {node: _end(process, deadline) for node, process in chosen.items()}
 
     def said(self, node: str) -> str:
         """What a process has said so far."""
@@ -156,31 +148,12 @@ def _share() -> Path:
         return Path()
 
 
-def _end(process: subprocess.Popen[bytes], rest: float, deadline: float) -> int:
-    """Let a process end as long as it works, up to a deadline, and return its exit code."""
-    before, worked = -1, _work(process)
-    while worked != before and time.monotonic() < deadline:
-        try:
-            return process.wait(rest)
-        except subprocess.TimeoutExpired:
-            before, worked = worked, _work(process)
-    process.kill()
-    return process.wait()
-
-
-def _work(process: subprocess.Popen[bytes]) -> int:
-    """What a process has done so far, of any unit: more of it is progress."""
-    folder = Path('/proc', str(process.pid))
+def _end(process: subprocess.Popen[bytes], deadline: float) -> int:
     try:
-        # The command's name, in parentheses, may hold blanks.
-        figures = (folder / 'stat').read_text(encoding='utf-8').rpartition(')')[2].split()
-        if figures[0] == 'D':  # it waits for the disk
-            return time.monotonic_ns()
-        ticks = sum(map(int, figures[11:13]))
-        counters = (folder / 'io').read_text(encoding='utf-8').splitlines()
-    except OSError:
-        return 0
-    return ticks + int(dict(line.split(': ') for line in counters)['wchar'])
+        return process.wait(max(deadline - time.monotonic(), 0.0))
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
 
 
 def _die_with_parent() -> None:

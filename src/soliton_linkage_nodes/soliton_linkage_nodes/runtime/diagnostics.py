@@ -40,7 +40,6 @@ class Complaints:
         self._unsaid = self._unsaid_before = 0
 
     def __len__(self) -> int:
-        """How many are kept in mind."""
         return len(self._said)
 
     def tell(self, complaint: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that outlive what their callbacks cannot stand."""
+"""Nodes that continue after an exception in a callback."""
 
 from __future__ import annotations
 
@@ -38,10 +38,7 @@ def unknown(node: Node, name: str, known: Iterable[str]) -> str:
 
 
 class GuardedNode(Node):
-    """A node whose callbacks may fail; that costs only what they were called for then.
-
-    Memory that is used up ends it all the same.
-    """
+    """Node that drops the message, logs and continues if a callback raises, except MemoryError."""
 
     _unattended: frozenset[Subscription] = frozenset()
     _ends: Mapping[Subscription, Callable[[], None]] = {}

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -60,10 +59,13 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Whether it is configuring and activating itself."""
         self.declare_parameters_of_node()
         refuse_unknown(self)
-        self.add_post_set_parameters_callback(
-            self.guarded('take up parameters', lambda _changes: self._follow())
-        )
-        self._guard_change_state()
+
+        def follow(_changes: Any) -> None:
+            if self.configured:
+                self.follow_parameters()
+
+        self.add_post_set_parameters_callback(self.guarded('take up parameters', follow))
+        self._reject_impossible_transitions()
         if managed.autostart:
             self._start()
 
@@ -107,7 +109,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure, or leave nothing behind."""
-        self._of_all = set(self._entities())
+        self._of_all = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._carried_out(self.configure)
         if not self.configured:
             self._destroy_what_was_made()
@@ -173,37 +175,32 @@ class ManagedNode(GuardedNode, LifecycleNode):
             self.get_logger().info(what)
         return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
 
-    def _follow(self) -> None:
-        if self.configured:
-            self.follow_parameters()
-
-    def _entities(self) -> Iterator[Any]:
-        for kind in _DESTROYERS:
-            yield from getattr(self, kind)
-
     def _destroy_what_was_made(self) -> None:
         self._unattended = frozenset()
         for kind, destroy in _DESTROYERS.items():
             for entity in [each for each in getattr(self, kind) if each not in self._of_all]:
                 destroy(self, entity)
 
-    def _guard_change_state(self) -> None:
-        """Refuse transitions that there are not from here: rclpy raises into the executor."""
+    def _reject_impossible_transitions(self) -> None:
+        """Answer a transition that is impossible in this state; rclpy raises into the executor.
+
+        Without this any client that asks for one ends the node.
+        """
         name = self.resolve_service_name('~/change_state')
         (service,) = (each for each in self.services if each.service_name == name)
-        service.callback = partial(self._change_or_refuse, service.callback)
+        change = service.callback
 
-    def _change_or_refuse(
-        self, change: Callable[[Any, Any], Any], request: Any, response: Any
-    ) -> Any:
-        try:
-            return change(request, response)
-        except rclpy_implementation.RCLError:
-            asked = request.transition.label or request.transition.id
-            _, state = self._state_machine.current_state
-            self.get_logger().warning(f'no transition {asked} from state {state}')
-            response.success = False
-            return response
+        def change_or_reject(request: Any, response: Any) -> Any:
+            try:
+                return change(request, response)
+            except rclpy_implementation.RCLError:
+                asked = request.transition.label or request.transition.id
+                _, state = self._state_machine.current_state
+                self.get_logger().warning(f'no transition {asked} from state {state}')
+                response.success = False
+                return response
+
+        service.callback = change_or_reject
 
 
 _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {

@@ -160,15 +160,23 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     code = 0
     try:
         initialise(arguments)
-        _tell_warnings()
+        warnings.showwarning = _log_warning
         gc.collect()
         # In Jazzy its spin() hangs; turns of it do not, at half the cost of others.
         executor = EventsExecutor()
         with ExitStack() as stack:
-            nodes = [_created(component, stack) for component in components]
+            nodes = []
+            for component in components:
+                nodes.append(component.create())
+                stack.callback(nodes[-1].destroy_node)
             for node in nodes:
-                _tell_notices(node, arguments, nodes)
-            _take_turns(nodes)
+                for notice in notices(node, arguments, nodes):
+                    log = node.get_logger()
+                    (log.warning if notice.warning else log.info)(notice.text)
+            rates = [node.rate_of_frames for node in nodes if hasattr(node, 'rate_of_frames')]
+            if rates:
+                turn = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_TURN)
+                sys.setswitchinterval(min(turn, sys.getswitchinterval()))
             # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
@@ -183,37 +191,19 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
     sys.exit(code)
 
 
-def _take_turns(nodes: Sequence[Node]) -> None:
-    """Have threads give the interpreter up so often that frames which nodes pace are in time."""
-    rates = [node.rate_of_frames for node in nodes if hasattr(node, 'rate_of_frames')]
-    if rates:
-        turn = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_TURN)
-        sys.setswitchinterval(min(turn, sys.getswitchinterval()))
-
-
-def _tell_warnings() -> None:
-    """Say what libraries warn of as a node says what it has to, each in one line."""
-
-    def tell(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        told = ' '.join(str(message).split())
-        get_logger('soliton_linkage').warning(
-            f'{category.__name__}: {told} ({Path(filename).name}:{lineno})'
-        )
-
-    warnings.showwarning = tell
-
-
-def _created(component: Component, stack: ExitStack) -> Node:
-    node = component.create()
-    stack.callback(node.destroy_node)
-    return node
+def _log_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Log a warning of a library in one line."""
+    text = ' '.join(str(message).split())
+    get_logger('soliton_linkage').warning(
+        f'{category.__name__}: {text} ({Path(filename).name}:{lineno})'
+    )
 
 
 def _spin(
@@ -263,12 +253,3 @@ class Turns:
     def _end_each(self) -> None:
         while not self._over.wait(_LONGEST_WAIT):
             self._turn.set_result(None)
-
-
-def _tell_notices(node: Node, arguments: Sequence[str], beside: Sequence[Node]) -> None:
-    """Say what is to be said of the files and parameters that a node was started with."""
-    for notice in notices(node, arguments, beside):
-        if notice.warning:
-            node.get_logger().warning(notice.text)
-        else:
-            node.get_logger().info(notice.text)

@@ -35,7 +35,6 @@ class SequenceGaps:
     """
 
     def __init__(self) -> None:
-        """Start with no publisher heard."""
         self.lost = 0
         self._last: list[int] = []
 
@@ -102,7 +101,6 @@ class KeptStream:
     """
 
     def __init__(self) -> None:
-        """Keep to whoever is heard first."""
         self.lost = 0
         """Messages that were sent and never came."""
         self.foreign = 0

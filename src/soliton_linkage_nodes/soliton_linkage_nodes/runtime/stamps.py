@@ -54,7 +54,6 @@ class Freshness:
         return self.age > self._longest
 
     def __str__(self) -> str:
-        """How old it is, in words."""
         age = self.age
         return 'none has come' if math.isinf(age) else f'the last is {age:.3g} s old'
 
@@ -73,7 +72,6 @@ class ClockWatch:
     """
 
     def __init__(self) -> None:
-        """Begin without any."""
         self._least: int | None = None
         self._latest = 0
         self._first: tuple[int, int] | None = None

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from std_msgs.msg import String
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
@@ -18,7 +19,6 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.marker_conversions import text_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
@@ -110,7 +110,7 @@ class Visualisation(GuardedNode):
         if named == self.heard.named:
             return
         text = robot_description(named.chain, named.joint_names, self._limits)
-        self._description.publish(text_to_msg(text))
+        self._description.publish(String(data=text))
         self.heard.learn(named)
         for outlet in self._outlets:
             outlet.learn(named)

@@ -8,18 +8,14 @@ import time
 
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from soliton_linkage.colours import GREY, RED, shares
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.marker_conversions import (
     box_to_msg,
-    clearance_to_msg,
-    deletion_to_msg,
-    header_of,
     lettering_to_msg,
     lines_to_msg,
-    markers_to_msg,
     picture_to_msg,
     pose_to_msg,
 )
@@ -88,7 +84,7 @@ class MarkerOutlet(Outlet):
         """Draw the chain as it is."""
         if self._scene is None or not len(heard.angles) or not self._wanted(heard.frames):
             return
-        header = header_of(heard.stamp, heard.frame)
+        header = Header(stamp=heard.stamp, frame_id=heard.frame)
         shapes = self._scene.shapes(heard.angles)
         impulses = heard.kick(self._kick_shown)
         if impulses is None:
@@ -102,9 +98,9 @@ class MarkerOutlet(Outlet):
             lettering_to_msg(header, 'figures', scene.above, scene.lettering, colour, figures)
         )
         if self._clear:
-            markers.insert(0, clearance_to_msg(header))
+            markers.insert(0, Marker(header=header, action=Marker.DELETEALL))
             self._clear = False
-        self._publish(markers_to_msg(markers))
+        self._publish(MarkerArray(markers=markers))
 
     def _solitons(self, header: Header, scene: ChainScene, heard: HeardChain) -> list[Marker]:
         boxes = scene.boxes([(wall.position, wall.deviation) for wall in heard.walls])
@@ -121,7 +117,9 @@ class MarkerOutlet(Outlet):
         ]
         gone = range(len(boxes), self._walls)
         self._walls = len(boxes)
-        return markers + [deletion_to_msg(header, _WALLS, number) for number in gone]
+        return markers + [
+            Marker(header=header, ns=_WALLS, id=number, action=Marker.DELETE) for number in gone
+        ]
 
 
 class PoseOutlet(Outlet):
@@ -138,7 +136,7 @@ class PoseOutlet(Outlet):
             return
         place, deviation, *_ = heard.walls[0]
         if math.isfinite(place) and math.isfinite(deviation):
-            header = header_of(heard.state_stamp, heard.frame)
+            header = Header(stamp=heard.state_stamp, frame_id=heard.frame)
             self._publish(pose_to_msg(header, place, deviation))
 
 
@@ -165,5 +163,5 @@ class KymographOutlet(Outlet):
         self._kymograph.add(heard.seconds, heard.angles, [wall.rotor for wall in heard.walls])
         if time.monotonic() >= self._next and self._wanted(heard.frames):
             self._next = time.monotonic() + self._period
-            header = header_of(heard.stamp, heard.frame)
+            header = Header(stamp=heard.stamp, frame_id=heard.frame)
             self._publish(picture_to_msg(header, self._kymograph.picture()))

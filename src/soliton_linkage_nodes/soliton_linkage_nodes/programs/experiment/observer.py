@@ -37,7 +37,6 @@ class Observer(Node):
     """Sees the solitons and hears how the nodes are; can nudge the chain."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Connect the topics."""
         super().__init__('experiment', **kwargs)
         self.settings = declare(self, ExperimentParameters)
         refuse_unknown(self)
