@@ -207,26 +207,16 @@ def goes_first(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     return asked
 
 
-def test_it_goes_before_others_unless_it_cannot_keep_up(
-    clock: Clock, goes_first: list[bool]
+@pytest.mark.parametrize(
+    ('rate', 'first', 'asked'),
+    [(100.0, True, [True, False, True]), (100.0, False, []), (math.inf, True, [False])],
+)
+def test_it_has_priority_if_asked_for_and_while_it_keeps_its_rate(
+    clock: Clock, goes_first: list[bool], rate: float, first: bool, asked: list[bool]
 ) -> None:
     stall = {10: SECOND // 20}
-    instants(clock, 100.0, 40, lambda call: stall.get(call, 0), first=True)
-    assert goes_first == [True, False, True]
-
-
-def test_it_is_like_others_unless_it_is_asked_to_go_first(
-    clock: Clock, goes_first: list[bool]
-) -> None:
-    instants(clock, 100.0, 40)
-    assert goes_first == []
-
-
-def test_without_a_limit_of_its_rate_it_is_like_others(
-    clock: Clock, goes_first: list[bool]
-) -> None:
-    instants(clock, math.inf, 40, first=True)
-    assert goes_first == [False]
+    instants(clock, rate, 40, lambda call: stall.get(call, 0), first=first)
+    assert goes_first == asked
 
 
 def policies_of_a_thread() -> list[int]:

@@ -43,10 +43,10 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.sight import SightParameters
+from soliton_linkage_nodes.programs.experiment.experiment import ExperimentParameters
 from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
     FilmedExperimentParameters,
 )
-from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
 from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters
@@ -173,10 +173,6 @@ def of_node(node: str) -> dict[str, Any]:
     return declared
 
 
-def test_defaults_are_those_of_the_dataclass(graph: Graph) -> None:
-    assert graph.start(Declarer).settings == Examples()
-
-
 def test_given_values_replace_the_defaults(graph: Graph) -> None:
     given = {
         'rate': 10.0,
@@ -246,11 +242,6 @@ def test_whole_numbers_are_taken_where_numbers_with_a_point_are_meant(graph: Gra
     assert 'Wrong parameter type' in change(graph, gain='3')[0].reason
 
 
-def test_what_nothing_declares_cannot_be_set(graph: Graph) -> None:
-    graph.start(Declarer)
-    assert not change(graph, nothing=1)[0].successful
-
-
 def test_a_list_can_be_emptied(graph: Graph) -> None:
     node = graph.start(Declarer, {'group.parts': ['a']})
     empty = ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
@@ -273,11 +264,6 @@ def test_a_parameter_that_nothing_declares_is_refused_with_the_one_meant(
     said = re.escape(f'parameter {name!r} of declarer is unknown; {meant}')
     with pytest.raises(ValueError, match=said):
         graph.start(Declarer, {name: 1.0})
-
-
-def test_a_node_that_knows_the_chain_refuses_what_is_no_parameter_of_it(graph: Graph) -> None:
-    with pytest.raises(ValueError, match=r"unknown; did you mean 'chain\.spacing'\?"):
-        graph.start(Simulator, {'chain.spacng': 1.0})
 
 
 def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph: Graph) -> None:

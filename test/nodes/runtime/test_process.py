@@ -141,22 +141,6 @@ def test_wrong_arguments_are_said_in_one_line(
     assert 'Traceback' not in ''.join(program.said)
 
 
-def test_parameters_for_all_nodes_may_hold_the_chain(
-    graph: Graph, start: Callable[..., Program], tmp_path: Path
-) -> None:
-    path = tmp_path / 'all.yaml'
-    path.write_text(
-        '/**:\n  ros__parameters:\n    chain.number_of_rotors: 5\n    use_sim_time: false\n'
-    )
-    reports = graph.reports('bag_recorder')
-    program = start(
-        'bag_recorder',
-        *('--ros-args', '--params-file', str(path), '-p', f'output:={tmp_path / "run"}'),
-    )
-    graph.until(lambda: reports, 'a report')
-    assert program.stop() == 0
-
-
 @pytest.mark.parametrize('output', ['file/run', 'file/deep/run'])
 def test_an_output_that_cannot_be_written_is_said_in_one_line(
     graph: Graph, tmp_path: Path, output: str

@@ -187,7 +187,7 @@ def test_of_all_frames_none_is_lost_that_came_while_it_was_busy(
 
 OBSERVER = """
 import rclpy
-from soliton_linkage_nodes.programs.experiment.observer import Observer
+from soliton_linkage_nodes.programs.experiment.experiment import Observer
 rclpy.init()
 observer = Observer()
 while len(observer.states) < {count}:

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import dataclasses
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.node import Node
 
@@ -30,6 +30,8 @@ from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
 from soliton_linkage_nodes.runtime.parameters import declare
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
+
+Group = TypeVar('Group')
 
 
 @dataclass(frozen=True)
@@ -176,34 +178,49 @@ class ChainSource:
         self._learnt(self.named)
 
 
-_PREFIX = 'markers.'
 _LONGEST_VALUE = 40
-"""Characters of a value that is told: those of many rotors are lists of thousands."""
+"""Longest value that is printed [characters]: those of many rotors are lists of thousands."""
+
+
+class ParameterFile:
+    """Values of a parameter file by their name, for whatever nodes they are."""
+
+    def __init__(self, path: Path) -> None:
+        """Read it; ValueError if it is no parameter file."""
+        self.path = path
+        try:
+            sections = read_sections(path).values()
+        except (OSError, ValueError) as error:
+            remedy = 'give a parameter file such as config/flipper.yaml'
+            raise ValueError(f'{error}; {remedy}') from error
+        self.values = {name: value for held in sections for name, value in held.items()}
+
+    def read(self, kind: type[Group], prefix: str) -> Group:
+        """Return the values with a prefix in a dataclass, with its defaults for the others."""
+        given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
+        values = {name: value for name, value in given.items() if value is not None}
+        return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
+
+    def check(self, prefix: str, groups: Mapping[type, str]) -> None:
+        """Raise ValueError for a name with a prefix that is in none of the dataclasses."""
+        known = {
+            before + name for kind, before in groups.items() for name in described_fields(kind)
+        }
+        unknown = sorted(
+            each for each in self.values if each.startswith(prefix) and each not in known
+        )
+        if unknown:
+            raise ValueError(
+                f'{self.path}: {unknown[0]} is unknown; known: {", ".join(sorted(known))}'
+            )
 
 
 def chain_of_file(path: Path) -> NamedChain:
-    """Chain of a parameter file, by its chain.* and joints; raises ValueError for none."""
-    try:
-        sections = read_sections(path)
-    except (OSError, ValueError) as error:
-        raise ValueError(f'{error}; give a parameter file such as config/flipper.yaml') from error
-    given = {name: value for held in sections.values() for name, value in held.items()}
-    known = {
-        prefix + name
-        for kind, prefix in CHAIN_PARAMETERS.items()
-        for name in described_fields(kind)
-    }
-    unknown = sorted(name for name in given if name.startswith('chain.') and name not in known)
-    if unknown:
-        raise ValueError(f'{path}: {unknown[0]} is unknown; known: {", ".join(sorted(known))}')
-
-    def read(kind: Any) -> Any:
-        names = {name: CHAIN_PARAMETERS[kind] + name for name in described_fields(kind)}
-        values = {name: given[full] for name, full in names.items() if full in given}
-        return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
-
-    named = chain_of(read)
-    joints = tuple(given.get('joint_names', ())) or named.joint_names
+    """Return the chain of a parameter file, by its chain.* and joints; ValueError for none."""
+    file = ParameterFile(path)
+    file.check('chain.', CHAIN_PARAMETERS)
+    named = chain_of(lambda kind: file.read(kind, CHAIN_PARAMETERS[kind]))
+    joints = tuple(file.values.get('joint_names', ())) or named.joint_names
     check_names(f'{path}: joint_names', joints)
     if len(joints) != named.rotors:
         raise ValueError(
@@ -215,22 +232,10 @@ def chain_of_file(path: Path) -> NamedChain:
 
 def markers_of_file(path: Path) -> MarkerSettings:
     """Return the printed markers of a parameter file; ValueError for an unknown markers.*."""
-    given: dict[str, Any] = {
-        name.removeprefix(_PREFIX): value
-        for held in read_sections(path).values()
-        for name, value in held.items()
-        if name.startswith(_PREFIX)
-    }
-    known = described_fields(MarkerSettings)
-    for name in given:
-        if name not in known:
-            raise ValueError(
-                f'{path}: {_PREFIX}{name} is unknown; known: {_PREFIX}{{{", ".join(known)}}}'
-            )
-    values: dict[str, Any] = {
-        name: tuple(v) if isinstance(v, list) else v for name, v in given.items()
-    }
-    return MarkerLayout(chain_of_file(path).chain, MarkerSettings(**values)).as_printed
+    file = ParameterFile(path)
+    file.check('markers.', {MarkerSettings: 'markers.'})
+    settings = file.read(MarkerSettings, 'markers.')
+    return MarkerLayout(chain_of_file(path).chain, settings).as_printed
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:

@@ -234,6 +234,10 @@ def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
 
 KINDS = {kind: getattr(msg.SolitonEvent, kind.name) for kind in EventKind}
 """Numbers of the kinds of events in messages."""
+_EVENT_FIELDS = (
+    *('rotor', 'ids_before', 'ids_after', 'charge_before', 'charge_after'),
+    *('energy_before', 'energy_after', 'collisions'),
+)
 EVENT_COLUMNS = (
     'stamp [ns]',
     'time [ns]',
@@ -255,24 +259,14 @@ def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
     """SolitonEvents of a frame that was analysed, of a chain with a spacing [m]."""
-    if not analysis.events:
-        return []
-    stamp = time_to_msg(joints.stamp)
     return [
         msg.SolitonEvent(
-            header=Header(stamp=stamp, frame_id=joints.frame_id),
+            header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
             time=time_to_msg(_instant(analysis, joints, event)),
             kind=KINDS[event.kind],
             kind_name=event.kind.value,
             position=event.rotor * spacing,
-            rotor=event.rotor,
-            ids_before=event.ids_before,
-            ids_after=event.ids_after,
-            charge_before=event.charge_before,
-            charge_after=event.charge_after,
-            energy_before=event.energy_before,
-            energy_after=event.energy_after,
-            collisions=event.collisions,
+            **{name: getattr(event, name) for name in _EVENT_FIELDS},
         )
         for event in analysis.events
     ]
@@ -280,23 +274,13 @@ def events_to_msgs(
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
     """The same events as rows of the table."""
-    return [
-        (
-            joints.stamp,
-            _instant(analysis, joints, event),
-            event.kind.value,
-            event.rotor,
-            event.rotor * spacing,
-            ' '.join(map(str, event.ids_before)),
-            ' '.join(map(str, event.ids_after)),
-            event.charge_before,
-            event.charge_after,
-            event.energy_before,
-            event.energy_after,
-            event.collisions,
-        )
-        for event in analysis.events
-    ]
+    rows = []
+    for event in analysis.events:
+        rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)
+        cells = (' '.join(map(str, each)) if isinstance(each, tuple) else each for each in others)
+        instant = _instant(analysis, joints, event)
+        rows.append((joints.stamp, instant, event.kind.value, rotor, rotor * spacing, *cells))
+    return rows
 
 
 def _instant(analysis: Analysis, joints: JointStates, event: SolitonEvent) -> int:

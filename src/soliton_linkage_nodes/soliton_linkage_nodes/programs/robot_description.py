@@ -6,11 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
-from soliton_linkage_nodes.messages.chain_source import chain_of_file
+from soliton_linkage_nodes.messages.chain_source import ParameterFile, chain_of_file
 from soliton_linkage_nodes.programs.command_line import plain_failures
-from soliton_linkage_nodes.runtime.parameter_files import read_sections
 
 
 def main() -> None:
@@ -24,10 +22,5 @@ def main() -> None:
 def description_of_file(path: Path) -> str:
     """URDF of the chain of a parameter file; ValueError where it describes none."""
     named = chain_of_file(path)
-    given = {name: value for held in read_sections(path).values() for name, value in held.items()}
-    limits = {
-        name: given[f'limits.{name}']
-        for name in described_fields(JointLimits)
-        if f'limits.{name}' in given
-    }
-    return robot_description(named.chain, named.joint_names, JointLimits(**limits))
+    limits = ParameterFile(path).read(JointLimits, 'limits.')
+    return robot_description(named.chain, named.joint_names, limits)

@@ -15,7 +15,7 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -26,8 +26,7 @@ import yaml
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.programs.command_line import reason
-from soliton_linkage_nodes.programs.experiment.experiment import Experiment
-from soliton_linkage_nodes.programs.experiment.observer import Observer
+from soliton_linkage_nodes.programs.experiment.experiment import Experiment, Observer
 from soliton_linkage_nodes.runtime.child_processes import has_display, private_domain
 from soliton_linkage_nodes.runtime.process import (
     initialise,
@@ -42,58 +41,65 @@ _FILMED = 'filmed_experiment'
 def main() -> None:
     """Run the experiment of a configuration file."""
     options = _options()
-    if _named(parameters_of(options.configuration), _FILMED):
-        sys.exit(_run_filmed(options))
+    filmed = _named(parameters_of(options.configuration), _FILMED)
+    if filmed:
+        interrupt_on_signals()
+        with _plain_end():
+            _run_filmed(options, filmed)
+        return
     # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
     stopping = stop_on_signals()
     with private_domain():
-        code = _run(options, stopping)
-    sys.exit(code)
+        _run(options, stopping)
 
 
-def _run(options: argparse.Namespace, stopping: threading.Event) -> int:
-    configuration, bag = options.configuration, None
+@contextmanager
+def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
+    """End with one line, and 130 after Ctrl-C or 1 after a failure; `left` tells what is left."""
     try:
-        initialise(['--ros-args', '--params-file', str(configuration)])
-        with claimed(options.output) as folder:
-            experiment = Experiment(configuration, folder, Observer(), stopping, options.page)
-            bag = experiment.bag
-            summary = experiment.run()
-        print(conclusion(summary, folder, bag), *_suggestions(configuration), sep='\n', flush=True)
+        yield
     except KeyboardInterrupt:
-        left = f' The recording so far is in {bag}.' if bag and bag.exists() else ''
-        print(f'Stopped.{left}', flush=True)
-        return INTERRUPTED
+        print(f'Stopped.{left()}', flush=True)
+        sys.exit(INTERRUPTED)
     except (RuntimeError, ValueError, OSError) as error:
-        print(f'\nThe experiment failed: {reason(error)}', file=sys.stderr)
-        return 1
+        sys.exit(f'\nThe experiment failed: {reason(error)}')
+
+
+def _run(options: argparse.Namespace, stopping: threading.Event) -> None:
+    configuration, bag = options.configuration, Path()
+
+    def left() -> str:
+        return f' The recording so far is in {bag}.' if bag.name and bag.exists() else ''
+
+    try:
+        with _plain_end(left):
+            initialise(['--ros-args', '--params-file', str(configuration)])
+            with claimed(options.output) as folder:
+                experiment = Experiment(configuration, folder, Observer(), stopping, options.page)
+                bag = experiment.bag
+                summary = experiment.run()
+            print(
+                conclusion(summary, folder, bag),
+                *_suggestions(configuration),
+                sep='\n',
+                flush=True,
+            )
     finally:
         rclpy.try_shutdown()
-    return 0
 
 
-def _run_filmed(options: argparse.Namespace) -> int:
+def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
     # Other experiments need neither scipy's fits nor OpenCV.
     from soliton_linkage_nodes.programs.experiment import filmed_experiment
 
     configuration = options.configuration
-    try:
-        interrupt_on_signals()
-        given = _named(parameters_of(configuration), _FILMED)
-        with claimed(options.output) as folder:
-            said = filmed_experiment.run(configuration, given, folder)
-        page = folder / 'index.html'
-        print(said, f'\n  {page}   film, overlay, report and track\n')
-        print(*_suggestions(configuration), sep='\n', flush=True)
-        if options.page and has_display():
-            webbrowser.open(page.resolve().as_uri())
-    except KeyboardInterrupt:
-        print('Stopped.', flush=True)
-        return INTERRUPTED
-    except (RuntimeError, ValueError, OSError) as error:
-        print(f'\nThe experiment failed: {reason(error)}', file=sys.stderr)
-        return 1
-    return 0
+    with claimed(options.output) as folder:
+        said = filmed_experiment.run(configuration, given, folder)
+    page = folder / 'index.html'
+    print(said, f'\n  {page}   film, overlay, report and track\n')
+    print(*_suggestions(configuration), sep='\n', flush=True)
+    if options.page and has_display():
+        webbrowser.open(page.resolve().as_uri())
 
 
 @contextmanager

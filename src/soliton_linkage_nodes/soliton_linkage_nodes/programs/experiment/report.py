@@ -21,7 +21,7 @@ from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_recording
-from soliton_linkage_nodes.programs.experiment.observer import places
+from soliton_linkage_nodes.programs.experiment.experiment import places
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
