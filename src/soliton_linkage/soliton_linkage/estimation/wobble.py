@@ -17,8 +17,8 @@ from soliton_linkage.compiling import COUNT, NUMBER, READ, TABLE, YES, compiled,
 from soliton_linkage.estimation.frames import wrapped
 from soliton_linkage.estimation.motion_class import next_deviation, tail_of_side
 from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings, record_dtype
+from soliton_linkage.linear.bands import exact_tail
 from soliton_linkage.linkage.chain import Array, Chain, Motion
-from soliton_linkage.solitons.tail import exact_tail
 
 Records = NDArray[np.void]
 Overshoot = tuple[float, float, float]

@@ -11,8 +11,8 @@ from chains import EPS, FLIPPER, STRONG_WOBBLER, WOBBLER, any_chain, chain_of
 from hypothesis import assume, given
 from linkage_motion import wall_between
 
+from soliton_linkage.linear.bands import continuum_tail, exact_tail, wobble_exponents
 from soliton_linkage.linkage.chain import Chain, staggered
-from soliton_linkage.solitons.tail import continuum_tail, exact_tail, wobble_exponents
 
 
 @given(any_chain())
