@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -23,7 +25,7 @@ def test_offsets_are_those_of_a_least_squares_fit_with_priors() -> None:
         offsets.update(each, side, NOISE**2)
     seen = sides[:, 0] != 0
     rows = np.column_stack([np.ones(30), sides[:, 0]])[seen] / NOISE
-    matrix = np.concatenate([rows, np.diag([1 / 2.0, 1 / REST])])
+    matrix = np.concatenate([rows, np.diag([math.sqrt(3) / math.pi, 1 / REST])])
     right = np.concatenate([residuals[seen, 0] / NOISE, [0, 0]])
     covariance = np.linalg.inv(matrix.T @ matrix)
     assert offsets.values[0] == pytest.approx((covariance @ matrix.T @ right)[0], rel=1e-9)

@@ -19,7 +19,7 @@ ORBIT = UniformOrbit(chain_of(FLIPPER, 20))
 
 
 def hypotheses(*arcs: float) -> Hypotheses:
-    made = Hypotheses(ORBIT, DEFAULTS.hypotheses)
+    made = Hypotheses(ORBIT, DEFAULTS)
     for arc in arcs:
         about = ORBIT.stretch(arc)
         view = FrameLikelihood(2.0, DEFAULTS.likelihood).view(

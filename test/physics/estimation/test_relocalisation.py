@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
+from soliton_linkage.estimation import relocalisation
 from soliton_linkage.estimation.relocalisation import PlaceSearch, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, ScanSettings
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -65,11 +66,12 @@ def test_nothing_is_told_of_what_tells_nothing(example: tuple[float, float]) -> 
 
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_long_orbit_is_scanned_where_its_uniform_parts_let_it(
-    example: tuple[float, float],
+    example: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     orbit, random = UniformOrbit(chain_of(example, 60)), np.random.default_rng(3)
     whole = search_of(orbit)
-    parts = search_of(orbit, ScanSettings(most_numbers=1))
+    monkeypatch.setattr(relocalisation, '_MOST_NUMBERS', 1)
+    parts = search_of(orbit)
     for place in (0.2, 7.3, 31.6, 58.9):
         leg = int(random.integers(orbit.number_of_legs))
         frame = orbit.configuration(orbit.arc_at(place, leg)) + 0.01 * random.standard_normal(60)

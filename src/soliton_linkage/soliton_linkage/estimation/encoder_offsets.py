@@ -154,7 +154,7 @@ def beyond_chance(
 
     The repeated is the variance of the error that is the same in all frames [rad^2].
     """
-    limit = settings[0]['beyond_chance']
+    limit = settings[0]['significance']
     for n in range(sides.size):
         side, each = sides[n], encoders[n]
         if side:
@@ -223,7 +223,7 @@ class EncoderOffsets:
         residuals = np.ascontiguousarray(residuals, dtype=np.float64)
         sides = np.ascontiguousarray(sides, dtype=np.float64)
         add_residuals(self.encoders, residuals, sides, variance)
-        priors = given.offset_deviation**-2, given.rest_angle_deviation**-2
+        priors = 3 / math.pi**2, given.rest_angle_deviation**-2
         solve(self.encoders, *priors)
         self._deviations: Array = np.empty(len(self.encoders))
         self._corrections: Array = np.empty(len(self.encoders))
@@ -331,7 +331,7 @@ class FarRotors:
         )
         means, innovations, unsure, squares, unexpected, common = found
         noise = variance / self._frames
-        strong = self._strong + given.strong_waves * noise
+        strong = self._strong + 4 * noise
         changed, self._means = means - self._means, means.copy()
         changed[np.isnan(innovations)] = np.nan
         first, self._first = self._first, False
@@ -349,7 +349,7 @@ class FarRotors:
         repeated = given.least_error**2 + given.wave_share**2 * self._waves
         # Where most seem to have an offset, rotors and springs are not equal.
         repeated += robust_deviation(common[:passed]) ** 2
-        strange = np.abs(innovations) > given.beyond_chance * (unsure + math.sqrt(noise))
+        strange = np.abs(innovations) > given.significance * (unsure + math.sqrt(noise))
         means[strange] = np.nan
         offsets.update(means, sides, noise, repeated)
         if self._uneven:
@@ -372,8 +372,8 @@ class FarRotors:
         most do have an offset, but one that is known only once the wall has passed.
         """
         given = self._settings
-        find_stuck(read, self._read, outlying, self.stuck, given.stuck_share, given.still)
-        limit = given.beyond_chance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
+        find_stuck(read, self._read, outlying, self.stuck, 0.2, 1e-5)
+        limit = given.significance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
         far_off = self._apart > limit + given.least_doubted
         unknown = far_off & (self._offsets.corrections == 0)
         self.doubtful = self.stuck | (unknown & (not self._uneven))
@@ -404,16 +404,16 @@ class FarRotors:
         given, tail = self._settings, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])
-        freedoms = max(FREEDOMS_OF_MEDIAN * len(sizes), given.fewest_freedoms)
+        freedoms = max(FREEDOMS_OF_MEDIAN * len(sizes), 3.0)
         by_chance = (1 + tail**2) * chance**2
         excess = robust_deviation(sizes) ** 2 - by_chance - given.evenness**2
-        if excess <= given.beyond_chance * math.sqrt(2 / freedoms) * by_chance:
+        if excess <= given.significance * math.sqrt(2 / freedoms) * by_chance:
             return 0.0
         return math.sqrt(excess * freedoms / (freedoms - 2))
 
     def _most(self, squares: Array) -> float:
         """Mean of all squares but the few largest, which may be of offsets [rad^2]."""
-        few = max(2, math.ceil(self._settings.largest_share * len(squares)))
+        few = 2
         count = len(squares) - few
         if count <= 0:
             return 0.0

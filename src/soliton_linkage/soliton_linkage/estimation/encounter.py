@@ -114,6 +114,6 @@ class Encounter:
         return None
 
     def _is_breather(self, time: float) -> bool:
-        long = self._settings.breather_periods * self._line.period
+        long = 4 * self._settings.quiet_periods * self._line.period
         lasting = self.overlaps and time - self._overlapped_since > long
         return lasting or self.collisions >= self._settings.breather_collisions

@@ -358,10 +358,10 @@ def measure(
     against = max(now['against'] + more, least * calm)
     if against >= given['odds_of_doubt']:
         restart_steady(filters, base)
-        against = given['odds_begun_anew']
+        against = given['odds_of_doubt'] - 1
     if most > given['kick_beyond_chance']:
         restart_from_impulse(filters, base)
-        against = max(against, given['odds_begun_anew'])
+        against = max(against, given['odds_of_doubt'] - 1)
         frames = 0
         now['kicks'] += 1
     frames += 1

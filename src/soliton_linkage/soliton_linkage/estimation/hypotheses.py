@@ -16,7 +16,7 @@ import numpy as np
 
 from soliton_linkage.estimation.measurement import FrameView
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.settings import HypothesisSettings
+from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 
@@ -47,9 +47,9 @@ class MixedWall(NamedTuple):
 class Hypotheses:
     """The places that compete, of which the first leads: arc, rate and leg are told of it."""
 
-    def __init__(self, orbit: Orbit, settings: HypothesisSettings) -> None:
+    def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         """Begin without any."""
-        self._orbit, self._settings = orbit, settings
+        self._orbit, self._settings, self._tracking = orbit, settings, settings.tracking
         self.all: list[Hypothesis] = []
 
     @property
@@ -64,12 +64,10 @@ class Hypotheses:
         for each, likelihood in zip(self.all, likelihoods, strict=True):
             each.evidence += likelihood
         ranked = sorted(self.all, key=lambda each: -each.evidence)
-        leader, top = self.leader, ranked[0].evidence
-        if top > leader.evidence + self._settings.lead:
-            leader = ranked[0]
+        leader, top = ranked[0], ranked[0].evidence
         kept = [leader]
         for each in ranked:
-            out = each is leader or each.evidence < top - self._settings.evidence
+            out = each is leader or each.evidence < top - self._tracking.decisive_odds
             if not out and not any(self._same(each, other) for other in kept):
                 kept.append(each)
         for each in kept:
@@ -90,7 +88,7 @@ class Hypotheses:
             if seen or any(orbit.leg(each.motion.arc) == other for each in self.all):
                 continue
             motion = leader.motion.mirrored(orbit.arc_at(orbit.place(arc), other) + turn)
-            rarity = self._settings.toggle_rarity
+            rarity = self._settings.filter.kick_rarity
             self.all.append(Hypothesis(motion, leader.upside_down, view, leader.evidence - rarity))
 
     def leg_is_known(self) -> bool:
@@ -101,7 +99,7 @@ class Hypotheses:
         shares = [math.exp(each.evidence) for each in self.all]
         legs = [self._orbit.leg(each.motion.arc) for each in self.all]
         others = sum(share for share, each in zip(shares, legs, strict=True) if each != leg)
-        return others < self._settings.leg_doubt * sum(shares)
+        return others < self._settings.likelihood.false_alarms * sum(shares)
 
     def wall(self, arc_beside: float, rate_beside: float) -> MixedWall:
         """Place and rate of the wall, with variances that are beside those of the filters.
@@ -139,15 +137,15 @@ class Hypotheses:
 
     def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Whether two have come to be of the same place, at the same rate."""
-        settings, motion = self._settings, one.motion
+        gate, motion = self._tracking.gate, one.motion
         apart = abs(math.remainder(motion.arc - other.motion.arc, self._orbit.length))
         faster = abs(motion.rate - other.motion.rate)
         close = min(
-            settings.same_deviations * motion.arc_deviation,
-            settings.same_place * self._orbit.site_arc,
+            gate * motion.arc_deviation,
+            self._settings.scan.near * self._orbit.site_arc,
         )
         return (
             one.upside_down == other.upside_down
             and apart < close
-            and faster < settings.same_deviations * motion.rate_deviation
+            and faster < gate * motion.rate_deviation
         )

@@ -25,9 +25,10 @@ class WallLine:
         self.width = chain.wall_width / chain.spacing
         """Of a slow wall [rotor spacings]."""
         room = self.rotors if chain.periodic else self.rotors - 1
-        self.near = min(settings.near_depths * depth + settings.near_beside, room / 3)
+        near = settings.near_depths * depth + settings.near_beside
+        self.near = min(near, room / 3)
         """Distance of two walls below which they are not free [rotor spacings]."""
-        self.parted = min(settings.parted_depths * depth + settings.parted_beside, room / 2)
+        self.parted = min(1.5 * near, room / 2)
         """Distance beyond which they are free again [rotor spacings]."""
         self.edge = min(settings.edge_rotors + settings.edge_widths * self.width, room / 3)
         """Distance from an edge up to which a wall may come from it [rotor spacings]."""

@@ -8,10 +8,10 @@ logarithm of p(d); `likelihood_loops` has its density.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import bdtr
 
 from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.estimation.likelihood import Density, frame_likelihood, weigh_frame
@@ -20,6 +20,14 @@ from soliton_linkage.linkage.chain import Array
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Of a chain of which no rotor is doubtful."""
+
+
+LEAST_INFORMATION = 1e-6
+"""Information below which a frame does not determine the arc [1]."""
+LONGEST_STEP = 0.5
+"""Longest Gauss-Newton step of the arc [rad]; the linearisation holds over less than a rotor."""
+_MOST_STEPS = 20
+"""Largest number of Gauss-Newton steps [1]."""
 
 
 class FrameView(NamedTuple):
@@ -71,6 +79,19 @@ class FrameView(NamedTuple):
     def outlying(self) -> Flags:
         """Rotors that are known but not believed, shape (N,)."""
         return np.asarray((self.weights < 0.5) & np.isfinite(self.residuals))
+
+
+def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
+    """Return the arc [rad] at which Gauss-Newton steps to their target end, or a step is close.
+
+    The target is the likeliest arc by a frame that is linearised at an arc.
+    """
+    for _ in range(_MOST_STEPS):
+        step = target(arc) - arc
+        arc += min(max(step, -LONGEST_STEP), LONGEST_STEP)
+        if abs(step) < close:
+            break
+    return arc
 
 
 class FrameLikelihood:
@@ -172,9 +193,8 @@ class FrameLikelihood:
     def explains(self, view: FrameView, largest: float) -> bool:
         """Whether what it does not believe of a frame may be readings that are wrong.
 
-        Of a share of 10 % that are wrong at random more are only once in a thousand frames. It
-        is to be likelier than that all angles are at random, with the largest variance of a
-        rotor that may be [rad^2].
+        The frame must be likelier than random angles, with the largest variance of a rotor that
+        is possible [rad^2].
         """
         if view.run > self._settings.longest_run:
             return False
@@ -182,10 +202,7 @@ class FrameLikelihood:
             residuals = view.residuals if self.scales is None else view.residuals / self.scales
             if self.over_nothing(residuals, largest) < self._log_scales(view.residuals):
                 return False
-        if view.off <= 1:
-            return True
-        within = bdtr(view.off - 1, view.known, self._settings.most_wrong)
-        return bool(1 - within > self._settings.false_alarms)
+        return True
 
     def _log_scales(self, residuals: Array) -> float:
         """Logarithm of the product of the scales of what is known: densities are over these."""
@@ -237,7 +254,7 @@ class FrameTrust:
     ) -> None:
         """Begin with none off."""
         self._likelihood = likelihood
-        self._settings, self._frames = settings.likelihood, settings.tracking.strained_frames
+        self._settings, self._frames = settings.likelihood, settings.tracking.confirming_frames
         self._none_off = np.zeros(rotors, dtype=np.bool_)
         self._never = np.zeros(rotors, dtype=np.int64)
         self.forget()
@@ -274,5 +291,4 @@ class FrameTrust:
             off = view.outlying & (np.abs(view.residuals) > self._likelihood.gross) & ~doubtful
             staying = int(np.count_nonzero(off & self._off))
         self._off = off
-        few = staying <= self._settings.most_staying
-        return few and self._likelihood.explains(view, largest)
+        return staying <= 1 and self._likelihood.explains(view, largest)

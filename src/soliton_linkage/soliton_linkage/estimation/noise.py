@@ -345,7 +345,7 @@ class RotorVariance:
         frames = max(motion.site_arc / max(way, 1e-9), 1.0)
         noise = self.noise
         field = noise.excess + (self.elastic if self.at_edge else 0.0)
-        lasting = field * unseen * view.untold * min(frames, self._tracking.most_alike)
+        lasting = field * unseen * view.untold * min(frames, self._settings.noise.memory)
         fleeting = max(noise.scatter - noise.variance, field) * unbelieved
         return noise.variance / view.information + lasting + fleeting
 

@@ -18,6 +18,7 @@ from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, 
 from soliton_linkage.estimation.frames import Push, swing_of
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import (
+    LEAST_INFORMATION,
     FrameLikelihood,
     FrameTrust,
     FrameView,
@@ -140,7 +141,7 @@ class OrbitFilter:
         for each in self._places.all:
             rigid, rate = self._pushed_by(push.impulses, each), each.motion.rate
             change = self._yielding.pushed_rate(rate, rigid) - rate
-            doubt = self._tracking.yielding_doubt * (rigid - change)
+            doubt = rigid - change
             each.motion.push(change, doubt**2, (change * push.ago) ** 2)
         if self._places.all:
             self._report(self._estimate.time, self._estimate.status)
@@ -159,7 +160,7 @@ class OrbitFilter:
         return -change if hypothesis.upside_down else change
 
     def _forget(self, time: float) -> None:
-        self._places = Hypotheses(self.orbit, self._settings.hypotheses)
+        self._places = Hypotheses(self.orbit, self._settings)
         self._seen_as: FrameView | None = None
         self._unexplained_since = math.nan
         self._unexplained = 0
@@ -186,7 +187,7 @@ class OrbitFilter:
         best = competition.places[0]
         if not self._likelihood.explains(best.view, best.variance):
             return []
-        least = best.evidence - self._settings.hypotheses.evidence
+        least = best.evidence - self._tracking.decisive_odds
         return [each for each in competition.places if each.evidence > least]
 
     def _start_at(self, places: list[Place], time: float, seen: Array) -> None:
@@ -196,7 +197,7 @@ class OrbitFilter:
         self._variance.begin(best.view)
         self._beside.far.forget()
         scale = 1 / self.orbit.chain.time_unit
-        self._places = Hypotheses(self.orbit, self._settings.hypotheses)
+        self._places = Hypotheses(self.orbit, self._settings)
         for place in places:
             motion = MultipleModelFilter(
                 place.arc,
@@ -218,7 +219,7 @@ class OrbitFilter:
             acceleration = 0.0 if torques is None else self._pushed_by(torques, each)
             self._predict(each.motion, elapsed, acceleration)
         best = self._places.leader.motion
-        if self._tracking.lost_deviations * math.sqrt(best.expected_variance) > self.orbit.length:
+        if self._tracking.gate * math.sqrt(best.expected_variance) > self.orbit.length:
             self._forget(time)
             self._acquire(time, seen)
             return
@@ -239,7 +240,7 @@ class OrbitFilter:
         self._unexplained_since = math.nan if explained else self._unexplained_since
         if explained:
             self._unexplained = 0
-        untold = view.information < self._settings.search.least_information
+        untold = view.information < LEAST_INFORMATION
         if untold or not (explained or self._trust.is_believed(view)):
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
@@ -289,17 +290,17 @@ class OrbitFilter:
         if self._unexplained == 0:
             self._unexplained_since = time
         self._unexplained += 1
-        if self._unexplained >= self._tracking.jump_frames and self._budget.spend(time):
+        if self._unexplained >= self._tracking.confirming_frames and self._budget.spend(time):
             places = self._found(seen)
             view = self._places.leader.view
-            if places and self._gain(places[0], view, seen) > self._tracking.gain:
+            if places and self._gain(places[0], view, seen) > self._tracking.decisive_odds:
                 self._start_at([self._on_this_turn(each) for each in places], time, seen)
                 return True
         tracking = self._tracking
         long = time - self._unexplained_since > tracking.doubted_time
         view = self._places.leader.view
         hopeless = not self._trust.is_believed(view)
-        if long and self._unexplained > tracking.doubted_frames and hopeless:
+        if long and self._unexplained > tracking.confirming_frames and hopeless:
             self._forget(time)
             return True
         return False
@@ -337,7 +338,7 @@ class OrbitFilter:
     def _update_by(self, hypothesis: Hypothesis, elapsed: float) -> None:
         """Update a filter by its view of a frame, a time [s] after the last."""
         view, motion = hypothesis.view, hypothesis.motion
-        if view.information > self._settings.search.least_information:
+        if view.information > LEAST_INFORMATION:
             variance = self._variance.of_arc(motion, view, elapsed)
             calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
             motion.update(view.arc, variance, self._variance.noise.degrees_of_freedom, calm)
@@ -360,7 +361,7 @@ class OrbitFilter:
         of_arc, of_rates = self._beside.shifts(arc)
         off = self._tracking.beside_share**2 * noise.excess + self._beside.deformation
         beside = off + of_arc**2
-        changed = of_rates**2 + off / (self._tracking.way_beside * orbit.site_arc) ** 2
+        changed = of_rates**2 + off / (self._settings.filter.bias_way * orbit.site_arc) ** 2
         of_rate = changed * rate**2
         wall = self._places.wall(beside, of_rate)
         seen = self._seen_as if status is not TrackingStatus.COASTING else None

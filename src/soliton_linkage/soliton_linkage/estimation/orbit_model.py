@@ -12,7 +12,7 @@ from scipy.linalg import solveh_banded
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarRotors
 from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.estimation.likelihood import compare
-from soliton_linkage.estimation.measurement import NO_FLAGS, FrameLikelihood, FrameView
+from soliton_linkage.estimation.measurement import NO_FLAGS, FrameLikelihood, FrameView, search_arc
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.noise import FrameNoise
 from soliton_linkage.estimation.settings import EstimationSettings
@@ -24,6 +24,9 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
+
+_CLOSE = 0.01
+"""Step of the arc that is not worth another linearisation [rad]."""
 
 
 class FrameComparison:
@@ -46,7 +49,6 @@ class FrameComparison:
         ]
         self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
         self.far = FarRotors(self.offsets, chain, elastic)
-        self._largest_scale = settings.offsets.largest_scale
         self._shifts = WallShifts(orbit)
         self._unseen = UnseenRotors(orbit)
         self.noise = 0.0
@@ -109,20 +111,23 @@ class FrameComparison:
 
         Pushes may have moved the arc by a variance [rad^2].
         """
-        tracking = self._tracking
         expected, spread = motion.expected, motion.expected_variance + pushed
-        arc, unsure = expected, spread
-        for _ in range(tracking.iterations):
+        views: list[FrameView] = []
+
+        def likeliest(arc: float) -> float:
+            unsure = spread
+            if views:
+                of_frame = variance / views[-1].information
+                unsure *= of_frame / (spread + of_frame)
             view = self.view(seen, arc, variance, unsure, upside_down, motion.expected_rate)
+            views.append(view)
             if view.information == 0:
-                break
-            of_frame = variance / view.information
-            unsure = spread * of_frame / (spread + of_frame)
-            step = expected + spread / (spread + of_frame) * (view.arc - expected) - arc
-            if abs(step) < tracking.close:
-                break
-            arc += min(max(step, -tracking.longest_step), tracking.longest_step)
-        return view
+                return arc
+            share = spread / (spread + variance / view.information)
+            return expected + share * (view.arc - expected)
+
+        search_arc(expected, likeliest, _CLOSE)
+        return views[-1]
 
     def shifts(self, arc: float) -> tuple[float, float]:
         """Deviations of an arc [rad] and of its rate, relative, by rotors that nobody told."""
@@ -157,7 +162,7 @@ class FrameComparison:
         place = self._orbit.place(view.arc)
         residuals = view.residuals
         if self._likelihood.scales is not None:
-            unsure = self._likelihood.scales > self._largest_scale
+            unsure = self._likelihood.scales > 1.5
             residuals = np.where(unsure, np.nan, residuals)
         if not self.far.add(residuals, outlying, place, elapsed, noise.least):
             return False

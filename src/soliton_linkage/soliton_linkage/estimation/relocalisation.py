@@ -22,18 +22,38 @@ import numpy as np
 from soliton_linkage.estimation import likelihood
 from soliton_linkage.estimation.frames import swing_of
 from soliton_linkage.estimation.likelihood import compare
-from soliton_linkage.estimation.measurement import FrameLikelihood, FrameView
+from soliton_linkage.estimation.measurement import (
+    LEAST_INFORMATION,
+    LONGEST_STEP,
+    FrameLikelihood,
+    FrameView,
+    search_arc,
+)
 from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.estimation.settings import (
     DEFAULTS,
     EstimationSettings,
     LikelihoodSettings,
     ScanSettings,
-    SearchSettings,
 )
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, Stretch
+
+_CLOSE = 1e-5
+"""Last step of a maximum of the likelihood [rad]."""
+_EXACT = 1e-8
+"""Last step of the nearest point [rad]."""
+_SAME_ARC = 0.01
+"""Distance within which two maxima are the same [rad]."""
+_MOST_PLACES = 12
+"""Largest number of maxima that are refined [1]."""
+_STEPS_OF_TABLE = 32
+"""Steps of the table of the likelihood in a deviation [1], exact to 1e-4."""
+_MOST_NUMBERS = 2_000_000
+"""Angles of a sampled orbit that are kept [1]: 16 MB."""
+_MOST_SAMPLES = 500
+"""Samples of a leg of a longer orbit [1]."""
 
 
 class Place(NamedTuple):
@@ -115,7 +135,7 @@ class PlaceSearch:
         self._core = math.ceil(2 + 2 * max(chain.wall_width / chain.spacing, depth))
         count = orbit.length / self._step
         self._all = None
-        if count * min(chain.number_of_rotors, 30 * depth + 12) < scan.most_numbers:
+        if count * min(chain.number_of_rotors, 30 * depth + 12) < _MOST_NUMBERS:
             self._all = samples_of(orbit, np.arange(0.0, orbit.length, self._step))
 
     def find(
@@ -126,7 +146,7 @@ class PlaceSearch:
         The noise is its standard deviation [rad] where it is known, else 0.
         """
         images = {each: math.pi - angles if each else angles for each in upside_down}
-        wide = max(self._coarse, (self._settings.times_noise * noise) ** 2)
+        wide = max(self._coarse, (4.0 * noise) ** 2)
         peaks: list[tuple[float, float, bool]] = []
         scans: list[tuple[bool, OrbitSamples]] = []
         for turned, image in images.items():
@@ -142,16 +162,14 @@ class PlaceSearch:
         known = int(np.count_nonzero(np.isfinite(angles)))
         if not known or not peaks:
             return Competition([], math.inf)
-        within = peaks[0][0] - self._settings.margin
-        likely = [each for each in peaks[: self._settings.most_places] if each[0] >= within]
+        likely = peaks[:_MOST_PLACES]
         variance = self._variance(images[likely[0][2]], likely[0][1], wide, noise)
         places: list[Place] = []
         for _, arc, turned in likely:
             place = self._refined(images[turned], arc, turned, wide, variance)
             same = any(
                 each.upside_down == turned
-                and abs(math.remainder(each.arc - place.arc, self._orbit.length))
-                < self._settings.same_arc
+                and abs(math.remainder(each.arc - place.arc, self._orbit.length)) < _SAME_ARC
                 for each in places
             )
             if place.view.information > 0 and not same:
@@ -172,14 +190,12 @@ class PlaceSearch:
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Place:
         """The local maximum near an arc, with a variance that comes down to that of a rotor."""
-        settings, seen_with = self._settings, max(wide, variance)
-        for _ in range(settings.iterations):
-            seen_with = max(variance, seen_with * settings.narrowing)
-            view = self._view(image, arc, seen_with)
-            step = min(max(view.arc - arc, -settings.longest_step), settings.longest_step)
-            arc += step
-            if abs(step) < settings.close and seen_with == variance:
-                break
+        seen_with = max(wide, variance) / 2
+        while seen_with > variance:
+            ahead = self._view(image, arc, seen_with).arc - arc
+            arc += min(max(ahead, -LONGEST_STEP), LONGEST_STEP)
+            seen_with /= 2
+        arc = search_arc(arc, lambda at: self._view(image, at, variance).arc, _CLOSE)
         view = self._view(image, arc, variance)
         spread = min(variance / max(view.information, 1e-12), self._orbit.site_arc**2)
         evidence = view.likelihood + 0.5 * math.log(2 * math.pi * spread)
@@ -232,7 +248,7 @@ class PlaceSearch:
         """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
-        step = math.sqrt(variance) / self._settings.steps_of_table
+        step = math.sqrt(variance) / _STEPS_OF_TABLE
         table = np.empty(2 + math.ceil(math.pi / step))
         floor = self._likelihood.floor(variance)
         likelihood.tabulate(variance, self._given.bound, floor, table)
@@ -263,7 +279,7 @@ class PlaceSearch:
             ends = sorted((orbit.arc_at(low, leg), orbit.arc_at(high, leg)))
             swing = orbit.reach if high > len(image) - 1 or low < 0 else 0.0
             first, last = max(begin, ends[0] - swing), min(end, ends[1] + swing)
-            count = min(math.ceil((last - first) / self._step), self._settings.most_samples)
+            count = min(math.ceil((last - first) / self._step), _MOST_SAMPLES)
             arcs.append(np.linspace(first, last, max(count, 2)))
         return samples_of(orbit, np.concatenate(arcs))
 
@@ -310,9 +326,7 @@ class NearestPoint:
     misfit: float
 
 
-def fit_near(
-    orbit: Orbit, angles: Array, arc: float, settings: SearchSettings = DEFAULTS.search
-) -> NearestPoint:
+def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
 
     Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
@@ -322,7 +336,7 @@ def fit_near(
     """
     if not math.isfinite(arc):
         raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
-    return _fit_near(orbit, _checked(orbit, angles), arc, settings)
+    return _fit_near(orbit, _checked(orbit, angles), arc)
 
 
 def fit_anywhere(
@@ -338,7 +352,7 @@ def fit_anywhere(
     found = _search(orbit, settings).find(frame, 0.0, (False,)).places
     if not found:
         return NearestPoint(math.nan, 0.0, math.nan)
-    nearest = _fit_near(orbit, frame, found[0].arc, settings.search)
+    nearest = _fit_near(orbit, frame, found[0].arc)
     return replace(nearest, arc=nearest.arc % orbit.length)
 
 
@@ -348,17 +362,19 @@ def _search(orbit: Orbit, settings: EstimationSettings) -> PlaceSearch:
     return PlaceSearch(orbit, settings.likelihood, settings.scan)
 
 
-def _fit_near(orbit: Orbit, frame: Array, arc: float, settings: SearchSettings) -> NearestPoint:
-    for _ in range(settings.iterations):
+def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
+    information = 0.0
+    difference = tangent = np.empty(0)
+
+    def nearest(arc: float) -> float:
+        nonlocal information, difference, tangent
         difference, tangent = _compared(frame, orbit.stretch(arc))
         information = float(tangent @ tangent)
-        if information < settings.least_information:
-            break
-        step = float(tangent @ difference) / information
-        step = min(max(step, -settings.longest_step), settings.longest_step)
-        arc += step
-        if abs(step) < settings.close:
-            break
+        if information < LEAST_INFORMATION:
+            return arc
+        return arc + float(tangent @ difference) / information
+
+    arc = search_arc(arc, nearest, _EXACT)
     squares, known = float(difference @ difference), len(difference)
     return NearestPoint(
         arc, information, math.sqrt(squares / (known - 1)) if known > 1 else math.nan

@@ -53,10 +53,8 @@ class LikelihoodSettings(_Part):
 
     bound: float = quantity(2.5, 'deviations beyond which a difference counts less and less')
     wrong: float = quantity(0.01, 'share of readings that are anything')
-    most_wrong: float = quantity(0.1, 'share of them that is taken for no other motion')
     false_alarms: float = quantity(1e-3, 'share of frames with as many that is refused')
     gross_share: float = quantity(0.3, 'difference that no springs make, in swings of a rotor')
-    most_staying: int = quantity(1, 'rotors that may be as far off in two frames running')
     longest_run: int = quantity(2, 'rotors side by side that may be wrong in one frame')
     elastic_share: float = quantity(
         0.03, 'what springs may do to a wall before it is known, in swings of a rotor'
@@ -73,29 +71,17 @@ class LikelihoodSettings(_Part):
 class OffsetSettings(_Part):
     """How offsets of encoders are learnt from rotors far from the wall."""
 
-    offset_deviation: float = quantity(2.0, 'prior standard deviation of an offset', 'rad')
     rest_angle_deviation: float = quantity(
         0.05, 'prior standard deviation of the difference of a rest angle', 'rad'
     )
     significance: float = quantity(5.5, 'standard deviations from which on an offset is sure')
     fewest_means: float = quantity(5, 'means of blocks that must have shown an offset')
-    beyond_chance: float = quantity(5.0, 'standard deviations beyond which a mean is strange')
     block: int = quantity(16, 'frames whose residuals are averaged')
     depths_beside: float = quantity(3.0, 'distance of far rotors from the wall, ell / a')
     wave_time: float = quantity(10.0, 'time for which waves are alike, in units of the chain')
     wave_share: float = quantity(0.05, 'share of waves that is the same in all frames')
-    strong_waves: float = quantity(4.0, 'mean square above that of springs, over that of noise')
-    largest_share: float = quantity(0.1, 'share of the largest squares that may be of offsets')
     least_error: float = quantity(3e-4, 'error that is the same in all frames, at least', 'rad')
     least_doubted: float = quantity(0.01, 'least distance from the orbit to be doubted', 'rad')
-    stuck_share: float = quantity(0.2, 'share of rotors that cannot be stuck at once')
-    still: float = quantity(1e-5, 'change of a reading that is rounding, no noise', 'rad')
-    largest_scale: float = quantity(
-        1.5, 'deviation from the orbit, in usual ones, up to which readings tell of offsets'
-    )
-    fewest_freedoms: float = quantity(
-        3.0, 'degrees of freedom at least of the deviation of a chain that is not even'
-    )
     evenness: float = quantity(
         4e-3, 'lasting residuals up to which the chain is taken for even', 'rad'
     )
@@ -120,7 +106,6 @@ class FilterSettings(_Part):
     odds_of_doubt: float = quantity(
         6.0, 'log odds against the steady model at which it begins anew'
     )
-    odds_begun_anew: float = quantity(5.0, 'log odds against it as it does')
     least_odds_at_edges: float = quantity(-2.0, 'least log odds against it at an edge')
     least_odds: float = quantity(-9.0, 'least log odds against it elsewhere')
     kick_ages: int = quantity(8, 'hypotheses of a kick, at ages of 1, 2, 4, ... frames')
@@ -139,45 +124,23 @@ class FilterSettings(_Part):
 class TrackingSettings(_Part):
     """When a frame is taken for one of the orbit, and where the chain is looked for."""
 
+    gate: float = quantity(4.0, 'deviations beyond which two positions are not the same')
+    decisive_odds: float = quantity(12.0, 'log odds at which a position is decided')
+    confirming_frames: int = quantity(3, 'frames in a row that confirm a change')
     clock_limit: float = quantity(1.0, 'time by which late frames go back, and no clock', 's')
-    iterations: int = quantity(8, 'most steps of Gauss and Newton to the likeliest arc')
-    close: float = quantity(0.01, 'step that is the last', 'rad')
-    longest_step: float = quantity(0.5, 'longest step', 'rad')
-    lost_deviations: float = quantity(4.0, 'deviations of the arc that must fit into the orbit')
     field_ratio: float = quantity(
         3.0, 'largest square of what lasts about a wall, over its mean: it is not even'
     )
     settled: float = quantity(10.0, 'frames in which what springs do to a wall is known')
-    strained_frames: int = quantity(3, 'frames running that one rotor is off as a wall is pushed')
     edge_ratio: float = quantity(4.0, 'how much more its variance is at edges')
     doubted_time: float = quantity(0.1, 'time without an explained frame that is lost', 's')
-    doubted_frames: float = quantity(10, 'frames in that time at least')
-    jump_frames: float = quantity(3, 'frames running that are not explained, to look elsewhere')
-    gain: float = quantity(12.0, 'log odds for another place at which all begins anew')
     edge_rotors: float = quantity(2.0, 'reach of an edge beside ell / a', 'rotor spacings')
     beside_share: float = quantity(
         0.08, 'share of what a frame is beside the orbit by which the arc is unsure'
     )
-    yielding_doubt: float = quantity(
-        1.0, 'deviation of what springs take of a told push, over what they do for slow walls'
-    )
     wave_doubt: float = quantity(
         12.0, 'how much less a wall is taken for steady, over waves as strong as its motion'
     )
-    most_alike: float = quantity(1000.0, 'frames in a row that may have the same error, at most')
-    way_beside: float = quantity(
-        0.5, 'way on which what is beside the orbit changes', 'rotor spacings'
-    )
-
-
-@dataclass(frozen=True)
-class SearchSettings(_Part):
-    """How the nearest point of the orbit to one frame is found."""
-
-    iterations: int = quantity(20, 'most steps of Gauss and Newton')
-    close: float = quantity(1e-8, 'step that is the last', 'rad')
-    longest_step: float = quantity(0.5, 'longest step', 'rad')
-    least_information: float = quantity(1e-6, 'information below which the arc is not fitted')
 
 
 @dataclass(frozen=True)
@@ -186,33 +149,10 @@ class ScanSettings(_Part):
 
     step: float = quantity(0.05, 'step along the orbit, in swings of a rotor')
     deviation: float = quantity(0.1, 'deviation of a rotor that is scanned with, in swings')
-    times_noise: float = quantity(4.0, 'the same at least, over the noise')
-    steps_of_table: float = quantity(32.0, 'steps of its table of the likelihood, in a deviation')
-    margin: float = quantity(40.0, 'log likelihood below the best up to which maxima are refined')
-    most_places: int = quantity(12, 'maxima that are refined')
-    iterations: int = quantity(30, 'most steps of Gauss and Newton')
-    narrowing: float = quantity(0.5, 'what the variance comes down by with each of them')
-    close: float = quantity(1e-5, 'step that is the last', 'rad')
-    longest_step: float = quantity(0.3, 'longest step', 'rad')
-    same_arc: float = quantity(0.01, 'distance up to which two maxima are the same', 'rad')
-    most_numbers: int = quantity(2_000_000, 'angles of an orbit that are kept to be scanned')
-    most_samples: int = quantity(500, 'samples of a leg of a longer orbit')
     near: float = quantity(0.5, 'distance up to which a sample is of a place', 'rotor spacings')
     told: float = quantity(0.9, 'least probability of the places of a frame that tells any')
     rate: float = quantity(20.0, 'scans in a second of stamps', '1/s')
     burst: float = quantity(3.0, 'scans that may be made at once after a while')
-
-
-@dataclass(frozen=True)
-class HypothesisSettings(_Part):
-    """When places compete, and when one leads."""
-
-    evidence: float = quantity(12.0, 'log odds from which on a place competes no more')
-    lead: float = quantity(3.0, 'log odds at which another place comes to lead')
-    leg_doubt: float = quantity(1e-3, 'probability of other legs below which it is known')
-    toggle_rarity: float = quantity(9.0, 'log odds against an edge that toggles by itself')
-    same_deviations: float = quantity(3.0, 'deviations up to which two places are the same, and')
-    same_place: float = quantity(0.2, 'way up to which they are', 'rotor spacings')
 
 
 @dataclass(frozen=True)
@@ -276,34 +216,18 @@ class WallSettings(_Part):
     opposite: float = quantity(
         2.5, 'bonds side by side of the opposite lean that are a domain, a wall on either side'
     )
-    scan_share: float = quantity(
-        0.1, 'deviation of a rotor that places are scanned with, in swings'
-    )
     scan_beside: float = quantity(1.5, 'way beside a border that is scanned', 'rotor spacings')
-    scatter_frames: float = quantity(20, 'frames over which what shapes leave is averaged')
-    least_noise: float = quantity(1e-5, 'least deviation of a rotor', 'rad')
     core: float = quantity(
         2.5, 'distance from a wall of the rotors that it has to explain', 'rotor spacings'
     )
-    confirmed: float = quantity(3, 'frames running that make sure of a wall, or that it is gone')
-    gate: float = quantity(4.0, 'deviations from where it is expected at which a wall is another')
-    gate_widths: float = quantity(0.5, 'the same in widths, where it is expected too surely')
     near_depths: float = quantity(8.0, 'distance of two walls that are not free, in ell / a')
     near_beside: float = quantity(4.0, 'the same beside that', 'rotor spacings')
-    parted_depths: float = quantity(12.0, 'distance of two that are free again, in ell / a')
-    parted_beside: float = quantity(6.0, 'the same beside that', 'rotor spacings')
     edge_rotors: float = quantity(5.0, 'reach of an edge', 'rotor spacings')
     edge_widths: float = quantity(2.0, 'the same beside that, in widths')
     edge_patience: float = quantity(3.0, 'times that a wall may take to turn back at an edge')
     longest_wait: float = quantity(60.0, 'time that it may take at most', 's')
-    longest_delay: float = quantity(
-        2.0, 'time within which a wall that left an edge is told, far from it or not', 's'
-    )
     lump_share: float = quantity(0.25, 'swing of a rotor in a breather, over that in a wall')
     quiet_periods: float = quantity(2.0, 'periods of the slowest phonon without such a swing')
-    breather_periods: float = quantity(
-        8.0, 'periods running without a wall after which swings are a breather'
-    )
     breather_collisions: float = quantity(4, 'collisions of walls that do not part')
 
 
@@ -331,9 +255,7 @@ class EstimationSettings:
     offsets: OffsetSettings = field(default_factory=OffsetSettings)
     filter: FilterSettings = field(default_factory=FilterSettings)
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
-    search: SearchSettings = field(default_factory=SearchSettings)
     scan: ScanSettings = field(default_factory=ScanSettings)
-    hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     wobble: WobbleSettings = field(default_factory=WobbleSettings)
     width: WidthSettings = field(default_factory=WidthSettings)

@@ -54,6 +54,7 @@ class WallPlacer:
     ) -> None:
         """Begin with the shapes that walls of a chain have, and what deviations do to its wall."""
         self._shapes, self._line, self._settings = shapes, line, settings.walls
+        self._noise = settings.noise
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._shifts, self._evenness = shifts, settings.offsets.evenness
         self._chain = chain = shapes.chain
@@ -61,7 +62,7 @@ class WallPlacer:
         self._likelihood = FrameLikelihood(swing, likelihood)
         self._evidence = -math.log(likelihood.false_alarms)
         self._largest = (likelihood.field_share * swing) ** 2 + likelihood.largest_noise**2
-        self._bound, self._coarse = likelihood.bound, (settings.walls.scan_share * swing) ** 2
+        self._bound, self._coarse = likelihood.bound, (settings.scan.deviation * swing) ** 2
         self._elastic = (likelihood.elastic_share * swing) ** 2
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._before = np.full(line.rotors, math.nan)
@@ -191,11 +192,11 @@ class WallPlacer:
         if len(left) < 4 * walls:
             return
         self._frames += 1
-        share = 1 / min(self._frames, self._settings.scatter_frames)
+        share = 1 / min(self._frames, self._noise.recent_frames)
         freedom = len(left) / (len(left) - 2 * walls)
         seen = robust_deviation(left) ** 2 * freedom
         self._variance += share * (seen - self._variance)
-        self._variance = max(self._variance, self._settings.least_noise**2)
+        self._variance = max(self._variance, self._noise.least_noise**2)
 
     def _untold(self, wall: _Fitted, first: int, left: Array, shifts: WallShifts) -> float:
         """Variance of the place of a wall by deviations that nobody told [rotor spacings^2].
@@ -205,7 +206,7 @@ class WallPlacer:
         """
         rotors = np.arange(first, first + len(left))[seen := np.isfinite(left)]
         self._counts[rotors] += 1
-        shares = 1 / np.minimum(self._counts[rotors], self._settings.scatter_frames)
+        shares = 1 / np.minimum(self._counts[rotors], self._noise.recent_frames)
         self._means[rotors] += shares * (left[seen] - self._means[rotors])
         sizes, share = np.abs(self._means[rotors]), float(shares.mean())
         chance = self._variance * share * (1 - share)

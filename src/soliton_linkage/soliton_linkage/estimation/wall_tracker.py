@@ -23,6 +23,8 @@ from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
 from soliton_linkage.estimation.wall_frame import WallFrame
 from soliton_linkage.estimation.wall_track import SeenWall, WallTrack
 
+_LONGEST_DELAY = 2.0
+"""Time within which a wall that left an edge is reported, far from it or not [s]."""
 _FORBIDDEN = 1e9
 """Square of deviations [1] between walls that cannot be the same."""
 
@@ -163,19 +165,19 @@ class WallTracker:
         elapsed = self._begin(time)
         followed = list(self._tracks)
         expected = [self._expected(track, elapsed) for track in followed]
-        pairs = assigned(self._line, expected, seen, self._walls.gate)
+        pairs = assigned(self._line, expected, seen, self._settings.tracking.gate)
         for row, column in pairs.items():
             followed[row].take(seen[column], time, self._settings.filter)
         left = [track for row, track in enumerate(followed) if row not in pairs]
         others = [wall for column, wall in enumerate(seen) if column not in pairs.values()]
         self._pair_the_rest(left, others, time)
-        return self._resolved(time, frame, int(self._walls.confirmed))
+        return self._resolved(time, frame, int(self._settings.tracking.confirming_frames))
 
     def _pair_the_rest(self, left: list[WallTrack], others: list[SeenWall], time: float) -> None:
         """Pair walls that are not where they were expected: there is no other that they may be."""
-        reach = (self._line.parted / self._walls.gate) ** 2
+        reach = (self._line.parted / self._settings.tracking.gate) ** 2
         expected = [ExpectedWall(each.rotor, reach, each.charge) for each in left]
-        pairs = assigned(self._line, expected, others, self._walls.gate)
+        pairs = assigned(self._line, expected, others, self._settings.tracking.gate)
         for row, track in enumerate(left):
             if row in pairs:
                 track.stop()
@@ -210,12 +212,12 @@ class WallTracker:
 
     def _expected(self, track: WallTrack, elapsed: float) -> ExpectedWall:
         encounter = self._overlap(track)
-        gate = self._walls.gate
+        gate = self._settings.tracking.gate
         if encounter is not None:
             variance = (self._line.parted / gate) ** 2
             return ExpectedWall(encounter.place, variance, track.charge)
         place, variance = track.predicted(elapsed)
-        unsure = (self._walls.gate_widths * max(self._line.width, 1.0)) ** 2 / gate
+        unsure = (0.5 * max(self._line.width, 1.0)) ** 2 / gate
         return ExpectedWall(place, variance + track.deviation_squared + unsure, track.charge)
 
     def _resolved(
@@ -425,7 +427,7 @@ class WallTracker:
         waiting = []
         for event, track in self._untold:
             free = self._line.edge_distance(track.rotor) > self._line.free
-            late = time - event.time > self._walls.longest_delay
+            late = time - event.time > _LONGEST_DELAY
             if event.kind is EventKind.REFLECTION and track.missed and not free:
                 continue
             if free or late or track.missed:
