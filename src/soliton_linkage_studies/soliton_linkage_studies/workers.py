@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that work side by side and never outlive the one that started them."""
+"""Processes that work side by side, on this machine or on a Dask cluster."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import math
 import multiprocessing
 import os
 import pickle
 import signal
 import threading
+import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -23,24 +27,46 @@ _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 _MOST = 1000
 """Processes that may be asked for; more are a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+_SECONDS_A_CHUNK = 1.0
+"""Duration of a chunk of rows [s]: sending it takes a thousandth, an interrupt loses no more."""
+_GROWTH = 4
+"""Largest ratio of the sizes of successive chunks, because the first rows may be fast ones [1]."""
+_CHUNKS_A_WORKER = 2
+"""Chunks in progress for each worker: one is measured while the next one waits [1]."""
+_CONNECTION_TIMEOUT = 10
+"""Longest wait for the answer of a scheduler [s]."""
+
+Chunk = tuple[list[list[str]], list[int], float]
+
+
+class Rows(Protocol):
+    """A table whose rows are measured one by one."""
+
+    def cells(self, row: int) -> list[str]:
+        """Measure a row."""
 
 
 class Pool(Protocol):
-    """What does tasks side by side."""
+    """Workers that do tasks side by side."""
+
+    @property
+    def count(self) -> int:
+        """Number of workers."""
 
     def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Have a task done, after those before it; returns what will hold its `result()`."""
+        """Queue a task; returns the future of its result."""
 
     def finished(self) -> Iterator[Any]:
-        """Yield what `submit` returned as the tasks finish, those submitted meanwhile too."""
+        """Yield futures as their tasks finish, including tasks that are submitted meanwhile."""
 
 
 class Processes:
-    """Processes on this machine that do tasks; made by `local_processes`.
+    """Processes on this machine, made by `local_processes`.
 
-    Neither a thread nor a lock stands between them and their parent, which may therefore be
-    interrupted, and they killed, at any moment. A `ProcessPoolExecutor` then waits forever for the
-    rest of a result, or for a lock that an interrupted `as_completed` has left taken.
+    Each has a pipe of its own, and neither a thread nor a lock stands between it and its parent,
+    so that the parent may be interrupted, and a process killed, at any moment. With
+    `concurrent.futures.ProcessPoolExecutor` and with `loky` a parent that is interrupted while
+    results of 200 kB are sent waits forever for the rest of one.
     """
 
     def __init__(self) -> None:
@@ -50,6 +76,11 @@ class Processes:
         self._waiting: deque[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = deque()
 
     @property
+    def count(self) -> int:
+        """Number of processes."""
+        return len(self._processes)
+
+    @property
     def unfinished(self) -> int:
         """Number of tasks that `next_finished` has not returned yet."""
         return len(self._waiting) + len(self._busy)
@@ -57,7 +88,7 @@ class Processes:
     def start(
         self, count: int, prepare: Callable[..., None] | None, arguments: tuple[Any, ...]
     ) -> None:
-        """Start processes of one thread each, which are prepared by a function."""
+        """Start processes of one thread each, which call a function first."""
         context = multiprocessing.get_context('spawn')
         # Started with the first process, it would let Ctrl-C through to that one.
         resource_tracker.ensure_running()
@@ -71,26 +102,23 @@ class Processes:
         self._idle = list(self._processes)
 
     def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
-        """Have a task done, after those before it; it is done when `next_finished` returns it.
-
-        Raises ChildProcessError where a process has ended.
-        """
+        """Queue a task; raises ChildProcessError if a process has ended."""
         future: Future[Any] = Future()
         self._waiting.append((future, task, arguments))
         self._hand_out()
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield tasks as they finish, those submitted meanwhile too."""
+        """Yield futures as their tasks finish, including tasks that are submitted meanwhile."""
         while self.unfinished:
             future = self.next_finished()
             if future:
                 yield future
 
     def next_finished(self, timeout: float | None = None) -> Future[Any] | None:
-        """Wait for a task to finish, or for a time [s]; return None where none has.
+        """Return the next finished task, or None after a timeout [s].
 
-        Raises ChildProcessError where a process has ended.
+        Raises ChildProcessError if a process has ended.
         """
         ready = wait(list(self._busy), timeout)
         if not ready:
@@ -110,17 +138,9 @@ class Processes:
             future.set_result(result)
         return future
 
-    def end(self) -> None:
-        """Wait for all tasks, and let the processes end."""
-        for _ in self.finished():
-            pass
-        for connection, process in self._processes.items():
-            connection.close()
-            process.join()
-
-    def kill(self) -> None:
-        """End the processes at once."""
-        for process in self._processes.values():
+    def end(self, kill: bool = False) -> None:
+        """End the processes: after their tasks, or at once."""
+        for process in self._processes.values() if kill else ():
             process.kill()
         for connection, process in self._processes.items():
             connection.close()
@@ -146,7 +166,7 @@ class Processes:
 
 
 def process_count(text: str) -> int:
-    """Number of processes that a command line says; raises ArgumentTypeError for what is none."""
+    """Parse a number of processes; raises ArgumentTypeError for any other text."""
     count = int(text) if text.isdecimal() and text.isascii() else 0
     if not 1 <= count <= _MOST:
         raise argparse.ArgumentTypeError(f'{text!r} must be a whole number from 1 to {_MOST}')
@@ -157,27 +177,105 @@ def process_count(text: str) -> int:
 def local_processes(
     count: int, prepare: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
 ) -> Iterator[Processes]:
-    """Processes on this machine, each of one thread, which may be prepared by a function.
+    """Start processes of one thread each, which may call a function first.
 
-    They end at once where the body of the `with` fails, and when their parent is killed. Ctrl-C
-    reaches their parent alone.
+    They end when the body of the `with` ends, after all tasks; at once when it fails or their
+    parent is killed. Ctrl-C reaches their parent alone.
     """
     processes = Processes()
     try:
         processes.start(count, prepare, arguments)
         yield processes
+        for _ in processes.finished():
+            pass
         processes.end()
     except BaseException:
         with interrupts_held():
-            processes.kill()
+            processes.end(kill=True)
         raise
 
 
 @contextmanager
+def cluster(address: str) -> Iterator[Pool]:
+    """Connect to the workers of a running Dask cluster, by the address of its scheduler.
+
+    Raises ValueError if `distributed` is not installed or nothing answers.
+    """
+    try:
+        distributed: Any = importlib.import_module('distributed')
+    except ImportError:
+        raise ValueError(
+            f'--scheduler {address} needs the package distributed, which is not installed; '
+            'pip install distributed, or use --workers'
+        ) from None
+    try:
+        client = distributed.Client(address, timeout=_CONNECTION_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f'--scheduler {address} does not answer ({error}); start it with dask scheduler, or '
+            'use --workers'
+        ) from None
+    with client:
+        count = sum(client.nthreads().values())
+        if not count:
+            raise ValueError(f'--scheduler {address} has no worker; start one with dask worker')
+        yield _Cluster(client, distributed.as_completed(loop=client.loop), count)
+
+
+@dataclass(frozen=True)
+class _Cluster:
+    client: Any
+    completed: Any
+    count: int
+
+    def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Any:
+        future = self.client.submit(task, *arguments, pure=False)
+        self.completed.add(future)
+        return future
+
+    def finished(self) -> Iterator[Any]:
+        return iter(self.completed)
+
+
+def measured_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
+    """Yield the cells of rows of a table in chunks of about a second, as they are finished."""
+    waiting = deque(rows)
+    finished = pool.finished()
+    running, size = 0, 1
+    while waiting or running:
+        while waiting and running < _CHUNKS_A_WORKER * pool.count:
+            fair = math.ceil(len(waiting) / pool.count)
+            chunk = [waiting.popleft() for _ in range(min(size, fair))]
+            pool.submit(measure_chunk, table, chunk)
+            running += 1
+        result: Chunk = next(finished).result()
+        running -= 1
+        cells, left, seconds = result
+        waiting.extendleft(reversed(left))
+        wanted = len(cells) * _SECONDS_A_CHUNK / max(seconds, 1e-9)
+        size = max(1, min(_GROWTH * len(cells), int(wanted)))
+        yield cells
+
+
+def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
+    """Measure at least one row, and more for about a second.
+
+    Returns the cells of the measured rows, the rows that remain, and the duration [s].
+    """
+    begin = time.perf_counter()
+    cells: list[list[str]] = []
+    for row in rows:
+        cells.append(table.cells(row))
+        if time.perf_counter() - begin > _SECONDS_A_CHUNK:
+            break
+    return cells, rows[len(cells) :], time.perf_counter() - begin
+
+
+@contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C and SIGTERM back, and Ctrl-C forever from processes started meanwhile."""
+    """Delay Ctrl-C and SIGTERM, and block Ctrl-C for good in processes started meanwhile."""
     came: list[int] = []
-    # To block signals is not enough: another thread may take one, and this one acts on it.
+    # A mask is not enough, because another thread may receive a signal for this one.
     handlers = [
         signal.signal(number, lambda *call: came.append(call[0])) for number in _INTERRUPTS
     ]
@@ -194,7 +292,7 @@ def interrupts_held() -> Iterator[None]:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Have the processes that are started meanwhile use one thread each."""
+    """Limit the processes that are started meanwhile to one thread each."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, '1'))
     try:
@@ -208,7 +306,7 @@ def _one_thread() -> Iterator[None]:
 
 
 class _RemoteError(Exception):
-    """Where in another process an error was raised, as text."""
+    """Traceback of another process, as text."""
 
     def __str__(self) -> str:
         return f'\n{self.args[0]}'
@@ -217,7 +315,7 @@ class _RemoteError(Exception):
 def _work(
     connection: Connection, prepare: Callable[..., None] | None, arguments: tuple[Any, ...]
 ) -> None:
-    """Do what comes, until the parent has no more of it; end as soon as it has ended."""
+    """Do tasks until the parent closes the pipe; end as soon as the parent has ended."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if prepare:
         prepare(*arguments)
@@ -227,7 +325,7 @@ def _work(
 
 
 def _outcome(order: bytes) -> tuple[Any, Exception | None, str]:
-    """Result of a task, or what it raised and where."""
+    """Return the result of a task, or its error and traceback."""
     try:
         task, arguments = pickle.loads(order)
         return task(*arguments), None, ''

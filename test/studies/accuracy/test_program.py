@@ -10,7 +10,7 @@ import yaml
 
 from soliton_linkage_studies.accuracy import program as accuracy
 from soliton_linkage_studies.accuracy.frames import FrameStudy
-from soliton_linkage_studies.accuracy.table import write_lines
+from soliton_linkage_studies.accuracy.statistics import write_lines
 from soliton_linkage_studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/accuracy.yaml'
@@ -122,11 +122,6 @@ def test_cells_are_measured_alone_and_compared_with_those_of_another_day(
     assert '0 of 1 cells are worse' in capsys.readouterr().out
     assert accuracy.main([*chosen, '--seed', '7', '--frames', '13']) == 1
     assert 'differs in frames' in capsys.readouterr().err
-
-
-def test_results_come_in_the_order_of_the_tasks() -> None:
-    names = ['c', 'a', 'b', 'd']
-    assert accuracy.measured([name.upper for name in names], 2) == ['C', 'A', 'B', 'D']
 
 
 def test_the_settings_that_come_with_it_hold_every_part() -> None:

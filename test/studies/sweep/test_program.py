@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 import os
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
 
-from soliton_linkage_studies.sweep import program as sweep
+from soliton_linkage_studies.sweep import table as sweep_table
 from soliton_linkage_studies.sweep.config import SweepStudy
 from soliton_linkage_studies.sweep.program import main
 
@@ -96,7 +98,7 @@ def test_the_table_does_not_depend_on_the_number_of_processes(
     assert (tmp_path / 'small.pdf').read_bytes().startswith(b'%PDF')
     written_out = capsys.readouterr()
     assert '168 rows in' in written_out.out
-    assert '168 points in' in written_out.err
+    assert '168 rows in' in written_out.err
 
 
 def test_the_same_command_on_a_whole_table_draws_it_again(
@@ -105,7 +107,7 @@ def test_the_same_command_on_a_whole_table_draws_it_again(
     output = shutil.copytree(swept, tmp_path / 'out')
     (output / 'small.png').unlink()
     assert main([str(config), '--output', str(output), '--workers', '1']) == 0
-    assert 'points in' not in capsys.readouterr().err
+    assert 'rows in' not in capsys.readouterr().err
     assert (output / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
     assert (output / 'small.png').exists()
 
@@ -136,7 +138,7 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(
         assert 'Traceback' not in errors
     measured = lines_in(part)
     assert main([str(config), '--output', str(folder), '--workers', '1']) == 0
-    assert f'{1350 - measured} points in' in capsys.readouterr().err
+    assert f'{1350 - measured} rows in' in capsys.readouterr().err
     assert (folder / 'long.csv').read_bytes() == whole_table
     assert not part.exists()
 
@@ -193,21 +195,12 @@ def test_every_rate_is_that_since_the_start(
 ) -> None:
     now, remarks = 0.0, []
 
-    class Slow:
-        count = 1
-
-        def __enter__(self) -> Slow:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-        def measured(self, study: SweepStudy, rows: list[int]) -> Iterator[list[list[str]]]:
-            nonlocal now
-            # Processes take 5 s to start; the second chunk comes with the first.
-            for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
-                now += seconds
-                yield [study.cells(row) for row in chunk]
+    def measured(_pool: object, study: SweepStudy, rows: list[int]) -> Iterator[list[list[str]]]:
+        nonlocal now
+        # Processes take 5 s to start; the second chunk comes with the first.
+        for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
+            now += seconds
+            yield [study.cells(row) for row in chunk]
 
     class Line:
         def __init__(self, *_: object) -> None:
@@ -219,14 +212,16 @@ def test_every_rate_is_that_since_the_start(
         def end(self, remark: str) -> None:
             remarks.append(remark)
 
-    monkeypatch.setattr(sweep.time, 'monotonic', lambda: now)
-    monkeypatch.setattr(sweep, 'ProgressLine', Line)
-    monkeypatch.setattr(sweep, 'local_workers', lambda _count: Slow())
+    monkeypatch.setattr(sweep_table.time, 'monotonic', lambda: now)
+    monkeypatch.setattr(sweep_table, 'ProgressLine', Line)
+    monkeypatch.setattr(sweep_table, 'local_processes', lambda _count: nullcontext())
+    monkeypatch.setattr(sweep_table, 'measured_rows', measured)
     config = written(tmp_path / 'mine.yaml', 'measure: motion\nsweep: {rest_angle: [1, 0.5, 0.7]}')
     assert main([str(config), '--output', str(tmp_path / 'out')]) == 0
     assert remarks == [
-        '1 of 3 points, 0.2 a second, 10 s left',
-        '2 of 3 points, 0.4 a second, 2 s left',
-        '3 of 3 points, 0.15 a second, 0 s left',
-        'mine: 3 points in 20.0 s, 0.15 a second',
+        '0 of 3',
+        '1 of 3 rows, 0.2 a second, 10 s left',
+        '2 of 3 rows, 0.4 a second, 2 s left',
+        '3 of 3 rows, 0.15 a second, 0 s left',
+        'mine: 3 rows in 20.0 s, 0.15 a second',
     ]

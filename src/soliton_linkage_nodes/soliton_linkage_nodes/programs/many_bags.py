@@ -21,7 +21,7 @@ from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.sweep.table import Table, read_rows
-from soliton_linkage_studies.sweep.workers import Workers, cluster_workers, local_workers
+from soliton_linkage_studies.workers import Pool, cluster, local_processes, measured_rows
 
 _STATES = 'soliton_state.csv'
 COLUMNS = (
@@ -128,7 +128,7 @@ def analyse_many(study: ManyBags, workers: int, scheduler: str | None = None) ->
     """
     with Table(study, study.folder) as table:
         while missing := table.missing:
-            ready = cluster_workers(scheduler) if scheduler else local_workers(workers)
+            ready = cluster(scheduler) if scheduler else local_processes(workers)
             try:
                 with ready as pool:
                     _fill(study, table, pool)
@@ -144,9 +144,9 @@ def analyse_many(study: ManyBags, workers: int, scheduler: str | None = None) ->
     return len(failed)
 
 
-def _fill(study: ManyBags, table: Table, workers: Workers) -> None:
+def _fill(study: ManyBags, table: Table, pool: Pool) -> None:
     line = ProgressLine('analysing', study.rows)
-    for cells in workers.measured(study, table.missing):
+    for cells in measured_rows(pool, study, table.missing):
         table.append(cells)
         done = study.rows - len(table.missing)
         line.show(done, f'{done} of {study.rows} bags')

@@ -23,7 +23,7 @@ from soliton_linkage_studies.accuracy.estimators import (
     inner_places,
 )
 from soliton_linkage_studies.accuracy.pictures import draw_accuracy, draw_bias
-from soliton_linkage_studies.accuracy.table import Line, accuracy_of, write_lines
+from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write_lines
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250

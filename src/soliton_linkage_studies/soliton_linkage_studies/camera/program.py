@@ -14,26 +14,19 @@ from collections.abc import Sequence
 from soliton_linkage_studies.camera.study import read_film_study, table_of
 from soliton_linkage_studies.program import run_study, study_parser
 from soliton_linkage_studies.settings import load_settings
-from soliton_linkage_studies.sweep.program import GOES_ON, fill
-from soliton_linkage_studies.sweep.table import Table, read_rows
-from soliton_linkage_studies.sweep.workers import local_workers
+from soliton_linkage_studies.sweep.table import RESUMES, filled_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the films of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
     parser = study_parser('camera', __doc__, 'a clip of two seconds a film')
-    return run_study(parser, arguments, _made, GOES_ON)
+    return run_study(parser, arguments, _made, RESUMES)
 
 
 def _made(options: argparse.Namespace) -> str:
     study = read_film_study(load_settings(options.config), options.quick)
-    with Table(study, options.output) as table:
-        missing = table.missing
-        if missing:
-            with local_workers(min(options.workers, len(missing))) as workers:
-                fill(study, table, missing, workers)
-        table.finish()
-    text = table_of(read_rows(table.path))
+    _, rows = filled_table(study, options.output, options.workers)
+    text = table_of(rows)
     (options.output / 'table.md').write_text(text, encoding='utf-8')
     return f'{text}\nthe table is in {options.output}'
 

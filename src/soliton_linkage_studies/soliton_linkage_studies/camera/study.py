@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage_studies.camera.renderer import FilmSettings
 from soliton_linkage_studies.camera.runs import FIGURES, FilmedTask
 from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.sweep.table import fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
 """Pictures of a quick film, two seconds."""
@@ -69,7 +68,7 @@ class FilmStudy:
         return {
             'films': {name: str(task) for name, task in self.films.items()},
             'clips': self.clips,
-            'vision': _fingerprint(),
+            'vision': fingerprint(vision),
         }
 
 
@@ -94,14 +93,13 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
 
 
 def table_of(rows: Sequence[Mapping[str, str]]) -> str:
-    """Table of films as Markdown, by the rows of their clips."""
-    names = list(dict.fromkeys(row['film'] for row in rows))
-    lines = ['| ' + ' | '.join(['film', *COLUMNS]) + ' |', '|' + ' --- |' * (1 + len(COLUMNS))]
-    for name in names:
+    """Return a Markdown table of films from the rows of their clips."""
+    lines = []
+    for name in dict.fromkeys(row['film'] for row in rows):
         clips = [row for row in rows if row['film'] == name]
         figures = {key: np.array([float(clip[key]) for clip in clips]) for key in FIGURES}
-        lines.append('| ' + ' | '.join([name, *_row(figures)]) + ' |')
-    return '\n'.join(lines) + '\n'
+        lines.append([name, *_row(figures)])
+    return markdown_table(['film', *COLUMNS], lines)
 
 
 def _row(figures: Mapping[str, Array]) -> list[str]:
@@ -120,12 +118,3 @@ def _row(figures: Mapping[str, Array]) -> list[str]:
         f'{figures["bias"].mean() / noise:+.3f}',
         f'{1e3 * figures["busy"].mean():.1f}',
     ]
-
-
-def _fingerprint() -> str:
-    """Return a hash of the sources, so that no table mixes rows of two versions."""
-    found = hashlib.sha256()
-    for folder in (Path(vision.__path__[0]), Path(__file__).parent):
-        for path in sorted(folder.rglob('*.py')):
-            found.update(path.read_bytes())
-    return found.hexdigest()[:16]

@@ -10,33 +10,29 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from soliton_linkage_studies.collisions.pictures import draw_pictures, draw_speeds, draw_windows
 from soliton_linkage_studies.collisions.study import (
-    CollisionStudy,
-    Row,
     finding_lines,
     read_collision_study,
     read_row,
 )
 from soliton_linkage_studies.program import run_study, study_parser
 from soliton_linkage_studies.settings import load_settings
-from soliton_linkage_studies.sweep.program import GOES_ON, fill
-from soliton_linkage_studies.sweep.table import Table, read_rows
-from soliton_linkage_studies.sweep.workers import local_workers
+from soliton_linkage_studies.sweep.table import RESUMES, filled_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the collisions of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
     parser = study_parser('collisions', __doc__, 'few speeds')
-    return run_study(parser, arguments, _collided, GOES_ON)
+    return run_study(parser, arguments, _collided, RESUMES)
 
 
 def _collided(options: argparse.Namespace) -> str:
     study = read_collision_study(load_settings(options.config), options.quick)
     folder = options.output / ('quick' if options.quick else 'runs')
-    rows = _measured(study, folder, options.workers)
+    _, cells = filled_table(study, folder, options.workers)
+    rows = [read_row(each) for each in cells]
     draw_speeds(rows).save(options.output, 'collisions')
     draw_windows(rows).save(options.output, 'collision_windows')
     draw_pictures(study.pictures).save(options.output, 'collision_pictures')
@@ -45,17 +41,6 @@ def _collided(options: argparse.Namespace) -> str:
     failed = sum(bool(row.failure) for row in rows)
     remark = f'; {failed} of {len(rows)} collisions could not be made' if failed else ''
     return f'{table}\ntables and pictures are in {options.output}{remark}'
-
-
-def _measured(study: CollisionStudy, folder: Path, workers: int) -> list[Row]:
-    """Rows of the table, those made that are not there yet."""
-    with Table(study, folder) as table:
-        missing = table.missing
-        if missing:
-            with local_workers(workers) as ready:
-                fill(study, table, missing, ready)
-        table.finish()
-    return [read_row(cells) for cells in read_rows(table.path)]
 
 
 if __name__ == '__main__':

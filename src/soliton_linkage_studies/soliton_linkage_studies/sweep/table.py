@@ -9,24 +9,31 @@ from __future__ import annotations
 
 import csv
 import fcntl
+import hashlib
 import io
 import os
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any, Protocol
 
 import yaml
 
+from soliton_linkage.progress import ProgressLine
+from soliton_linkage_studies.workers import Pool, Rows, cluster, local_processes, measured_rows
+
+RESUMES = 'the same command goes on where it was'
+
 _CONFIGURATION = 'configuration.yaml'
 
 
-class Tabulated(Protocol):
-    """What has rows that are measured one by one, as a sweep."""
+class Tabulated(Rows, Protocol):
+    """A study whose rows are measured one by one, such as a sweep."""
 
     @property
     def name(self) -> str:
-        """Of the table."""
+        """Name of the table."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -34,13 +41,10 @@ class Tabulated(Protocol):
 
     @property
     def rows(self) -> int:
-        """How many there are."""
-
-    def cells(self, row: int) -> list[str]:
-        """Measure a row."""
+        """Number of rows."""
 
     def described(self) -> dict[str, Any]:
-        """What decides the rows."""
+        """Return everything that the rows depend on, in the types of YAML."""
 
 
 class Table:
@@ -134,10 +138,63 @@ class Table:
         return _by_number(whole.splitlines(True))
 
 
+def filled_table(
+    study: Tabulated, folder: Path, workers: int, scheduler: str = ''
+) -> tuple[Path, list[dict[str, str]]]:
+    """Measure the rows that a table lacks, here or on a Dask cluster; return its path and rows.
+
+    Raises ChildProcessError if a worker ends early; the rows so far are kept.
+    """
+    with Table(study, folder) as table:
+        missing = table.missing
+        if missing:
+            count = min(workers, len(missing))
+            try:
+                with cluster(scheduler) if scheduler else local_processes(count) as pool:
+                    _fill(study, table, missing, pool)
+            except ChildProcessError as error:
+                raise ChildProcessError(f'a worker ended ({error}); {RESUMES}') from error
+        table.finish()
+    return table.path, read_rows(table.path)
+
+
+def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
+    """Measure missing rows and show progress; rates include the start of the processes."""
+    line = ProgressLine(study.name, study.rows)
+    begin, done, elapsed = time.monotonic(), 0, 0.0
+    total = study.rows - len(missing)
+    line.show(total, f'{total} of {study.rows}')
+    for cells in measured_rows(pool, study, missing):
+        table.append(cells)
+        done += len(cells)
+        elapsed = max(time.monotonic() - begin, 1e-9)
+        minutes, seconds = divmod(round(elapsed * (len(missing) - done) / done), 60)
+        left = f'{minutes} min {seconds} s' if minutes else f'{seconds} s'
+        said = f'{total + done} of {study.rows} rows, {done / elapsed:.3g} a second, {left} left'
+        line.show(total + done, said)
+    line.end(f'{study.name}: {done} rows in {elapsed:.1f} s, {done / elapsed:.3g} a second')
+
+
 def read_rows(path: Path) -> list[dict[str, str]]:
     """Rows of a table as text, by the name of the column."""
     with path.open(encoding='utf-8', newline='') as file:
         return list(csv.DictReader(file))
+
+
+def fingerprint(package: ModuleType) -> str:
+    """Return a hash of the sources of a package, for a table whose rows depend on them."""
+    found = hashlib.sha256()
+    for folder in package.__path__:
+        for path in sorted(Path(folder).rglob('*.py')):
+            found.update(path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as Markdown."""
+    lines = (f'| {" | ".join(row)} |' for row in (titles, *rows))
+    header = next(lines)
+    return '\n'.join([header, '|' + ' --- |' * len(titles), *lines]) + '\n'
 
 
 def _by_number(lines: list[str]) -> dict[int, str]:

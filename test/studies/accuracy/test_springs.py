@@ -11,7 +11,7 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
-from soliton_linkage_studies.accuracy.cells.springs import Springs
+from soliton_linkage_studies.accuracy.springs import Springs
 
 
 def launched(chain: Chain, speed: float) -> tuple[np.ndarray, np.ndarray]:

@@ -4,21 +4,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from soliton_linkage import estimation
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Motion
-from soliton_linkage_studies.accuracy.cells.cells import AccuracyCell
-from soliton_linkage_studies.accuracy.cells.scene import WallScene
-from soliton_linkage_studies.accuracy.cells.scenes import scene_of
-from soliton_linkage_studies.accuracy.cells.walls import wall_path
+from soliton_linkage_studies.accuracy.cells import (
+    GIVEN,
+    AccuracyCell,
+    drawn_cells,
+    given_of,
+    hard_cells,
+)
+from soliton_linkage_studies.accuracy.scenes import WallScene, scene_of
+from soliton_linkage_studies.accuracy.statistics import COLUMNS, Scores, line_of, number_text
+from soliton_linkage_studies.accuracy.walls import wall_path
+from soliton_linkage_studies.program import chosen
+from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
 """Widths of a wall by which an estimate that is of this wall is off at most, or"""
@@ -38,30 +50,6 @@ _LONGER = 2
 """Frames of a scene, over those of a record."""
 _NEAR = 3.0
 """Rotors beside a wall of which one reading is wrong in half of the records [rotor spacings]."""
-
-NUMBERS = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Of each wall that was found: errors over deviations of place, of place without mean over time
-and of rate, error and deviation of the place [rotor spacings], and relative error of the rate."""
-
-
-@dataclass
-class Scores:
-    """Of the frames of one record."""
-
-    walls: list[tuple[float, ...]] = field(default_factory=list)
-    """`NUMBERS` of walls that were found."""
-    kinetic: list[float] = field(default_factory=list)
-    """Errors of the kinetic energy over its deviation."""
-    shifts: list[float] = field(default_factory=list)
-    """By how much a wrong reading moved the place, in stated deviations."""
-    speed: float = 0.0
-    """Of the fastest wall of the scene, over that of sound [1]."""
-    frames: int = 0
-    looked_for: int = 0
-    """Walls that were to be found."""
-    lost: int = 0
-    false: int = 0
-    wrong_leg: int = 0
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
@@ -226,3 +214,74 @@ def _compare(cell: AccuracyCell, said: Analysis, clean: Analysis, scores: Scores
     after = min(said.solitons, key=lambda wall: abs(wall.rotor - before.rotor))
     moved = abs(after.position - before.position)
     scores.shifts.append(float(moved / after.position_deviation))
+
+
+_QUICK_FRAMES = 200
+"""Of each cell in a quick study [1]."""
+_QUICK_CELLS = 15
+"""Of them drawn at random, five of a class [1]."""
+
+
+@dataclass(frozen=True)
+class CellStudy:
+    """Cells drawn by a seed, and hard ones, of which some may be chosen by name."""
+
+    seed: int
+    count: int
+    frames: int
+    only: tuple[str, ...] = ()
+    name: str = 'cells'
+
+    @cached_property
+    def all(self) -> list[AccuracyCell]:
+        """The cells in the order of the rows."""
+        known = [*drawn_cells(self.seed, self.count), *hard_cells()]
+        names = chosen([cell.name for cell in known], self.only, '--cells')
+        return [cell for cell in known if cell.name in names]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of the table."""
+        return ('row', 'cell', *GIVEN, *COLUMNS, 'failure')
+
+    @property
+    def rows(self) -> int:
+        """Number of cells."""
+        return len(self.all)
+
+    def cells(self, row: int) -> list[str]:
+        """Measure a cell, as text; where it cannot be it says why."""
+        cell = self.all[row]
+        line: dict[str, float] = {}
+        failure = ''
+        # A seed of its own, whichever cells are chosen beside it.
+        name = int.from_bytes(cell.name.encode(), 'big')
+        random = np.random.default_rng([self.seed, name])
+        try:
+            line = line_of(list(records(cell, self.frames, random)))
+        except (ArithmeticError, ValueError) as error:
+            failure = ' '.join(str(error).split())
+        measured = [number_text(line.get(name, math.nan)) for name in COLUMNS]
+        return [str(row), cell.name, *given_of(cell), *measured, failure]
+
+    def described(self) -> dict[str, Any]:
+        """All that the rows depend on, the estimator among it."""
+        return {
+            'seed': self.seed,
+            'frames': self.frames,
+            'cells': [cell.name for cell in self.all],
+            'estimator': fingerprint(estimation),
+        }
+
+
+def read_cell_study(
+    section: Section, quick: bool, seed: int, frames: int | None, only: Sequence[str]
+) -> CellStudy:
+    """Read the settings; raises ValueError for what cannot be studied."""
+    section.allow('count', 'frames')
+    count = section.whole_number('count', 0, 10_000)
+    wanted = frames or section.whole_number('frames', 1, 10_000_000)
+    if not quick:
+        return CellStudy(seed, count, wanted, tuple(only))
+    few = frames or min(wanted, _QUICK_FRAMES)
+    return CellStudy(seed, min(count, _QUICK_CELLS), few, tuple(only), 'cells_quick')

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from soliton_linkage.linkage.chain import Motion
-from soliton_linkage_studies.accuracy.cells.cells import drawn_cells
-from soliton_linkage_studies.accuracy.cells.study import CellStudy
-from soliton_linkage_studies.accuracy.cells.walls import reach
+from soliton_linkage_studies.accuracy.cells import drawn_cells
+from soliton_linkage_studies.accuracy.runs import CellStudy
+from soliton_linkage_studies.accuracy.walls import reach
 
 
 def test_cells_are_of_all_classes_and_from_the_whole_of_their_ranges() -> None:

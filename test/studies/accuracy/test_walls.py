@@ -9,8 +9,7 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.continuum import wall_theory
-from soliton_linkage_studies.accuracy.cells.launching import left_of
-from soliton_linkage_studies.accuracy.cells.walls import nearest_arc, wall_path
+from soliton_linkage_studies.accuracy.walls import left_of, nearest_arc, wall_path
 
 ROTORS = 60
 

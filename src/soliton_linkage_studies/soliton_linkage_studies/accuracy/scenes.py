@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Noiseless frames of chains of springs, and the true places of the walls in them.
+
+The place of a wall is the nearest point of its static path to the noiseless frame, averaged over
+one period of the slowest phonon, or over the passage of a rotor if that is shorter: phonons that
+only shake the wall do not count, slower motion does. Its rate is the slope of a line through the
+places of three times as long; for slow walls, whose speed springs modulate between rotors, that of
+a cubic. Impulses divide a record: no mean reaches across them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs
+
+from soliton_linkage.linear.bands import gap, speed_of_sound
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage_studies.accuracy.cells import AccuracyCell
+from soliton_linkage_studies.accuracy.springs import Springs
+from soliton_linkage_studies.accuracy.walls import (
+    WallPath,
+    dress,
+    dressed,
+    is_broken,
+    launch_speed,
+    left_of,
+    nearest_arc,
+    reach,
+    wall_path,
+)
+
+_SLOW = 0.25
+"""Largest way of a slow wall in a period of the slowest phonon [rotor spacings]."""
+_SETTLED = (20, 400)
+"""Frames between a kick and the begin of a scene."""
+# Of scenes with one wall:
+_FROM_EDGE = 1.0
+"""Places nearer to an edge are not judged, because the edge absorbs a wall [rotor spacings]."""
+_BEGIN = 2.0
+"""Least distance from an edge at the start [rotor spacings]."""
+_SAMPLES = 200
+"""Samples of the orbit next to the first edge, to find a chain at rest on it [1]."""
+_LEGS = 2.0
+"""Longest way of a nudged wall before the scene begins [legs]."""
+_CHAINS = 200
+"""Most chains with deviations that are drawn to find one that a wall passes."""
+_PUSHED = 1.5
+"""Reach of an impulse beside the wall [rotor spacings]."""
+_HARDEST = 0.5
+"""Largest change of the speed by an impulse, over the speed [1]."""
+# Of scenes with several walls:
+_FEWEST = 20
+"""Fewest frames of a scene [1]."""
+_DRAWS = 20
+"""Most draws of places to find walls that need so many frames to meet or break up."""
+_SLOWER = 0.7
+"""Factor of the speed of anti-kinks from draw to draw [1]."""
+_JITTER = 0.05
+"""Spread of the places of the walls at the start, over their distance [1]."""
+_CORE = 3.0
+"""Reach of the rotors that show whether a wall is broken [rotor spacings]."""
+
+
+@dataclass(frozen=True)
+class WallScene:
+    """Noiseless frames and the walls in them."""
+
+    angles: Array
+    """Actual angles [rad], shape (T, N)."""
+    kinetic: Array
+    """Kinetic energy [J], shape (T,)."""
+    places: Array
+    """Places of the walls [rotor spacings], shape (T, K)."""
+    instants: Array
+    """The same without a mean over time."""
+    place_rates: Array
+    """Rates of the places [rotor spacings / s], shape (T, K)."""
+    charges: tuple[int, ...]
+    legs: Array
+    """Leg of the orbit of a wall that is alone, else -1, shape (T,)."""
+    judged: NDArray[np.bool_]
+    """Whether a wall is far enough from the edges and from others, shape (T, K)."""
+    pushes: tuple[int, ...] = ()
+    """First frames after an impulse."""
+    impulses: tuple[Array, ...] = ()
+    """Angular impulses [N m s], shape (N,) each."""
+
+
+def scene_of(
+    cell: AccuracyCell, frames: int, random: np.random.Generator, pushes: int = 0
+) -> WallScene:
+    """Simulate at least so many frames, fewer if several walls meet, with impulses on one wall."""
+    chain = cell.chain
+    if cell.nothing:
+        angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
+        return _without_walls(angles, np.full(frames, math.nan))
+    if cell.kick:
+        angles = chain.uniform_state(-1)
+        rates = cell.kick / chain.time_unit * mode_towards_last(chain, angles)
+        springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+        for _ in range(int(random.integers(*_SETTLED))):
+            springs.advance()
+        motion = springs.record(frames)
+        return _without_walls(motion.angles, np.asarray(chain.kinetic_energy(motion.rates)))
+    if cell.walls > 1:
+        return _several_walls(cell, frames, random)
+    return _single_wall(cell, frames, random, pushes)
+
+
+def _without_walls(angles: Array, kinetic: Array) -> WallScene:
+    none = np.empty((len(angles), 0))
+    legs = np.full(len(angles), -1)
+    return WallScene(angles, kinetic, none, none, none, (), legs, none.astype(bool))
+
+
+def frames_beside(speed: float, cell: AccuracyCell) -> int:
+    """Half the frames of a mean, of a wall with a speed [rotor spacings / s]."""
+    time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
+    return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
+
+
+def smoothed(
+    values: Array, beside: int, breaks: list[int] | None = None, bent: bool = False
+) -> tuple[Array, Array]:
+    """Means over so many values beside each, and slopes over thrice as many, between breaks.
+
+    Slopes are those of lines, or of cubics through bent ways.
+    """
+    means, slopes = np.empty_like(values), np.empty_like(values)
+    for begin, end in pairwise([0, *(breaks or []), len(values)]):
+        if end > begin:
+            piece = values[begin:end]
+            about = min(beside, len(piece) - 1)
+            wide = min(3 * beside, len(piece) - 1)
+            means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
+            order = min(3 if bent else 1, max(2 * wide - 1, 0))
+            slopes[begin:end] = _convolved(
+                piece, savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
+            )
+    return means, slopes
+
+
+def _convolved(values: Array, weights: Array) -> Array:
+    """Weighted sums about each value, of odd reflections at the ends."""
+    beside = len(weights) // 2
+    if not beside:
+        return np.asarray(weights[0] * values)
+    before = 2 * values[0] - values[beside:0:-1]
+    after = 2 * values[-1] - values[-2 : -beside - 2 : -1]
+    padded = np.concatenate([before, values, after])
+    return np.convolve(padded, weights[::-1], 'valid')
+
+
+@dataclass(frozen=True)
+class _Start:
+    springs: Springs
+    """Chain with its deviations, at the start."""
+    orbit: Orbit
+    arc: float
+    """Approximate arc of the wall on its orbit [rad]."""
+    speed: float
+    """Speed of the wall [rotor spacings / s]."""
+
+
+def _single_wall(
+    cell: AccuracyCell, frames: int, random: np.random.Generator, pushes: int
+) -> WallScene:
+    """A wall anywhere on its orbit; impulses are spread over the scene and its margins."""
+    start = _started(cell, random)
+    springs, orbit = start.springs, start.orbit
+    chain, last = cell.chain, cell.chain.number_of_rotors - 1
+    springs.rates += cell.phonons / chain.time_unit * random.standard_normal(last + 1)
+    beside = frames_beside(start.speed, cell)
+    margin = 3 * beside
+    total = frames + 2 * margin
+    at = sorted(random.choice(np.arange(1, total - 1), pushes, replace=False).tolist())
+    angles: list[Array] = []
+    kinetic: list[float] = []
+    way: list[float] = []
+    impulses: list[Array] = []
+    for frame in range(total):
+        if frame:
+            springs.advance()
+        guess = 2 * way[-1] - way[-2] if frame > 1 else way[0] if frame else start.arc
+        arc = nearest_arc(orbit, springs.angles, guess)
+        if frame in at:
+            impulses.append(_push(start, arc, random))
+        angles.append(springs.angles.copy())
+        kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
+        way.append(arc)
+    slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
+    means, slopes = smoothed(np.array(way), beside, at, slow)
+    kept = slice(margin, total - margin)
+    arcs, arc_rates = means[kept], slopes[kept] / springs.period
+    places = np.array([orbit.place(arc) for arc in arcs])
+    instants = np.array([orbit.place(arc) for arc in way[kept]])
+    legs = np.array([orbit.leg(arc) for arc in arcs])
+    spacing = np.array([orbit.site_arc_at(arc) for arc in arcs])
+    inner = np.minimum(places, instants) > _FROM_EDGE
+    inner &= np.maximum(places, instants) < last - _FROM_EDGE
+    pushed = [
+        (frame - margin, impulse)
+        for frame, impulse in zip(at, impulses, strict=True)
+        if 0 < frame - margin < frames
+    ]
+    return WallScene(
+        angles=np.array(angles[kept]),
+        kinetic=np.array(kinetic[kept]),
+        places=places[:, None],
+        instants=instants[:, None],
+        place_rates=(np.where(legs % 2 == 0, 1, -1) * arc_rates / spacing)[:, None],
+        charges=(1,),
+        legs=legs,
+        judged=inner[:, None],
+        pushes=tuple(frame for frame, _ in pushed),
+        impulses=tuple(impulse for _, impulse in pushed),
+    )
+
+
+def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
+    chain, period = cell.chain, cell.period * cell.chain.time_unit
+    orbit = _orbit(cell, random)
+    last = chain.number_of_rotors - 1
+    leg = int(random.integers(orbit.number_of_legs))
+    sense = 1 if random.integers(2) else -1
+    place = float(random.uniform(_BEGIN, last - _BEGIN))
+    if cell.nudged:
+        return _nudged(cell, orbit, random)
+    if cell.disorder:
+        speed, arc = launch_speed(chain, cell.speed), orbit.arc_at(place, leg)
+        rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
+        springs = Springs(orbit.chain, orbit.configuration(arc), rates, period)
+        return _Start(springs, orbit, arc, speed)
+    wall = dressed(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
+    shift = 2 * round((place - wall.place) / 2)
+    arc = orbit.arc_at(wall.place + shift, leg)
+    angles, rates = orbit.configuration(arc), np.zeros(last + 1)
+    dress(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
+    return _Start(Springs(chain, angles, rates, period), orbit, arc, wall.speed)
+
+
+def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
+    """A wall that was kicked off the first edge and has run for up to two legs."""
+    chain = cell.chain
+    left = chain.uniform_state(1) + math.pi
+    angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
+    speed = launch_speed(chain, cell.speed)
+    rates = speed * orbit.site_arc * mode_towards_last(chain, angles)
+    springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+    sampled = np.linspace(-orbit.site_arc, orbit.arc_at(1.0, 0), _SAMPLES)
+    apart = [np.cos(angles - orbit.configuration(arc)).sum() for arc in sampled]
+    arcs = [nearest_arc(orbit, angles, float(sampled[int(np.argmax(apart))]))] * 2
+    leg = (chain.number_of_rotors - 1) / (speed * springs.period)
+    for _ in range(int(random.uniform(0.0, _LEGS) * leg)):
+        springs.advance()
+        arcs = [arcs[1], nearest_arc(orbit, springs.angles, 2 * arcs[1] - arcs[0])]
+    return _Start(springs, orbit, arcs[1], speed)
+
+
+def _push(start: _Start, arc: float, random: np.random.Generator) -> Array:
+    """Push the rotors next to the wall; return the impulses [N m s]."""
+    orbit = start.orbit
+    near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.place(arc)) < _PUSHED
+    change = start.speed * random.uniform(-_HARDEST, _HARDEST)
+    rates = near * orbit.tangent(arc) * orbit.site_arc * change
+    start.springs.rates += rates
+    return np.asarray(orbit.chain.moments_of_inertia * rates)
+
+
+def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
+    """Orbit of the true chain, whose deviations are drawn until a wall passes it."""
+    if not cell.disorder:
+        return _uniform_orbit(cell.chain)
+    for _ in range(_CHAINS):
+        drawn = drawn_deviations(
+            cell.chain.number_of_rotors,
+            int(random.integers(2**31)),
+            spacing=cell.disorder,
+            rotor_length=cell.disorder,
+            stiffness=cell.disorder,
+            mass=cell.disorder,
+        )
+        try:
+            return orbit_of(replace(cell.chain, deviations=drawn))
+        except (ValueError, ArithmeticError):
+            continue
+    raise ArithmeticError(f'cell {cell.name}: no wall passes {cell.disorder:g} of disorder')
+
+
+@cache
+def _uniform_orbit(chain: Chain) -> Orbit:
+    return orbit_of(chain)
+
+
+def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
+    """Kinks and anti-kinks in turn until they meet; raises ArithmeticError for few frames."""
+    for draw in range(_DRAWS):
+        begins = 1 if random.integers(2) else -1
+        charges = tuple(begins * (-1) ** number for number in range(cell.walls))
+        walls = _placed(cell, charges, _SLOWER**draw, random)
+        noise = random.standard_normal(cell.chain.number_of_rotors)
+        walls.springs.rates += cell.phonons / cell.chain.time_unit * noise
+        scene = _followed(cell, frames, charges, walls)
+        if len(scene.angles) >= min(_FEWEST, frames):
+            return scene
+    raise ArithmeticError(f'cell {cell.name}: walls have no room for {_FEWEST} frames')
+
+
+@dataclass(frozen=True)
+class _MovingWalls:
+    springs: Springs
+    paths: list[WallPath]
+    places: list[float]
+    speeds: list[float]
+    """[rotor spacings / s]"""
+
+
+def _placed(
+    cell: AccuracyCell, charges: tuple[int, ...], slower: float, random: np.random.Generator
+) -> _MovingWalls:
+    chain, near = cell.chain, reach(cell.chain)
+    rotors = chain.number_of_rotors
+    angles, rates = left_of(chain, charges[0]), np.zeros(rotors)
+    paths, places, speeds = [], [], []
+    distance = (rotors - 1 - near) / len(charges)
+    for number, charge in enumerate(charges):
+        leg = int(random.integers(2)) if chain.motion is Motion.SPINNER else 0
+        path = wall_path(chain, charge, leg if charge > 0 else 0)
+        aside = float(random.uniform(-_JITTER, _JITTER))
+        place = near / 2 + distance * (number + 0.5 + aside)
+        sense = 1 if random.integers(2) else -1
+        if charge > 0:
+            wall = dressed(chain, leg, cell.speed)
+            shift = 2 * round((place - wall.place) / 2)
+            place, speed = wall.place + shift, wall.speed
+            dress(wall, shift, angles, rates, sense)
+        else:
+            place = path.snapped(place) if slower == 1 else path.at_rest(place)
+            speed = slower * cell.speed * speed_of_sound(chain) / chain.spacing
+            rates += sense * speed * path.moving(rotors, place)
+        angles += path.added(rotors, place)
+        paths.append(path)
+        places.append(place)
+        speeds.append(speed)
+    springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
+    return _MovingWalls(springs, paths, places, speeds)
+
+
+def _followed(
+    cell: AccuracyCell, frames: int, charges: tuple[int, ...], walls: _MovingWalls
+) -> WallScene:
+    chain, near, springs = cell.chain, reach(cell.chain), walls.springs
+    last = chain.number_of_rotors - 1
+    angles: list[Array] = []
+    kinetic: list[float] = []
+    way: list[Array] = []
+    places = walls.places
+    for frame in range(frames):
+        if frame:
+            springs.advance()
+        guesses = places if len(way) < 2 else (2 * way[-1] - way[-2]).tolist()
+        both = zip(walls.paths, guesses, strict=True)
+        places = [path.nearest(springs.angles, guess, near) for path, guess in both]
+        apart = np.diff([-near, *places, last + near])
+        both = zip(walls.paths, places, strict=True)
+        broken = any(is_broken(path, chain, springs.angles, x, _CORE) for path, x in both)
+        if broken or apart.min() < 2 * near:
+            break
+        angles.append(springs.angles.copy())
+        kinetic.append(float(chain.kinetic_energy(springs.rates)))
+        way.append(np.array(places))
+    track = np.array(way).reshape(-1, len(charges))
+    beside = [frames_beside(speed, cell) for speed in walls.speeds]
+    means = [smoothed(column, count) for column, count in zip(track.T, beside, strict=True)]
+    return WallScene(
+        angles=np.array(angles),
+        kinetic=np.array(kinetic),
+        places=np.stack([mean for mean, _ in means], axis=1),
+        instants=track,
+        place_rates=np.stack([slope / springs.period for _, slope in means], axis=1),
+        charges=charges,
+        legs=np.full(len(angles), -1),
+        judged=np.ones(track.shape, dtype=bool),
+    )

@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of errors: of estimators, of cells of the analyser, and of two tables of cells."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.accuracy.cells import GIVEN, AccuracyCell, given_of
+from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.sweep.table import markdown_table
+
+COLUMNS = (
+    'speed',
+    'frames',
+    'walls_looked_for',
+    'place_rms',
+    'place_rms_error',
+    'place_99',
+    'place_max',
+    'place_beyond_4',
+    'place_coverage_1',
+    'place_coverage_2',
+    'place_bias',
+    'instant_rms',
+    'rate_rms',
+    'rate_rms_error',
+    'rate_99',
+    'rate_beyond_4',
+    'rate_coverage_1',
+    'rate_coverage_2',
+    'rate_bias',
+    'kinetic_rms',
+    'error_rms',
+    'deviation_median',
+    'shift_max',
+    'lost',
+    'false',
+    'wrong_leg',
+)
+"""Of a cell: speed of its fastest wall over that of sound. Errors of place and rate are over their
+stated deviations: root mean square and its standard error, 99 % and largest of their sizes, shares
+beyond 4 and within 1 and 2 [%], mean; `instant` is the place without a mean over time. Then error
+of the place and its median stated deviation [rotor spacings], and by how many stated deviations
+one wrong reading moved it. Walls are lost or false, frames have the wrong leg."""
+
+NUMBERS = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
+"""Of each wall that was found: errors over deviations of place, of place without mean over time
+and of rate, error and deviation of the place [rotor spacings], and relative error of the rate."""
+
+_COLUMNS = (
+    'class',
+    'r/a',
+    'rest angle [rad]',
+    'noise [rad]',
+    'estimator',
+    'frames',
+    'bias [spacings]',
+    'standard error of the bias [spacings]',
+    'std [spacings]',
+    'bound [spacings]',
+    'std / bound',
+    'coverage of 95 % [%]',
+    'failures',
+)
+_TRUE = (0.95, 1.05)
+"""Root mean squares of normalised errors that are as they should be."""
+_SIGNIFICANT = 3.0
+"""Standard errors from which on a difference is no chance: 1 in 400."""
+_UNKNOWN = 0.3
+"""Standard error, relative, of what one record tells."""
+_LARGER = 1.1
+"""Ratio of errors from which on they are larger."""
+_BELIEVED = 2.0
+"""Root mean square of normalised errors up to which a place is better stated than not [1]."""
+_FEWER = 0.01
+"""Share of walls that were lost, and are found now, from which on errors are of other walls."""
+_FAILURES = ('lost', 'false', 'wrong_leg')
+_ERRORS = ('place_rms', 'place_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
+_COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'place_beyond_4', 'walls_looked_for')
+
+_TITLES = (
+    'class (r/a, θ̄)',
+    'noise [rad]',
+    'estimator',
+    'bias [spacings]',
+    'std / bound',
+    'coverage of 95 %',
+    'failures',
+)
+
+Row = Mapping[str, str]
+
+
+@dataclass
+class Scores:
+    """Of the frames of one record."""
+
+    walls: list[tuple[float, ...]] = field(default_factory=list)
+    """`NUMBERS` of walls that were found."""
+    kinetic: list[float] = field(default_factory=list)
+    """Errors of the kinetic energy over its deviation."""
+    shifts: list[float] = field(default_factory=list)
+    """By how much a wrong reading moved the place, in stated deviations."""
+    speed: float = 0.0
+    """Of the fastest wall of the scene, over that of sound [1]."""
+    frames: int = 0
+    looked_for: int = 0
+    """Walls that were to be found."""
+    lost: int = 0
+    false: int = 0
+    wrong_leg: int = 0
+
+
+def line_of(scores: Sequence[Scores]) -> dict[str, float]:
+    """Return the columns of a cell from the scores of its records."""
+    found = [np.array(each.walls).reshape(-1, len(NUMBERS)) for each in scores]
+    line = {
+        'speed': float(np.median([each.speed for each in scores])),
+        'frames': sum(each.frames for each in scores),
+        'walls_looked_for': sum(each.looked_for for each in scores),
+        'lost': sum(each.lost for each in scores),
+        'false': sum(each.false for each in scores),
+        'wrong_leg': sum(each.wrong_leg for each in scores),
+    }
+    line |= _normalised('place', [each[:, 0] for each in found])
+    line |= _normalised('rate', [each[:, 2] for each in found])
+    whole = np.concatenate(found)
+    line['instant_rms'] = _rms(_finite(whole[:, 1]))
+    line['kinetic_rms'] = _rms(_finite(np.concatenate([each.kinetic for each in scores])))
+    line['error_rms'] = _rms(whole[:, 3])
+    line['deviation_median'] = _or_nan(np.median, whole[:, 4])
+    line['shift_max'] = _or_nan(np.max, np.concatenate([each.shifts for each in scores]))
+    return {name: float(line[name]) for name in COLUMNS if name in line}
+
+
+def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
+    """Return statistics of errors over their deviations, from arrays of one record each.
+
+    The error of the root mean square is a jackknife over records, because their frames correlate.
+    """
+    pieces = [_finite(each) for each in errors]
+    whole = np.concatenate(pieces)
+    size = np.abs(whole)
+    squares = np.array([float(each @ each) for each in pieces])
+    counts = np.array([len(each) for each in pieces])
+    kept = len(whole) - counts
+    without = np.sqrt((squares.sum() - squares)[kept > 0] / kept[kept > 0])
+    spread = math.sqrt(max(len(without) - 1, 0)) * float(without.std()) if len(without) else 0.0
+    return {
+        f'{name}_rms': _rms(whole),
+        f'{name}_rms_error': spread if len(without) > 1 else math.nan,
+        f'{name}_99': _or_nan(lambda values: np.quantile(values, 0.99), size),
+        f'{name}_max': _or_nan(np.max, size),
+        f'{name}_beyond_4': _share(size > 4),
+        f'{name}_coverage_1': _share(size < 1),
+        f'{name}_coverage_2': _share(size < 2),
+        f'{name}_bias': _or_nan(np.mean, whole),
+    }
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
+
+
+def _share(flags: NDArray[np.bool_]) -> float:
+    return 100 * float(flags.mean()) if len(flags) else math.nan
+
+
+def _or_nan(of: Callable[..., object], values: Array) -> float:
+    return float(np.asarray(of(values))) if len(values) else math.nan
+
+
+def _finite(values: Array) -> Array:
+    return np.asarray(values[np.isfinite(values)])
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Accuracy of an estimator over many frames.
+
+    Bias, deviation and coverage leave out failures; they are NaN if fewer than two frames remain.
+    """
+
+    frames: int
+    failures: int
+    bias: float
+    """Mean error [rotor spacings]."""
+    bias_error: float
+    """Standard error of the bias [rotor spacings]."""
+    deviation: float
+    """Standard deviation of the error [rotor spacings]."""
+    bound: float
+    """Least standard deviation of an unbiased estimator [rotor spacings]."""
+    coverage: float
+    """Share of the frames whose stated interval contains the place; NaN without interval."""
+
+    @property
+    def ratio(self) -> float:
+        """Standard deviation over its bound [1]."""
+        return self.deviation / self.bound
+
+
+@dataclass(frozen=True)
+class Line:
+    """Accuracy of one estimator with one chain and noise."""
+
+    chain: Chain
+    noise: float
+    """Standard deviation of an angle [rad]."""
+    estimator: str
+    accuracy: Accuracy
+
+
+def accuracy_of(samples: Array, bound: float) -> Accuracy:
+    """Return the statistics of errors and margins, shape (frames, 2), NaN where it failed."""
+    succeeded = samples[np.isfinite(samples[:, 0])]
+    errors, margins = succeeded.T
+    known = len(errors) > 1
+    deviation = float(errors.std(ddof=1)) if known else math.nan
+    stated = known and bool(np.isfinite(margins).all())
+    return Accuracy(
+        frames=len(samples),
+        failures=len(samples) - len(errors),
+        bias=float(errors.mean()) if known else math.nan,
+        bias_error=deviation / math.sqrt(len(errors)) if known else math.nan,
+        deviation=deviation,
+        bound=bound,
+        coverage=float((np.abs(errors) <= margins).mean()) if stated else math.nan,
+    )
+
+
+def write_lines(lines: Sequence[Line], folder: Path) -> None:
+    """Write the lines as table.md and table.csv."""
+    rows = []
+    with (folder / 'table.csv').open('w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(_COLUMNS)
+        for line in lines:
+            chain, found, noise = line.chain, line.accuracy, f'{line.noise:g}'
+            covered = 100 * found.coverage
+            errors = (found.bias, found.bias_error, found.deviation, found.bound, found.ratio)
+            writer.writerow(
+                [
+                    chain.motion.value,
+                    f'{chain.rotor_length / chain.spacing:g}',
+                    f'{chain.rest_angle:g}',
+                    noise,
+                    line.estimator,
+                    str(found.frames),
+                    *map(number_text, (*errors, covered)),
+                    str(found.failures),
+                ]
+            )
+            rows.append(
+                [
+                    class_and_shape(chain),
+                    noise,
+                    line.estimator,
+                    f'{found.bias:+.4f} ± {found.bias_error:.4f}',
+                    f'{found.ratio:.3f}',
+                    '' if math.isnan(covered) else f'{covered:.1f} %',
+                    f'{found.failures} of {found.frames}',
+                ]
+            )
+    (folder / 'table.md').write_text(markdown_table(_TITLES, rows), encoding='utf-8')
+
+
+def number_text(number: float) -> str:
+    """Return a number with six digits, or nothing for NaN."""
+    return '' if math.isnan(number) else f'{number:.6g}'
+
+
+def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
+    """Raise ValueError if an earlier table contains none of the cells of a seed."""
+    if not earlier or not {'cell', *GIVEN, *_COMPARED} <= earlier[0].keys():
+        raise ValueError('what to compare with is no table of cells; give a cells.csv')
+    known = {_key(row) for row in earlier}
+    if known.isdisjoint((cell.name, *given_of(cell)) for cell in cells):
+        raise ValueError(
+            f'no cell of seed {seed} is in the earlier table; give the --seed of that one'
+        )
+
+
+def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
+    """Return the number of worse cells of those in both tables, and a line for each."""
+    before = {_key(row): row for row in earlier}
+    both = [(row, before[_key(row)]) for row in rows if _key(row) in before]
+    said = [
+        f'{row["cell"]} ({row["class"]}): {"; ".join(what)}'
+        for row, old in both
+        if (what := _worse(row, old))
+    ]
+    return [f'{len(said)} of {len(both)} cells are worse', *said]
+
+
+def _key(row: Row) -> tuple[str, ...]:
+    return row['cell'], *(row[name] for name in GIVEN)
+
+
+def _worse(row: Row, old: Row) -> list[str]:
+    what = [row['failure']] if row['failure'] and not old['failure'] else []
+    believed = _number(old['place_rms']) < _BELIEVED
+    for name in ('place', 'rate'):
+        what += _less_true(name, row, old, believed)
+    now, was = _number(row['error_rms']), _number(old['error_rms'])
+    if believed and now > _LARGER * was and not _rate(old, 'lost') > _rate(row, 'lost') + _FEWER:
+        what.append(f'error {now:.3g} after {was:.3g} spacings')
+    return what + [each for name in _FAILURES for each in _more_failures(name, row, old)]
+
+
+def _less_true(name: str, row: Row, old: Row, believed: bool) -> list[str]:
+    now, was = _number(row[f'{name}_rms']), _number(old[f'{name}_rms'])
+    if math.isnan(now):
+        return [f'states no {name}'] if believed and was > 0 else []
+    chance = math.hypot(
+        _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
+    )
+    if _off(now) - _off(was) > _SIGNIFICANT * (chance if math.isfinite(chance) else _UNKNOWN):
+        return [f'{name} rms {now:.3g} after {was:.3g}']
+    return []
+
+
+def _more_failures(name: str, row: Row, old: Row) -> list[str]:
+    """Report more failures than chance makes; a misplaced wall counts as lost."""
+    share, earlier = _rate(row, name), _rate(old, name)
+    misplaced = _misplaced(row), _misplaced(old)
+    if name == 'lost' and math.isfinite(sum(misplaced)):
+        share, earlier = share + misplaced[0], earlier + misplaced[1]
+    frames = (_number(row['frames']), _number(old['frames']))
+    both = (share * frames[0] + earlier * frames[1]) / sum(frames)
+    chance = math.sqrt(max(both, 1 / sum(frames)) * sum(1 / each for each in frames))
+    if share - earlier > _SIGNIFICANT * chance:
+        return [f'{name} in {100 * share:.2g} % after {100 * earlier:.2g} %']
+    return []
+
+
+def _misplaced(row: Row) -> float:
+    """Share of the frames whose wall has an error over four stated deviations."""
+    found = _number(row['walls_looked_for']) - _number(row['lost'])
+    if not found:
+        return 0.0
+    return _number(row['place_beyond_4']) / 100 * found / max(_number(row['frames']), 1.0)
+
+
+def _off(rms: float) -> float:
+    """Distance of a root mean square from `_TRUE`, as a logarithm."""
+    if not rms > 0:
+        return 0.0
+    low, high = _TRUE
+    return max(math.log(rms / high), math.log(low / rms), 0.0)
+
+
+def _rate(row: Row, name: str) -> float:
+    return _number(row[name]) / max(_number(row['frames']), 1.0)
+
+
+def _number(text: str) -> float:
+    return float(text) if text else math.nan

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line tells what errors are: true deviations make 1, failures are added up."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, chain_of
+
+from soliton_linkage_studies.accuracy.cells import GIVEN, given_of
+from soliton_linkage_studies.accuracy.runs import CellStudy
+from soliton_linkage_studies.accuracy.statistics import (
+    COLUMNS,
+    NUMBERS,
+    Accuracy,
+    Line,
+    Scores,
+    accuracy_of,
+    check_comparable,
+    line_of,
+    worse_cells,
+    write_lines,
+)
+
+
+def scores(random: np.random.Generator, scale: float, alike: int = 1) -> Scores:
+    drawn = np.repeat(random.standard_normal((100 // alike, len(NUMBERS))), alike, axis=0)
+    rows = [tuple(row) for row in (scale * drawn).tolist()]
+    return Scores(walls=rows, frames=100, looked_for=100, lost=1, false=2, wrong_leg=3)
+
+
+def test_true_deviations_make_a_root_mean_square_of_1() -> None:
+    random = np.random.default_rng(1)
+    line = line_of([scores(random, 1.0) for _ in range(50)])
+    assert tuple(line) == COLUMNS
+    assert line['place_rms'] == pytest.approx(1, abs=4 * line['place_rms_error'])
+    assert line['place_rms_error'] == pytest.approx(1 / math.sqrt(2 * 5000), rel=0.4)
+    assert line['place_coverage_1'] == pytest.approx(68.3, abs=3)
+    assert line['rate_coverage_2'] == pytest.approx(95.4, abs=1.5)
+    assert (line['lost'], line['false'], line['wrong_leg']) == (50, 100, 150)
+
+
+def test_frames_that_are_alike_tell_less() -> None:
+    random = np.random.default_rng(2)
+    apart, alike = ([scores(random, 1.0, count) for _ in range(50)] for count in (1, 25))
+    assert line_of(alike)['place_rms_error'] > 3 * line_of(apart)['place_rms_error']
+
+
+def test_where_nothing_was_found_nothing_is_told_but_failures() -> None:
+    line = line_of([Scores(frames=9, looked_for=9, lost=9)])
+    assert line['lost'] == 9
+    assert math.isnan(line['place_rms'])
+    assert math.isnan(line['rate_rms_error'])
+
+
+COUNT = 40_000
+
+
+def test_a_normal_estimator_is_judged_as_what_it_is() -> None:
+    errors = np.random.default_rng(1).normal(0.3, 0.02, COUNT)
+    shifted = accuracy_of(np.column_stack([errors, np.full(COUNT, 1.0)]), 0.01)
+    assert (shifted.frames, shifted.failures) == (COUNT, 0)
+    assert shifted.bias_error == pytest.approx(0.02 / math.sqrt(COUNT), rel=0.03)
+    assert abs(shifted.bias - 0.3) < 4 * shifted.bias_error
+    assert shifted.ratio == pytest.approx(2, rel=4 / math.sqrt(2 * COUNT))
+    assert shifted.coverage == 1
+
+
+@pytest.mark.parametrize('factor', [0.5, 1.0, 2.0])
+def test_coverage_of_a_normal_estimator_is_that_of_its_margins(factor: float) -> None:
+    """Margins of 1.96 standard deviations cover 95 %, others what the error function says."""
+    errors = np.random.default_rng(2).normal(0.0, 0.02, COUNT)
+    margin = 1.959963984540054 * factor
+    found = accuracy_of(np.column_stack([errors, np.full(COUNT, 0.02 * margin)]), 0.02)
+    expected = math.erf(margin / math.sqrt(2))
+    if factor == 1:
+        assert expected == pytest.approx(0.95)
+    limit = 4 * math.sqrt(expected * (1 - expected) / COUNT)
+    assert found.coverage == pytest.approx(expected, abs=limit)
+
+
+def test_failures_are_counted_and_left_out() -> None:
+    samples = np.array([[0.1, 0.2], [math.nan, 0.2], [0.3, 0.2], [math.nan, math.nan]])
+    found = accuracy_of(samples, 0.1)
+    assert (found.frames, found.failures) == (4, 2)
+    assert found.bias == pytest.approx(0.2)
+    assert found.deviation == pytest.approx(0.1 * math.sqrt(2))
+    assert found.coverage == 0.5
+
+
+def test_what_cannot_be_told_is_nan() -> None:
+    without_margin = accuracy_of(np.array([[0.1, math.nan], [0.2, math.nan]]), 0.1)
+    assert math.isnan(without_margin.coverage)
+    assert without_margin.bias == pytest.approx(0.15)
+    for samples in (np.empty((0, 2)), np.array([[0.1, 0.1]]), np.full((3, 2), math.nan)):
+        found = accuracy_of(samples, 0.1)
+        assert found.frames == len(samples)
+        assert math.isnan(found.bias)
+        assert math.isnan(found.ratio)
+        assert math.isnan(found.coverage)
+
+
+def test_the_table_holds_its_lines(tmp_path: Path) -> None:
+    flipper, spinner = chain_of(FLIPPER, 20), chain_of(SPINNER, 20)
+    judged = Accuracy(1000, 3, -0.01234567, 0.0001, 0.02, 0.016, 0.945)
+    unstated = Accuracy(10, 0, 0.5, 0.1, 0.02, 0.01, math.nan)
+    write_lines(
+        [Line(flipper, 0.05, 'one', judged), Line(spinner, 0.2, 'two', unstated)], tmp_path
+    )
+    text = (tmp_path / 'table.md').read_text(encoding='utf-8').splitlines()
+    cells = [[cell.strip() for cell in line.strip('|').split('|')] for line in text]
+    assert len(cells) == 4
+    assert {len(row) for row in cells} == {7}
+    assert cells[2] == [
+        'flipper (0.5, 0.97)',
+        '0.05',
+        'one',
+        '-0.0123 ± 0.0001',
+        '1.250',
+        '94.5 %',
+        '3 of 1000',
+    ]
+    assert cells[3][5:] == ['', '0 of 10']
+    with (tmp_path / 'table.csv').open(encoding='utf-8', newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [row['class'] for row in rows] == ['flipper', 'spinner']
+    assert float(rows[0]['bias [spacings]']) == pytest.approx(judged.bias, rel=1e-5)
+    assert float(rows[0]['std / bound']) == pytest.approx(1.25)
+    assert float(rows[0]['coverage of 95 % [%]']) == pytest.approx(94.5)
+    assert rows[1]['coverage of 95 % [%]'] == ''
+    assert [row['failures'] for row in rows] == ['3', '0']
+
+
+NOT_STATED = {'place_rms': '', 'lost': 1000, 'place_beyond_4': ''}
+
+
+def row(**others: object) -> dict[str, str]:
+    plain = dict.fromkeys((*GIVEN, *COLUMNS, 'failure'), '')
+    known = {'cell': '3', 'class': 'flipper', 'frames': 1000, 'lost': 0, 'false': 0}
+    known |= {
+        'wrong_leg': 0,
+        'walls_looked_for': 1000,
+        'place_rms': 1.0,
+        'place_rms_error': 0.05,
+        'error_rms': 0.01,
+    }
+    return plain | {name: str(value) for name, value in (known | others).items()}
+
+
+@pytest.mark.parametrize(
+    ('now', 'was', 'what'),
+    [
+        ({'place_rms': 1.6}, {}, 'place rms 1.6 after 1'),
+        ({'place_rms': 0.4}, {}, 'place rms 0.4 after 1'),
+        ({'error_rms': 0.02}, {}, 'error 0.02 after 0.01 spacings'),
+        ({'lost': 30}, {}, 'lost in 3 % after 0 %'),
+        ({'place_beyond_4': 5}, {'place_beyond_4': 0}, 'lost in 5 % after 0 %'),
+        ({'failure': 'jams'}, {}, 'jams'),
+        ({'place_rms': ''}, {}, 'states no place'),
+    ],
+)
+def test_what_got_worse_is_said(now: dict[str, object], was: dict[str, object], what: str) -> None:
+    said = worse_cells([row(**now)], [row(**was)])
+    assert said == ['1 of 1 cells are worse', f'3 (flipper): {what}']
+
+
+@pytest.mark.parametrize(
+    ('now', 'was'),
+    [
+        ({}, {}),
+        ({'place_rms': 1.15}, {}),
+        ({'place_rms': 1.0}, {'place_rms': 3.0}),
+        ({'lost': 1}, {}),
+        ({'error_rms': 0.02}, {'lost': 200}),
+        ({}, {'place_rms': ''}),
+        (NOT_STATED, {'place_rms': 90, 'lost': 100, 'place_beyond_4': 100}),
+        ({'error_rms': 3.0}, {'place_rms': 90}),
+    ],
+)
+def test_what_chance_or_progress_makes_is_not(
+    now: dict[str, object], was: dict[str, object]
+) -> None:
+    assert worse_cells([row(**now)], [row(**was)]) == ['0 of 1 cells are worse']
+
+
+def test_other_cells_are_refused() -> None:
+    study = CellStudy(1, 3, 10)
+    cell = study.all[1]
+    with pytest.raises(ValueError, match='is no table of cells; give a cells'):
+        check_comparable(study.all, study.seed, [{'cell': '1'}])
+    same = row() | {'cell': cell.name} | dict(zip(GIVEN, given_of(cell), strict=True))
+    check_comparable(study.all, study.seed, [row(**same)])
+    with pytest.raises(ValueError, match='no cell of seed 1 is in the earlier table; give the'):
+        check_comparable(study.all, study.seed, [row(**same | {'noise': 0.3})])
+    assert worse_cells([row()], [row(noise=0.3)]) == ['0 of 0 cells are worse']
