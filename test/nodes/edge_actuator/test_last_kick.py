@@ -53,14 +53,14 @@ class Rig:
 
     def _note_kicks(self) -> None:
         """Note every kick: of two in quick succession a latched topic keeps the last alone."""
-        outlets = self.actuator.outlets
-        tell = outlets.tell
+        output = self.actuator.output
+        report = output.report
 
         def note(named: NamedChain, kick: Kick) -> None:
             self.kicks.append(last_kick_to_msg(named, kick))
-            tell(named, kick)
+            report(named, kick)
 
-        outlets.tell = note
+        output.report = note
 
     @property
     def driver(self) -> ChainDriver | None:

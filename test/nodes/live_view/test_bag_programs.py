@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from recordings import run_of, write_bag
 
+from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
-from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
 from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.view_conversions import NodeReport
@@ -72,7 +72,7 @@ def test_a_read_only_page_records_nothing(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize('name', PLAYER)
 def test_a_read_only_page_plays_nothing(tmp_path: Path, named: NamedChain, name: str) -> None:
     write_bag(tmp_path / 'bag', run_of(named, 3))
-    replay = BagReplay(BagShelf([tmp_path]), tmp_path, finder(), read_only=True)
+    replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder(), read_only=True)
     with pytest.raises(ValueError, match='this page is read-only'):
         done(PLAYER[name](replay))
     assert (replay.bag, replay.rate, replay.loop) == (None, 1.0, False)

@@ -10,7 +10,7 @@ import rclpy
 from graphs import Graph
 from sensor_msgs.msg import CompressedImage
 
-from soliton_linkage_nodes.live_view.camera_topic import CameraTopic
+from soliton_linkage_nodes.live_view.chain_topics import CameraTopic
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg

@@ -17,10 +17,9 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
 
-from soliton_linkage_nodes.live_view import camera_topic, chain_topics
+from soliton_linkage_nodes.live_view import chain_topics
+from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
 from soliton_linkage_nodes.live_view.bag_programs import BagReplay
-from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
-from soliton_linkage_nodes.live_view.canvas_actions import CanvasActions
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.frame_layout import kind_of, unpack
@@ -75,15 +74,16 @@ class Told:
     def __init__(self, _node: Any, topic: Any, _name: str, raw: bool = False) -> None:
         self._type, self._raw = topic.type, raw
         self.sequence: int | None = None
+        self.publishers = ['somebody']
 
-    def take(self) -> Any:
+    def newest(self) -> Any:
         if not self.drawn[self._type]:
             return None
         self.sequence, message = self.drawn[self._type].pop()
         return serialize_message(message) if self._raw else message
 
-    def adapt(self) -> int:
-        return 1
+    def adapt(self) -> bool:
+        return False
 
     def close(self) -> None:
         pass
@@ -114,9 +114,16 @@ class Browser:
 class Pictures:
     """What a live view shows of its chains."""
 
-    def __init__(self, finder: ChainFinder, commands: Mapping[str, ChainCommands]) -> None:
-        self._finder, self._commands = finder, commands
+    read_only = False
+
+    def __init__(
+        self, finder: ChainFinder, commands: Mapping[str, ChainCommands], replay: BagReplay
+    ) -> None:
+        self._finder, self._commands, self.replay = finder, commands, replay
         self.chains = finder.chains
+
+    def commands(self, namespace: str) -> ChainCommands:
+        return self._commands[namespace]
 
     @property
     def status(self) -> str:
@@ -155,20 +162,18 @@ def refuse(constant: str) -> None:
 def test_whatever_comes_a_browser_gets_what_it_can_read(
     graph: Graph, commands: ChainCommands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(chain_topics, 'Newest', Told)
-    monkeypatch.setattr(camera_topic, 'Newest', Told)
+    monkeypatch.setattr(chain_topics, 'newest_of', Told)
 
     @PATIENT
     @given(drawn=st.fixed_dictionaries(COMING), said=st.lists(SAID, max_size=12))
     def survive(drawn: Any, said: list[Any]) -> None:
         monkeypatch.setattr(Told, 'drawn', drawn, raising=False)
         finder = ChainFinder(graph.user, '/')
-        replay = BagReplay(BagShelf([tmp_path]), tmp_path, finder, False)
-        actions = CanvasActions(finder, lambda _: commands, replay, False)
+        replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder, False)
         browser = Browser(
             [DEEP.get(each, each) if isinstance(each, str) else json.dumps(each) for each in said]
         )
-        stream = BrowserStream(browser, Pictures(finder, {'/': commands}), actions.carry_out)
+        stream = BrowserStream(browser, Pictures(finder, {'/': commands}, replay))
         with pytest.raises(EOFError):
             asyncio.run(stream.run())
         for text in browser.texts:

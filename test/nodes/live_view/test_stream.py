@@ -4,7 +4,6 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,6 +48,8 @@ class Camera:
 class Chains:
     """Two chains of which a frame comes whenever the test says so."""
 
+    read_only = False
+
     def __init__(self) -> None:
         self.status = '{"status": {}}'
         self.models = {'/': ChainModel(), '/other/': ChainModel()}
@@ -58,9 +59,17 @@ class Chains:
         }
         self._fresh = asyncio.Event()
         self.second = 0
+        self.moves: list[tuple[float, float]] = []
 
     async def wait(self) -> None:
         await self._fresh.wait()
+
+    def commands(self, _namespace: str) -> Chains:
+        return self
+
+    async def carry(self, rotor: float, speed: float, _now: float) -> str:
+        self.moves.append((rotor, speed))
+        return 'done'
 
     @property
     def versions(self) -> list[int]:
@@ -88,8 +97,7 @@ class Meeting:
 
     def __init__(self) -> None:
         self.socket, self.chains = Socket(), Chains()
-        self.acts: list[tuple[str, Mapping[str, Any]]] = []
-        self.stream = BrowserStream(self.socket, self.chains, self._act)
+        self.stream = BrowserStream(self.socket, self.chains)
 
     async def say(self, message: Any) -> None:
         self.socket.said.put_nowait(message if isinstance(message, str) else json.dumps(message))
@@ -101,12 +109,6 @@ class Meeting:
         return [
             unpack(frame)[0]['stamp'] for frame in self.socket.frames if kind_of(frame) == 'frame'
         ]
-
-    async def _act(self, name: str, arguments: Mapping[str, Any]) -> str:
-        if name == 'impossible':
-            raise ValueError('it cannot be')
-        self.acts.append((name, arguments))
-        return 'done'
 
 
 def meet(play: Any) -> Meeting:
@@ -185,7 +187,8 @@ def test_it_watches_what_it_asks_for() -> None:
         '{"window": ["a", "b"]}',
         '{"window": [1e999, 2]}',
         '{"window": null}',
-        '{"act": "impossible"}',
+        '{"act": "impossible", "chain": "/"}',
+        '{"act": "move"}',
     ],
 )
 def test_what_cannot_be_is_refused_in_words_and_the_stream_goes_on(said: str) -> None:
@@ -200,12 +203,12 @@ def test_what_cannot_be_is_refused_in_words_and_the_stream_goes_on(said: str) ->
     meet(play)
 
 
-def test_an_action_is_passed_on_and_answered() -> None:
+def test_an_action_is_carried_out_and_answered() -> None:
     async def play(meeting: Meeting) -> None:
         await meeting.say({'act': 'move', 'chain': '/', 'rotor': 3.5})
 
     meeting = meet(play)
-    assert meeting.acts == [('move', {'chain': '/', 'rotor': 3.5})]
+    assert meeting.chains.moves == [(3.5, 0.0)]
     assert {'answer': 'done', 'good': True} in meeting.socket.texts
 
 

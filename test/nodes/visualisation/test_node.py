@@ -41,16 +41,16 @@ class Stage:
     def learn(self, named: NamedChain) -> None:
         self.named = named
         self.chain.publish(chain_to_msg(named, Time()))
-        self.graph.until(lambda: self.node.heard.named == named, 'the chain')
+        self.graph.until(lambda: self.node.observed.named == named, 'the chain')
 
     def move(self, angles: Array) -> Time:
         """Publish a frame, 0.1 s after the last one, and wait until it is taken."""
         self.number += 1
         stamp = Time(sec=self.number // 10, nanosec=self.number % 10 * 10**8)
         frame = frame_to_msg(self.named, Frame(angles, None), 0 * angles, stamp)
-        taken = self.node.heard.frames
+        taken = self.node.observed.frames
         self.joints.publish(frame)
-        self.graph.until(lambda: self.node.heard.frames > taken, 'a frame')
+        self.graph.until(lambda: self.node.observed.frames > taken, 'a frame')
         return stamp
 
     def tell(self, stamp: Time, *places: float) -> None:
@@ -59,9 +59,9 @@ class Stage:
             Soliton(position=at, position_deviation=0.01, rotor=at / 0.1, charge=1)
             for at in places
         ]
-        taken = self.node.heard.states
+        taken = self.node.observed.states
         self.states.publish(SolitonState(header=Header(stamp=stamp), solitons=solitons))
-        self.graph.until(lambda: self.node.heard.states > taken, 'a state')
+        self.graph.until(lambda: self.node.observed.states > taken, 'a state')
 
 
 @pytest.fixture

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands to the actuators: each is checked whole, and then carried out or refused."""
+"""The commands to the actuators: each is checked whole, then carried out or rejected."""
 
 from __future__ import annotations
 
@@ -16,11 +16,9 @@ from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
 from soliton_linkage.dynamics.work import work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
-from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
-from soliton_linkage_nodes.edge_actuator.latest_frames import LatestFrames
-from soliton_linkage_nodes.edge_actuator.outlets import ActuatorOutlets
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
+from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, LatestFrames
 from soliton_linkage_nodes.messages.command_conversions import (
     JointActuators,
     StampRule,
@@ -29,16 +27,16 @@ from soliton_linkage_nodes.messages.command_conversions import (
     efforts_from_msg,
     trajectory_from_msg,
 )
-from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Half of what the queue of rotor_impulses holds, so that none that is accepted is lost."""
+"""Half the depth of the queue of rotor_impulses, so that no accepted kick is lost."""
 
 
 @dataclass(frozen=True)
 class ActuatedChain:
-    """A chain, the actuators on its joints, and what drives it."""
+    """A chain, the actuators on its joints, and their driver."""
 
     named: NamedChain
     joints: JointActuators
@@ -46,25 +44,25 @@ class ActuatedChain:
 
 
 class Commands:
-    """Carries out commands to a chain, each by a method that raises ValueError to refuse it."""
+    """Commands to a chain. Each method raises ValueError to reject a command."""
 
     def __init__(
         self,
         settings: EdgeActuatorParameters,
         actuator: Actuator,
         frames: LatestFrames,
-        outlets: ActuatorOutlets,
+        publishers: ActuatorPublishers,
     ) -> None:
-        """Command a chain that is not known yet."""
+        """Start without a chain."""
         self.settings = settings
         self.chain: ActuatedChain | None = None
         self._actuator = actuator
         self._limits = EdgeLimits(settings.speed_limit, settings.torque_limit)
         self._frames = frames
-        self._outlets = outlets
+        self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Kick as the parameters say."""
+        """Kick as the parameters specify."""
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
             self._command(source, kick)
@@ -98,9 +96,9 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
-        """Lead torques of joints through points; without any, end their torques.
+        """Interpolate torques of joints between points; without points, end their torques.
 
-        One without joints is for all that carry an actuator.
+        A trajectory without joint names is for all joints with an actuator.
         """
         chain = self._ready()
         if not message.points:
@@ -109,12 +107,12 @@ class Commands:
             return
         rotors, times, torques = trajectory_from_msg(chain.joints, source, message)
         made = time_from_msg(message.header.stamp)
-        delay = self._rule.delay(source, made, self._outlets.now, float(times[-1]))
+        delay = self._rule.delay(source, made, self._publishers.now, float(times[-1]))
         self._frames.check_fresh()
         chain.driver.follow(source, rotors, times, torques, delay)
 
     def _check_made(self, stamp: Time) -> None:
-        self._rule.check_at_once('the command', time_from_msg(stamp), self._outlets.now)
+        self._rule.check_at_once('the command', time_from_msg(stamp), self._publishers.now)
 
     @property
     def _rule(self) -> StampRule:
@@ -128,36 +126,27 @@ class Commands:
         side, mode = resolved_edge_mode(linkage, angles, command.edge, anywhere=command.vents)
         meant = replace(command, edge=side)
         if command.instantaneous:
-            kicks = command.kind is CommandKind.KICK
-            period = None if kicks else self._frames.period(stamp)
-            self._kick(chain, source, meant, meant.impulses(linkage, mode, period), frame, stamp)
+            period = None
+            if command.kind is not CommandKind.KICK:
+                period = self._frames.period(stamp)
+            impulses = meant.impulses(linkage, mode, period)
+            record = chain.driver.record
+            if record.waiting >= _MOST_KICKS_WAITING:
+                raise ValueError(
+                    f'{record.waiting} kicks wait for the simulator, the limit is '
+                    f'{_MOST_KICKS_WAITING}; kick less often'
+                )
+            self._publishers.kick(chain.named, impulses)
+            rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
+            work = work_of_impulse(linkage, rates, impulses)
+            record.measured = self._publishers.measured
+            record.kicked(stamp, source, meant, impulses, work)
         else:
             chain.driver.command(source, meant, side)
 
-    def _kick(
-        self,
-        chain: ActuatedChain,
-        source: str,
-        command: EdgeCommand,
-        impulses: Array,
-        frame: Frame,
-        stamp: int,
-    ) -> None:
-        record = chain.driver.record
-        if record.waiting >= _MOST_KICKS_WAITING:
-            raise ValueError(
-                f'{record.waiting} kicks wait for the simulator, the limit is '
-                f'{_MOST_KICKS_WAITING}; kick less often'
-            )
-        self._outlets.kick(chain.named, impulses)
-        rates = np.zeros_like(impulses) if frame.rates is None else frame.rates
-        work = work_of_impulse(chain.named.chain, rates, impulses)
-        record.measured = self._outlets.measured
-        record.kicked(stamp, source, command, impulses, work)
-
     def _ready(self, at_once: bool = False) -> ActuatedChain:
-        """Return the chain; ValueError where it or a listener is missing."""
-        self._outlets.check_heard(at_once)
+        """Return the chain; raise ValueError if it or a subscriber is missing."""
+        self._publishers.check_connected(at_once)
         if self.chain is None:
             raise ValueError(
                 'the chain is not known yet; publish chain or set chain_from to parameters'

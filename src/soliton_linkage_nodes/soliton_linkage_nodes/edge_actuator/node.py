@@ -18,13 +18,12 @@ from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage_msgs.msg import Delivery
 from soliton_linkage_nodes.edge_actuator.commands import ActuatedChain, Commands
-from soliton_linkage_nodes.edge_actuator.latest_frames import LatestFrames
-from soliton_linkage_nodes.edge_actuator.outlets import ActuatorOutlets
 from soliton_linkage_nodes.edge_actuator.parameters import (
     PARAMETERS,
     EdgeActuatorParameters,
     declare_torque_limits,
 )
+from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, LatestFrames
 from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -36,19 +35,19 @@ from soliton_linkage_nodes.runtime.parameters import current, declare
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
-_LOOK_PERIOD = 0.02
-"""Between two looks at the frames of a chain that is left alone [s]: so often that a kick, which
-is rehearsed then, stays in the caches, and short beside the usual state_timeout."""
-_REST_AFTER = 1.0
-"""Time without anything to do after which the chain is left alone [s]: to change costs 1 ms."""
+_POLL_INTERVAL = 0.02
+"""Poll interval for frames of an idle chain [s]: short beside state_timeout, and short enough to
+keep the code path of a kick in the caches."""
+_IDLE_AFTER = 1.0
+"""Time without commands after which the chain is idle [s]: to change takes 1 ms."""
 
 
 class EdgeActuator(ManagedNode):
-    """Turns commands into impulses and torques, and tells what they did.
+    """Turns commands into impulses and torques, and reports what they did.
 
     Subscribes to `nudge` [rad/s], `edge_command`, `joint_commands`, `~/commands` and
-    `~/joint_trajectory` [N m], `joint_states`, `delivery` and, unless told the chain by
-    parameters, to `chain`. Publishes `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick`
+    `~/joint_trajectory` [N m], `joint_states`, `delivery` and, unless parameters specify the
+    chain, to `chain`. Publishes `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick`
     (latched) and `/diagnostics`. Each of `joints` has a parameter `torque_limits.<joint>` [N m],
     and the parameters of the actuator are those of the kind that is chosen.
     """
@@ -56,23 +55,23 @@ class EdgeActuator(ManagedNode):
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Configure and activate the node, unless a manager does that."""
         super().__init__('edge_actuator', **kwargs)
 
     def declare_parameters_of_node(self) -> None:
-        """Declare what all have, limits of the joints, and what the kind of actuator has."""
+        """Declare common parameters, limits of joints, and those of the kind of actuator."""
         settings = declare(self, EdgeActuatorParameters)
         self._torque_limits = declare_torque_limits(self, settings)
         self.actuator = declare(self, actuator_type(settings.actuator))
         declare_chain_source(self)
 
     def configure(self) -> None:
-        """Connect the topics and learn the chain."""
+        """Connect the topics."""
         settings = current(self, EdgeActuatorParameters)
         encoders = EncoderWatch(self.get_logger().warning)
         self.frames = LatestFrames(settings.state_timeout, encoders.look)
-        self.outlets = ActuatorOutlets(self)
-        self.commands = Commands(settings, self.actuator, self.frames, self.outlets)
+        self.output = ActuatorPublishers(self)
+        self.commands = Commands(settings, self.actuator, self.frames, self.output)
         self.carried_out = 0
         self._delivery: Delivery | None = None
         self.diagnostics = Diagnostics(self, 'actuation', self.reporting(self._report))
@@ -84,16 +83,16 @@ class EdgeActuator(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Release the chain: no torque acts, and what was waiting is forgotten."""
+        """Release the chain: end all torques and drop waiting commands."""
         chain = self.commands.chain
         if chain is not None:
             if chain.driver.busy:
-                self.outlets.drive(chain.named, np.zeros(chain.named.rotors))
+                self.output.drive(chain.named, np.zeros(chain.named.rotors))
             self._learn(chain.named)
-        self.outlets.flush()
+        self.output.flush()
 
     def follow_parameters(self) -> None:
-        """Take up how nudges are carried out."""
+        """Apply the parameters of nudges."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _listen(self) -> None:
@@ -121,7 +120,7 @@ class EdgeActuator(ManagedNode):
         )
         self._busy_until = -math.inf
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK_PERIOD, self._on_look, clock=steady)
+        self.create_timer(_POLL_INTERVAL, self._poll, clock=steady)
 
     def _counting(self, source: str, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
         def carry_out(message: Any) -> None:
@@ -129,7 +128,7 @@ class EdgeActuator(ManagedNode):
             self._catch_up()
             take(source, message)
             if self.commands.chain is not None:
-                self.commands.chain.driver.record.measured = self.outlets.measured
+                self.commands.chain.driver.record.measured = self.output.measured
             self._attend()
             self.carried_out += 1
 
@@ -154,7 +153,7 @@ class EdgeActuator(ManagedNode):
             self.actuator,
             settings.command_timeout,
             settings.state_timeout,
-            lambda kick: self.outlets.tell(named, kick),
+            lambda kick: self.output.report(named, kick),
         )
         self.commands.chain = ActuatedChain(named, joints, driver)
         if self._delivery is not None:
@@ -168,10 +167,9 @@ class EdgeActuator(ManagedNode):
 
     def _on_joint_states(self, serialized: bytes) -> None:
         self.frames.take(serialized)
-        if self.commands.chain is not None and self._busy:
-            self._drive(self.commands.chain)
-
-    def _drive(self, chain: ActuatedChain) -> None:
+        chain = self.commands.chain
+        if chain is None or not chain.driver.busy:
+            return
         was_driving = chain.driver.driving
         try:
             frame, stamp = self.frames.read(chain.named)
@@ -179,51 +177,45 @@ class EdgeActuator(ManagedNode):
             if before is not None:
                 torques = chain.driver.frame(before, stamp, frame.angles)
                 if torques is not None:
-                    self.outlets.drive(chain.named, torques)
+                    self.output.drive(chain.named, torques)
         except ValueError:
             if was_driving and not chain.driver.driving:
-                self.outlets.drive(chain.named, np.zeros(chain.named.rotors))
+                self.output.drive(chain.named, np.zeros(chain.named.rotors))
             raise
 
-    @property
-    def _busy(self) -> bool:
-        """Whether each frame matters."""
-        chain = self.commands.chain
-        return chain is not None and chain.driver.busy
-
     def _attend(self) -> None:
-        """Take each frame as it comes where it matters, and for a while after that."""
-        now = time.monotonic()
-        if self._busy:
+        """Take each frame when it comes while the chain is driven, and for a while after that."""
+        now, chain = time.monotonic(), self.commands.chain
+        if chain is not None and chain.driver.busy:
             self._busy_until = now
-        self._joint_states.attend(now - self._busy_until < _REST_AFTER)
+        self._joint_states.attend(now - self._busy_until < _IDLE_AFTER)
 
     def _catch_up(self) -> None:
-        """Take the frames that have come while the chain was left alone."""
+        """Take the frames that wait while the chain is idle."""
         if not self._joint_states.attended:
             for serialized in self._joint_states.take_waiting():
                 if self.active:
                     self.frames.take(serialized)
 
-    def _on_look(self) -> None:
-        """Do now and then what a kick needs: what was not done lately takes twice as long."""
+    def _poll(self) -> None:
+        """Warm the code path of a kick, because a cold path takes twice as long."""
         self._attend()
         self._catch_up()
         chain = self.commands.chain
-        if chain is not None and self.active and not self._busy:
+        if chain is not None and self.active and not chain.driver.busy:
             with contextlib.suppress(ValueError):
                 frame, _ = self.frames.read(chain.named)
                 resolved_edge_mode(chain.named.chain, frame.angles, Edge.NEAREST)
 
     def _report(self) -> Report:
-        chain, subscribers = self.commands.chain, self.outlets.subscribers
+        chain, subscribers = self.commands.chain, self.output.subscribers
         message = (
             'waiting for the topic chain'
             if self.source.named is None
             else 'waiting for joint_states'
             if self.frames.freshness.stale
             else 'nothing subscribes to rotor_impulses or rotor_torques'
-            if not self.outlets.heard
+            if not self.output.connected
             else 'driving'
             if chain is not None and chain.driver.driving
             else 'ready'
@@ -237,5 +229,5 @@ class EdgeActuator(ManagedNode):
 
 
 def main() -> None:
-    """Run the actuator until it is told to stop."""
+    """Run the actuator."""
     run(EdgeActuator)

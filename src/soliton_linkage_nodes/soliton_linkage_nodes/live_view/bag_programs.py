@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder and the player that a page starts and stops, and their services."""
+"""The recorder and the player that a page starts, commands and stops."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from soliton_linkage_nodes.bags.services import service_type
-from soliton_linkage_nodes.live_view.bag_shelf import BagShelf, BagTrack, ShelvedBag, track_of
+from soliton_linkage_nodes.live_view.bag_catalogue import (
+    BagCatalogue,
+    BagTrack,
+    CataloguedBag,
+    track_of,
+)
 from soliton_linkage_nodes.live_view.chain_topics import REPORTS_LAST, ChainFinder
 from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.live_view.status import REPLAY
@@ -26,35 +31,31 @@ _DONE = {
     'split_bagfile': 'a new file is begun',
     'snapshot': 'the snapshot is written',
 }
-"""What has become of a request, in words."""
+"""Result of a request in words."""
 
 
 class BagRecording:
-    """The recorder of one chain: its own process, or one that was started elsewhere."""
+    """The recorder of one chain: a child process, or one that was started elsewhere."""
 
     def __init__(self, folder: Path | None, finder: ChainFinder, read_only: bool) -> None:
-        """Record into a folder, None where none was named."""
+        """Record into a folder, None for no recording."""
         self._read_only = read_only
         self.namespace = '/'
         self._folder = folder
         self._finder = finder
         self._processes: ChildProcesses | None = None
-        self._running = False
+        self.running = False
+        """Whether this page has started a recorder that has not ended."""
 
     @property
     def report(self) -> NodeReport | None:
-        """What the recorder last said of itself."""
+        """Last report of the recorder, None if it is silent."""
         told = self._finder.reports.get(f'{self.namespace}{_RECORDER}')
         fresh = told is not None and time.monotonic() - told[0] < REPORTS_LAST
         return told[1] if told and fresh else None
 
-    @property
-    def running(self) -> bool:
-        """Whether this page has started it and it has not ended."""
-        return self._running
-
-    def told(self) -> dict[str, Any] | None:
-        """What the page says of it."""
+    def status(self) -> dict[str, Any] | None:
+        """Return the status for the page."""
         report = self.report
         if report is None:
             return None
@@ -69,20 +70,20 @@ class BagRecording:
 
     @property
     def refusal(self) -> str:
-        """Why none can be started."""
+        """Reason why no recorder can be started."""
         if self._read_only:
             return READ_ONLY
         if self._folder is None:
             return 'no folder for bags was named: start live_view with bag_folders'
-        if self.report is not None and not self._running:
+        if self.report is not None and not self.running:
             return 'a recorder runs already that was started elsewhere'
         return ''
 
     def start(self, namespace: str, snapshot: float = 0.0, paused: bool = False) -> str:
-        """Record the chain of a namespace, or keep its last seconds for a snapshot."""
+        """Record the chain of a namespace, or keep its last `snapshot` [s] for a snapshot."""
         if self._folder is None or self.refusal:
             raise ValueError(self.refusal)
-        if self._running:
+        if self.running:
             raise ValueError('it is recording already')
         self.namespace = namespace
         name = self._folder / time.strftime('recording_%Y_%m_%d-%H_%M_%S')
@@ -91,17 +92,17 @@ class BagRecording:
         arguments += ['-p', f'start_paused:={str(paused).lower()}']
         arguments += ['-r', f'__ns:={namespace.rstrip("/") or "/"}']
         self._processes.start(_RECORDER, arguments, dict(os.environ))
-        self._running = True
+        self.running = True
         return f'{"ready to record" if paused else "recording"} to {name.name}_0'
 
     async def stop(self) -> str:
         """Finish the bag."""
         if self._read_only:
             raise ValueError(READ_ONLY)
-        if self._processes is None or not self._running:
+        if self._processes is None or not self.running:
             raise ValueError('nothing is recorded by this page')
         processes = self._processes
-        self._running = False
+        self.running = False
         codes = await asyncio.to_thread(processes.stop)
         self._finder.reports.pop(f'{self.namespace}{_RECORDER}', None)
         if any(codes.values()):
@@ -109,31 +110,26 @@ class BagRecording:
         return 'the bag is finished'
 
     async def ask(self, commands: ChainCommands, what: str) -> str:
-        """Ask it to pause, resume, split or take a snapshot."""
-        types = {
-            'pause': 'Pause',
-            'resume': 'Resume',
-            'split_bagfile': 'SplitBagfile',
-            'snapshot': 'Snapshot',
-        }
-        return await _asked(commands, f'{commands.namespace}{_RECORDER}', what, types[what])
+        """Request a pause, resume, split or snapshot."""
+        kind = what.title().replace('_', '')
+        return await _request(commands, f'{commands.namespace}{_RECORDER}', what, kind)
 
-    def look(self) -> str:
-        """What it failed of since the last look."""
-        if self._processes is None or not self._running:
+    def poll(self) -> str:
+        """Return the new failure of the recorder, empty for none."""
+        if self._processes is None or not self.running:
             return ''
         try:
             if self._processes.wait(_RECORDER, 0):
-                self._running = False
+                self.running = False
         except RuntimeError as error:
             self._processes.stop()
-            self._running = False
+            self.running = False
             return str(error)
         return ''
 
     def close(self) -> None:
-        """End it with the page."""
-        if self._processes is not None and self._running:
+        """End the child process."""
+        if self._processes is not None and self.running:
             self._processes.stop()
 
 
@@ -141,18 +137,18 @@ class BagReplay:
     """The player of one bag, in a namespace of its own."""
 
     def __init__(
-        self, shelf: BagShelf, log_folder: Path, finder: ChainFinder, read_only: bool
+        self, catalogue: BagCatalogue, log_folder: Path, finder: ChainFinder, read_only: bool
     ) -> None:
-        """Play bags of a shelf."""
+        """Play bags of a catalogue."""
         self.played = 0
-        """How many bags were."""
-        self.bag: ShelvedBag | None = None
+        """Number of bags played."""
+        self.bag: CataloguedBag | None = None
         self.track = BagTrack((), 0.0)
         self.paused = False
         self.rate = 1.0
         self.loop = False
         self.ended = True
-        self._shelf = shelf
+        self._catalogue = catalogue
         self._finder = finder
         self._read_only = read_only
         self._log_folder = log_folder
@@ -161,7 +157,7 @@ class BagReplay:
 
     @property
     def namespace(self) -> str:
-        """Of the chain that is shown, in which a bag may have namespaces of its own."""
+        """Namespace of the replayed chain, which may include namespaces of the bag."""
         frames = [n for n in (self.bag.played if self.bag else []) if n.endswith('/joint_states')]
         return (
             f'{REPLAY}{frames[0].removesuffix("joint_states").lstrip("/")}' if frames else REPLAY
@@ -169,7 +165,7 @@ class BagReplay:
 
     @property
     def position(self) -> float | None:
-        """Where in the bag it is [s]."""
+        """Time in the bag [s], None if unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or not chain.model.stamp > 0:
             return None
@@ -177,14 +173,14 @@ class BagReplay:
         return min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
-        """Play a bag of a name from a time on [s]."""
+        """Play a bag from a time on [s]."""
         if self._read_only:
             raise ValueError(READ_ONLY)
         async with self._changing:
             return await self._play(name, start)
 
     async def _play(self, name: str, start: float) -> str:
-        bag = await asyncio.to_thread(self._shelf.bag, name)
+        bag = await asyncio.to_thread(self._catalogue.bag, name)
         if not bag.played:
             raise ValueError(f'bag {name!r} holds none of the topics that a page shows')
         if self.bag != bag:
@@ -206,16 +202,16 @@ class BagReplay:
         return f'playing {name}'
 
     async def pause(self, commands: ChainCommands, paused: bool) -> str:
-        """Stand still, or go on; at the end of the bag, from its beginning."""
+        """Pause or resume; at the end of the bag, restart it."""
         if self.bag is not None and self.ended and not paused:
             return await self.play(self.bag.name)
-        what, kind = ('pause', 'Pause') if paused else ('resume', 'Resume')
-        said = await _asked(commands, f'{REPLAY}{_PLAYER}', what, kind)
+        what = 'pause' if paused else 'resume'
+        answer = await _request(commands, f'{REPLAY}{_PLAYER}', what, what.title())
         self.paused = paused
-        return said
+        return answer
 
     async def seek(self, commands: ChainCommands, at: float) -> str:
-        """Go on at a time of the bag [s]."""
+        """Continue at a time of the bag [s]."""
         if self.bag is None:
             raise ValueError('no bag is played')
         if not 0 <= at <= self.bag.duration:
@@ -223,19 +219,19 @@ class BagReplay:
         if self.ended:
             return await self.play(self.bag.name, at)
         request = service_type('Seek').Request(time=time_to_msg(self.bag.start + int(at * SECOND)))
-        await _asked(commands, f'{REPLAY}{_PLAYER}', 'seek', 'Seek', request)
+        await _request(commands, f'{REPLAY}{_PLAYER}', 'seek', 'Seek', request)
         return f'at {at:.1f} s'
 
     async def set_rate(self, commands: ChainCommands, rate: float) -> str:
         """Play faster or slower."""
         if not self.ended:
             request = service_type('SetRate').Request(rate=rate)
-            await _asked(commands, f'{REPLAY}{_PLAYER}', 'set_rate', 'SetRate', request)
+            await _request(commands, f'{REPLAY}{_PLAYER}', 'set_rate', 'SetRate', request)
         self.rate = rate
         return f'{rate:g} times as fast as recorded'
 
     async def set_loop(self, loop: bool) -> str:
-        """Begin again at the end, or not; a player that runs is started anew for that."""
+        """Set whether the bag repeats; restart a running player for that."""
         if self._read_only:
             raise ValueError(READ_ONLY)
         async with self._changing:
@@ -245,15 +241,15 @@ class BagReplay:
         return 'begins again at the end' if loop else 'ends at the end'
 
     async def stop(self) -> str:
-        """Play no longer, and forget the chain that was shown."""
+        """End the replay and drop its chain."""
         async with self._changing:
             await self._end()
             self._finder.forget(self.namespace)
             self.bag = None
         return 'the replay is over'
 
-    def look(self) -> str:
-        """Notice the end; what it failed of since the last look."""
+    def poll(self) -> str:
+        """Check for the end; return the new failure of the player, empty for none."""
         if self._processes is None or self.ended:
             return ''
         try:
@@ -264,8 +260,8 @@ class BagReplay:
             return str(error)
         return ''
 
-    def told(self) -> dict[str, Any] | None:
-        """What the page says of it."""
+    def status(self) -> dict[str, Any] | None:
+        """Return the status for the page."""
         if self.bag is None:
             return None
         return {
@@ -280,7 +276,7 @@ class BagReplay:
         }
 
     def close(self) -> None:
-        """End it with the page."""
+        """End the child process."""
         if self._processes is not None:
             self._processes.stop()
 
@@ -290,7 +286,7 @@ class BagReplay:
             await asyncio.to_thread(self._processes.stop)
 
 
-async def _asked(
+async def _request(
     commands: ChainCommands, node: str, what: str, kind: str, request: Any = None
 ) -> str:
     commands.check_writable()

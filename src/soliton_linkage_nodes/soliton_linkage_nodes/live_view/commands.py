@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a page may ask of the nodes of a chain, and what became of it."""
+"""Commands of a page to the nodes of a chain."""
 
 from __future__ import annotations
 
@@ -25,14 +25,13 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import CALLS, CALLS_OF_ACTION
 
 _LONGEST_ANSWER = 10.0
-"""Of a service [s]; a step of many periods takes its time."""
+"""Longest time for the answer of a service [s]."""
 _LONGEST_PARAMETERS = 3.0
-"""Of a node that is asked for its parameters [s]."""
+"""Longest time for the parameter services of a node to appear [s]."""
 _POLL_INTERVAL = 0.05
-"""Between two looks at whether a node is there [s]."""
+"""Poll interval for a node [s]."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to act'
-"""Why nothing is done."""
-
+"""Reason of a rejection."""
 
 _SERVICES = {
     'simulator/pause': SetBool,
@@ -47,29 +46,29 @@ _SERVICES = {
 
 @dataclass
 class Move:
-    """The move that was asked for last, by this page or elsewhere."""
+    """The last move, requested by this page or elsewhere."""
 
     state: str = ''
-    """Empty before the first, then 'under way', or how it ended."""
+    """Empty before the first move, then 'under way', or the outcome."""
     goal: float = math.nan
-    """Where to [rotor spacings]."""
+    """Goal [rotor spacings]."""
     begun: float = math.nan
-    """Where the soliton was when it began [rotor spacings]."""
+    """Initial site coordinate of the soliton [rotor spacings]."""
     rotor: float = math.nan
-    """Where the soliton is [rotor spacings]."""
+    """Present site coordinate of the soliton [rotor spacings]."""
     message: str = ''
     elsewhere: bool = False
-    """Whether this page did not ask for it."""
+    """Whether another client requested it."""
     handle: Any = field(default=None, repr=False)
 
     @property
     def under_way(self) -> bool:
-        """Whether it has not ended."""
+        """Whether the move has not ended."""
         return self.state == 'under way'
 
     @property
     def progress(self) -> float:
-        """Share of the way that is done, 0 to 1."""
+        """Share of the way, 0 to 1."""
         way = self.goal - self.begun
         if not (math.isfinite(way) and math.isfinite(self.rotor) and way):
             return 0.0
@@ -77,13 +76,10 @@ class Move:
 
 
 class ChainCommands:
-    """Commands to the nodes of one namespace.
-
-    Each raises ValueError, with the reason in one line, for what is refused, here or there.
-    """
+    """Commands to the nodes of one namespace. Each raises ValueError if it is rejected."""
 
     def __init__(self, node: Node, namespace: str, read_only: bool) -> None:
-        """Talk to the nodes of a namespace, which ends in a slash, by the names of the suite."""
+        """Connect to the nodes of a namespace, which ends in a slash."""
         self.namespace = namespace
         self.move = Move()
         self._asked = False
@@ -106,19 +102,19 @@ class ChainCommands:
                 self._client(f'{namespace}{name}', service_type)
 
     def listeners(self, topic: str) -> int:
-        """How many subscribe to nudge, edge_command or tilt."""
+        """Return the number of subscribers of nudge, edge_command or tilt."""
         publisher = self._publishers.get(topic)
         return publisher.get_subscription_count() if publisher else 0
 
     def serves(self, name: str) -> bool:
-        """Whether somebody serves the action, or a service of a node of the namespace."""
+        """Return whether the action move_soliton or a service of the namespace has a server."""
         if name == interfaces.MOVE_SOLITON:
             return self._mover is not None and bool(self._mover.server_is_ready())
         client = self._clients.get(f'{self.namespace}{name}')
         return client is not None and bool(client.service_is_ready())
 
     def check_writable(self) -> None:
-        """Raise ValueError where the page is read-only."""
+        """Raise ValueError if the page is read-only."""
         if self.read_only:
             raise ValueError(READ_ONLY)
 
@@ -140,12 +136,12 @@ class ChainCommands:
         return f'tilted to {angle:.3f} rad'
 
     async def pause(self, paused: bool) -> str:
-        """Pause the simulation, or let it go on."""
+        """Pause or resume the simulation."""
         request = SetBool.Request(data=paused)
         return await self._ask('simulator/pause', SetBool, request)
 
     async def step(self, periods: float) -> str:
-        """Let a paused simulation go on by some periods."""
+        """Advance a paused simulation by some periods."""
         return await self._ask('simulator/step', Step, views.step_request(periods))
 
     async def reset(
@@ -160,15 +156,15 @@ class ChainCommands:
         return await self._ask('simulator/reset', Reset, request)
 
     async def release(self) -> str:
-        """Let the soliton go that is held."""
+        """Release the held soliton."""
         return await self._ask('soliton_steering/release', Trigger, Trigger.Request())
 
     async def of_identifier(self, what: str) -> str:
-        """Have the chain identifier do something: `identify`, `save` or `forget`."""
+        """Call a service of the chain identifier: `identify`, `save` or `forget`."""
         return await self._ask(f'chain_identifier/{what}', Trigger, Trigger.Request())
 
     async def carry(self, rotor: float, speed: float, now: float) -> str:
-        """Carry the soliton to a place, from where it is now [rotor spacings]."""
+        """Move the soliton to a rotor from its present site coordinate [rotor spacings]."""
         self.check_writable()
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():
@@ -181,7 +177,7 @@ class ChainCommands:
 
         def begin() -> Any:
             sent = mover.send_goal_async(goal, feedback_callback=heed)
-            # On the thread that spins, where no answer can come before it is waited for.
+            # On the executor's thread, so that no answer can precede the callback.
             sent.add_done_callback(lambda taken: _await_end(move, taken.result()))
             return sent
 
@@ -194,7 +190,7 @@ class ChainCommands:
         return move.message
 
     def follow(self, came: float, figures: Mapping[str, str]) -> None:
-        """Show a move that was asked for elsewhere, by a report of the steering and its time."""
+        """Show a move of another client, from a report of the steering and its time."""
         if came <= self._followed or 'moves begun' not in figures:
             return
         self._followed = came
@@ -212,12 +208,12 @@ class ChainCommands:
         self.check_writable()
         move = self.move
         if move.elsewhere and move.under_way:
-            # A request that names no goal is for all of them.
+            # A request without a goal cancels all goals.
             name = f'{self.namespace}{interfaces.MOVE_SOLITON}/_action/cancel_goal'
             await self.call(name, CancelGoal, CancelGoal.Request())
             return 'cancelling'
         while move.handle is None and move.under_way:
-            # It has been asked for and will be taken, or not, in a moment.
+            # The goal waits for acceptance.
             await asyncio.sleep(_POLL_INTERVAL)
         if not move.under_way:
             raise ValueError('no move is under way')
@@ -225,19 +221,19 @@ class ChainCommands:
         return 'cancelling'
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
-        """Parameters of a node, by its full name, that may be changed."""
+        """Return the adjustable parameters of a node, given its full name."""
         listed = await self._of_node(node, ListParameters, ListParameters.Request())
         names = sorted(listed.result.names)
         request = DescribeParameters.Request(names=names)
         described = (await self._of_node(node, DescribeParameters, request)).descriptors
-        # One that has no value makes a node tell none of all that are asked for.
+        # One parameter without a value makes a node return no value at all.
         found = [one for one in described if views.is_adjustable(one)]
         request = GetParameters.Request(names=[one.name for one in found])
         values = (await self._of_node(node, GetParameters, request)).values
         return views.adjustable_parameters(found, values)
 
     async def set_parameter(self, node: str, parameter: AdjustableParameter, value: Any) -> str:
-        """Change a parameter of a node."""
+        """Set a parameter of a node."""
         self.check_writable()
         change = Parameter(name=parameter.name, value=views.parameter_value(parameter, value))
         request = SetParameters.Request(parameters=[change])
@@ -247,14 +243,14 @@ class ChainCommands:
         return f'{parameter.name} = {value}'
 
     async def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Answer of a service by its full name; ValueError where nobody serves it."""
+        """Return the answer of a service by its full name; raise ValueError without a server."""
         client = self._client(name, service_type)
         if not client.service_is_ready():
             raise ValueError(f'nothing serves {name}')
         return await self._answered(lambda: client.call_async(request))
 
     def close(self) -> None:
-        """Talk to them no longer."""
+        """Disconnect from the nodes."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         for client in self._clients.values():
@@ -284,7 +280,7 @@ class ChainCommands:
         raise ValueError(f'{node} does not tell its parameters')
 
     async def _answered(self, ask: Callable[[], Any]) -> Any:
-        """What a future of ROS that is asked for, on the thread that spins, comes to."""
+        """Return the result of a future of ROS that `ask` creates on the executor's thread."""
         loop = asyncio.get_running_loop()
         answered: asyncio.Future[Any] = loop.create_future()
 

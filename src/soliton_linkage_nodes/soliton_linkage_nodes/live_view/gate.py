@@ -1,25 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may have the page, its streams and its actions."""
+"""Access control of the page, its streams and its actions."""
 
 from __future__ import annotations
 
 import hmac
 import ipaddress
-from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from collections.abc import Mapping
 from http.cookies import SimpleCookie
-from typing import Any
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Any]]
-Send = Callable[[Any], Awaitable[None]]
-Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Receive, Scope, Send
 
 _COOKIE = 'soliton_linkage_live_view'
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach a host."""
+    """Return whether only this machine can reach a host."""
     if host == 'localhost':
         return True
     try:
@@ -29,21 +27,20 @@ def is_loopback(host: str) -> bool:
 
 
 class Gate:
-    """Lets requests and streams through that come from this page, and refuses all others.
+    """Middleware that rejects requests and streams from other pages.
 
-    A page of another origin, that a browser has open as well, could otherwise act on the chain.
-    By a name that leads to 127.0.0.1 it could do the same, so that without a token only names of
-    this machine are answered to. Where there is a token, each request needs it, in the address or
-    in the cookie that the first answer sets.
+    A page of another origin in the same browser could otherwise act on the chain, also by a host
+    name that resolves to 127.0.0.1. Therefore only names of this machine are accepted without a
+    token. A token is required in the address or in the cookie that the first answer sets.
     """
 
-    def __init__(self, application: Application, token: str = '') -> None:
+    def __init__(self, application: ASGIApp, token: str = '') -> None:
         """Guard an application; an empty token is none."""
         self._application = application
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or say in one line why not."""
+        """Pass a request on, or reject it with the reason in one line."""
         if scope['type'] not in ('http', 'websocket'):
             await self._application(scope, receive, send)
             return
@@ -92,7 +89,7 @@ async def _refuse(scope: Scope, send: Send, complaint: str) -> None:
 
 
 async def _keep(scope: Scope, send: Send, token: str) -> None:
-    """Have the browser keep the token where no other page and no history shows it."""
+    """Store the token in a cookie, which no other page and no history shows."""
     cookie = f'{_COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict'
     headers = [(b'location', scope['path'].encode()), (b'set-cookie', cookie.encode())]
     await send({'type': 'http.response.start', 'status': 303, 'headers': headers})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live view: chains as they move, in a browser, and what is done to them there."""
+"""The live view: a page in a browser that shows moving chains and sends commands to them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from typing import Any, ClassVar
 import rclpy
 
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
-from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
-from soliton_linkage_nodes.live_view.canvas_actions import CanvasActions
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.gate import is_loopback
@@ -29,11 +28,9 @@ from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _STATUS_PERIOD = 0.25
-"""Between two looks at how the nodes do [s]; they report once a second."""
-_NOTHING = (0.0, None)
-"""Of a node that has said nothing yet."""
+"""Time between two updates of the status [s]; nodes report once a second."""
 _IDLE_PERIOD = 0.1
-"""Between two looks at the chains while nobody watches [s]."""
+"""Time between two ticks without browsers [s]."""
 
 
 @dataclass(frozen=True)
@@ -60,19 +57,19 @@ class LiveViewParameters:
 
 
 class LiveView(GuardedNode):
-    """Serves a page that shows chains and takes commands to them.
+    """Serves a page that shows chains and sends commands to them.
 
     Subscribes in every namespace that has `joint_states` to them, `soliton_state` and `chain`,
-    to `camera_overlay` while a browser shows it, and to `/diagnostics`. Publishes there `nudge`,
-    `edge_command` and `tilt` as they are asked for, and calls the services of the suite's nodes
-    and the action `move_soliton`; publishes `/diagnostics`. Starts a `bag_recorder` and a
-    `bag_player`, which plays into the namespace `/replay`, as they are asked for.
+    to `camera_overlay` while a browser shows it, and to `/diagnostics`. Publishes `nudge`,
+    `edge_command` and `tilt` there, calls the services of the suite's nodes and the action
+    `move_soliton`, and publishes `/diagnostics`. Starts a `bag_recorder`, and a `bag_player` that
+    plays into the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Listen, and serve the page."""
+        """Serve the page."""
         super().__init__('live_view', **kwargs)
         self.settings = settings = declare(self, LiveViewParameters)
         refuse_unknown(self)
@@ -88,22 +85,23 @@ class LiveView(GuardedNode):
         )
         own = self.resolve_topic_name('joint_states').removesuffix('joint_states')
         self.finder = ChainFinder(self._inbox, own)
-        self.shelf = BagShelf(folders)
+        self.catalogue = BagCatalogue(folders)
         self.recording = BagRecording(
             folders[0] if folders else None, self.finder, settings.read_only
         )
         self._logs = tempfile.TemporaryDirectory(prefix='live_view_')
-        self.replay = BagReplay(self.shelf, Path(self._logs.name), self.finder, settings.read_only)
-        self._actions = CanvasActions(self.finder, self.commands, self.replay, settings.read_only)
+        self.replay = BagReplay(
+            self.catalogue, Path(self._logs.name), self.finder, settings.read_only
+        )
         self.status = ''
         self.reasons: dict[str, dict[str, str]] = {}
-        """Why controls of each chain can do nothing: asked of the graph once for all pages."""
+        """Reason why each control of each chain is inactive, empty if it is active."""
         self.complaints: list[str] = []
-        """What the recorder and the player failed of, for a page to tell."""
-        self._streams: set[BrowserStream] = set()
+        """Last failures of the recorder and the player."""
+        self.streams: set[BrowserStream] = set()
         self._pictures: dict[tuple[int, int, int], bytes] = {}
         self._commands: dict[str, ChainCommands] = {}
-        self._told_at = 0.0
+        self._updated_at = 0.0
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
         self._sent_before = 0
@@ -129,14 +127,14 @@ class LiveView(GuardedNode):
         share = self.settings.processor_share
         self.server = server.PageServer(made, bound, self.token, self._tick, share)
         if self.token:
-            # The log of ROS is a topic that others read.
+            # The log of ROS is a public topic.
             print(f'open {self.address}', flush=True)
         else:
             self.get_logger().info(f'open {self.address}')
 
     @property
     def address(self) -> str:
-        """Of the page, for a browser."""
+        """Address of the page."""
         host = self.settings.host
         if host in ('0.0.0.0', '::'):
             host = socket.gethostname()
@@ -146,7 +144,7 @@ class LiveView(GuardedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Why it cannot go on."""
+        """Error that has ended the server."""
         return self.server.failure
 
     @property
@@ -156,27 +154,22 @@ class LiveView(GuardedNode):
 
     @property
     def chains(self) -> Mapping[str, ChainTopics]:
-        """By namespace."""
+        """Chains by namespace."""
         return self.finder.chains
 
-    @property
-    def streams(self) -> int:
-        """Browsers that watch."""
-        return len(self._streams)
-
     def commands(self, namespace: str) -> ChainCommands:
-        """Those to the nodes of a namespace."""
+        """Return the commands to the nodes of a namespace."""
         if namespace not in self._commands:
             self._commands[namespace] = ChainCommands(self, namespace, self.settings.read_only)
         return self._commands[namespace]
 
     @property
     def versions(self) -> list[int]:
-        """They change when the descriptions do."""
+        """Numbers that change with the descriptions."""
         return [self.replay.played, *(c.model.version for c in self.finder.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:
-        """What a page has to know besides, of each chain and of the bag that is played."""
+        """Return the constants of each chain and the track of the played bag."""
         chains = [
             {'name': namespace, **chain.model.description()}
             for namespace, chain in self.finder.chains.items()
@@ -184,18 +177,18 @@ class LiveView(GuardedNode):
         return {'chains': chains, 'track': self.replay.track.points}
 
     def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """A frame of a chain, made once for all browsers that look at the same rotors of it."""
+        """Return a frame of a chain, packed once for all browsers with the same window."""
         shown = number, first, last
         if shown not in self._pictures:
             self._pictures[shown] = chain.model.picture(*shown)
         return self._pictures[shown]
 
     async def wait(self) -> None:
-        """Wait until there may be something new."""
+        """Wait for the next tick."""
         await self.server.wait()
 
     def destroy_node(self) -> None:
-        """End the streams, the recorder and the player, then go."""
+        """End the streams, the recorder and the player too."""
         self.server.stop()
         self.recording.close()
         self.replay.close()
@@ -206,58 +199,58 @@ class LiveView(GuardedNode):
         super().destroy_node()
 
     async def _stream(self, websocket: Any) -> None:
-        stream = BrowserStream(websocket, self, self._actions.carry_out)
-        self._streams.add(stream)
+        stream = BrowserStream(websocket, self)
+        self.streams.add(stream)
         try:
             await stream.run()
         finally:
-            self._streams.discard(stream)
+            self.streams.discard(stream)
             self._sent_before += stream.sent
 
     def _tick(self) -> float:
-        """Take what is newest and tell what has changed; returns the time to the next."""
+        """Take the newest messages and update the status; return the time to the next tick [s]."""
         begin = time.perf_counter()
         self._pictures.clear()
         self.finder.take()
-        shown = {stream.watched for stream in self._streams if stream.shows_camera}
+        shown = {stream.watched for stream in self.streams if stream.shows_camera}
         for namespace, chain in self.finder.chains.items():
             chain.camera.want(namespace in shown)
             commands = self.commands(namespace)
-            came, report = self.finder.reports.get(f'{namespace}soliton_steering', _NOTHING)
+            report = self.finder.reports.get(f'{namespace}soliton_steering')
             if report is not None:
-                commands.follow(came, report.figures)
+                commands.follow(report[0], report[1].figures)
             move = commands.move
             if move.elsewhere:
                 move.rotor = chain.model.numbers.get('rotor', float('nan'))
             chain.model.goal = move.goal if move.under_way else float('nan')
         now = time.monotonic()
-        if now - self._told_at >= _STATUS_PERIOD:
-            self._told_at = now
-            self.complaints += filter(None, (self.recording.look(), self.replay.look()))
+        if now - self._updated_at >= _STATUS_PERIOD:
+            self._updated_at = now
+            self.complaints += filter(None, (self.recording.poll(), self.replay.poll()))
             del self.complaints[:-3]
-            self.status = self._status()
+            self._update_status()
         self._busy += time.perf_counter() - begin
-        return 1 / self.settings.frame_rate if self._streams else _IDLE_PERIOD
+        return 1 / self.settings.frame_rate if self.streams else _IDLE_PERIOD
 
-    def _status(self) -> str:
+    def _update_status(self) -> None:
         more = {
             'read_only': self.settings.read_only,
-            'replay': self.replay.told(),
-            'recorder': self.recording.told(),
+            'replay': self.replay.status(),
+            'recorder': self.recording.status(),
             'complaints': self.complaints,
         }
         commands = {name: self.commands(name) for name in self.finder.chains}
         self.reasons = {
             name: reasons(chain, commands[name]) for name, chain in self.finder.chains.items()
         }
-        return status(self.finder, commands, self.reasons, more)
+        self.status = status(self.finder, commands, self.reasons, more)
 
     def _report(self) -> Report:
         now = time.monotonic()
         before, sent_before, busy_before = self._reported
-        sent = self._sent_before + sum(stream.sent for stream in self._streams)
+        sent = self._sent_before + sum(stream.sent for stream in self.streams)
         self._reported = (now, sent, self._busy)
-        watching = len(self._streams)
+        watching = len(self.streams)
         message = f'{watching} browsers watch' if watching != 1 else '1 browser watches'
         return Report(
             message,
@@ -267,7 +260,7 @@ class LiveView(GuardedNode):
                 'chains': ' '.join(self.finder.chains),
                 'pictures sent [1/s]': (sent - sent_before) / (now - before),
                 'share of time taking messages': (self._busy - busy_before) / (now - before),
-                'pictures on the way': sum(stream.on_the_way for stream in self._streams),
+                'pictures on the way': sum(stream.on_the_way for stream in self.streams),
             },
         )
 
@@ -279,5 +272,5 @@ def _finished(view: LiveView) -> bool:
 
 
 def main() -> None:
-    """Serve the page until it is told to stop."""
+    """Run the live view."""
     run(LiveView, _finished)

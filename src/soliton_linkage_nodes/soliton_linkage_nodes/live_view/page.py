@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: its plots, which the script draws, and its controls beside them."""
+"""The page: plots, which the script draws, and controls."""
 
 from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fastapi import FastAPI
 from nicegui import ui
@@ -13,25 +14,29 @@ from soliton_linkage_nodes.live_view.controls.bag_controls import BagControls, R
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     DriveControls,
     RunControls,
-    View,
     reasons_for,
 )
-from soliton_linkage_nodes.live_view.controls.identify_controls import IdentifyControls
-from soliton_linkage_nodes.live_view.controls.parameter_controls import ParameterControls
+from soliton_linkage_nodes.live_view.controls.node_controls import (
+    IdentifyControls,
+    ParameterControls,
+)
 from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.stream import ALL
 
+if TYPE_CHECKING:
+    from soliton_linkage_nodes.live_view.node import LiveView
+
 _REFRESH_PERIOD = 0.25
-"""Of what is greyed [s]: soon for a person, seldom for a server of ten browsers."""
+"""Time between two updates of the controls [s]."""
 _LONGEST_BUILD = 60.0
-"""For a page on a machine that has much else to do [s]."""
+"""Time to build a page on a busy machine [s]."""
 _LONGEST_ABSENCE = 15.0
-"""Of a browser on a busy machine, after which its page begins anew [s]."""
+"""Absence of a browser after which its page is built again [s]."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
-def add(made: FastAPI, view: View) -> None:
-    """Have an application serve the page."""
+def add(made: FastAPI, view: LiveView) -> None:
+    """Add the page to an application."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_LONGEST_BUILD)
@@ -52,10 +57,10 @@ def add(made: FastAPI, view: View) -> None:
 
 
 class Page:
-    """One browser's page, with the chain that is chosen there."""
+    """The page of one browser, with the chain that it shows."""
 
-    def __init__(self, view: View) -> None:
-        """Choose the first chain."""
+    def __init__(self, view: LiveView) -> None:
+        """Show the first chain."""
         self._view = view
         self.namespace = next(iter(view.finder.chains), '')
         self._options: dict[str, str] = {}
@@ -63,7 +68,7 @@ class Page:
         self._dark = ui.dark_mode(None)
 
     async def build(self, plots: str) -> None:
-        """Build it, in steps between which other browsers get their pictures."""
+        """Build the page in steps, so that other browsers get their pictures meanwhile."""
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'
@@ -95,8 +100,7 @@ class Page:
 
     async def _controls(self) -> None:
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
-            names = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
-            for name in names:
+            for name in ('Drive', 'Run', 'Settings', 'Bags', 'Identify'):
                 ui.tab(name)
         with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
             'live-panels'

@@ -19,15 +19,15 @@ from soliton_linkage_nodes.live_view.gate import Gate
 
 SCRIPTS = Path(__file__).with_name('browser')
 _LONGEST_START = 30.0
-"""For the server to listen [s]: the page's library takes seconds on a busy machine."""
+"""Time for the server to start [s]: NiceGUI takes seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""Between two ticks, however many browsers there are [s]: what is slower does not look alive."""
+"""Longest time between two ticks, for any number of browsers [s]."""
 _MOST_SAID = 65536
-"""Bytes that a browser may send at once: what it says is short."""
+"""Largest message of a browser [bytes]."""
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """A socket bound to a host and a port, 0 for any that is free; ValueError where it is not."""
+    """Return a socket bound to a host and a port, 0 for any free one."""
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     bound = socket.socket(family, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -43,7 +43,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def application(serve: Callable[[WebSocket], Awaitable[None]]) -> FastAPI:
-    """What serves the page's own files, and a stream to each browser."""
+    """Return an application with the page's own files and a stream to each browser."""
     made = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
 
@@ -63,7 +63,7 @@ def application(serve: Callable[[WebSocket], Awaitable[None]]) -> FastAPI:
 
 
 class PageServer:
-    """Serves an application until it is stopped; `tick` is called on its thread at a rate."""
+    """Server of an application on its own thread, which also calls `tick`."""
 
     def __init__(
         self,
@@ -73,9 +73,9 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket; `tick` returns how long to wait for the next [s].
+        """Serve on a bound socket; `tick` returns the time to the next call [s].
 
-        It is called less often where the thread would take more than a share of a core [1].
+        Ticks are less frequent if the thread would take more than a share of a core [1].
         """
         config = uvicorn.Config(
             Gate(made, token),
@@ -100,7 +100,7 @@ class PageServer:
             time.sleep(0.01)
 
     async def wait(self) -> None:
-        """Wait until the next tick is over."""
+        """Wait for the end of the next tick."""
         if self._fresh is not None:
             await self._fresh.wait()
 
@@ -117,13 +117,13 @@ class PageServer:
             self.failure = error
 
     async def _serve(self) -> None:
-        ticking = asyncio.ensure_future(self._tick_for_ever())
+        ticking = asyncio.ensure_future(self._tick_loop())
         try:
             await self._server.serve([self._socket])
         finally:
             ticking.cancel()
 
-    async def _tick_for_ever(self) -> None:
+    async def _tick_loop(self) -> None:
         due, spent = time.monotonic(), time.thread_time()
         self._fresh = asyncio.Event()
         while True:

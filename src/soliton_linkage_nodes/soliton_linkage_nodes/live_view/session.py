@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A chain to play with: all its nodes, a recorder and the page, until Ctrl-C."""
+"""All nodes of a chain, a recorder and the page, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 _PAGE = 'live_view'
 _POLL_INTERVAL = 0.1
-"""Between two looks at whether all still run [s]."""
+"""Poll interval for ended processes [s]."""
 
 
 def main() -> None:
@@ -43,7 +43,7 @@ def main() -> None:
     except RuntimeError as error:
         print(f'\nlive: {error}', file=sys.stderr)
     finally:
-        # The page first, with the recorder, which is to have all that the others say.
+        # The page and its recorder stop first, while all topics are still published.
         processes.stop([_PAGE])
         processes.stop()
     sys.exit(code)
@@ -62,7 +62,7 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
 
 
 def _tell(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
-    """Say where the page is, and open it where there is a display."""
+    """Print the address of the page, and open it if there is a display."""
     deadline = time.monotonic() + LONGEST_START
     while not stopping.is_set():
         processes.check()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a chain and its nodes are doing, in words: what the page says beside its pictures."""
+"""The status of chains and nodes on the page."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
 _FORGOTTEN = 30.0
-"""After which a silent node is not spoken of any more [s]."""
+"""Age after which the report of a silent node is dropped [s]."""
 _LONGEST_LAG = 0.2
-"""By which a place may be older than the angles [s]: after it a wall is seen to be elsewhere."""
+"""Largest delay of soliton_state behind joint_states [s]; a larger one is visible."""
 _FRAMES_BEHIND = 2
-"""Frames by which it may be older [1]: of one the state is on its way."""
+"""Largest delay in frames [1]; the state of one frame is in transit."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator does that, and none runs here'
 _REPLAY = 'this is a replay'
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Why each control of a chain can do nothing; empty where it can."""
+    """Return the reason why each control of a chain is inactive, empty if it is active."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
@@ -57,11 +57,11 @@ def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
 REPLAY = '/replay/'
 """Namespace in which a bag is played, beside the chains that move."""
 CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release', 'identify')
-"""Names of reasons."""
+"""Names of controls."""
 
 
 def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeReport]]:
-    """What the nodes of a namespace said, and how long ago [s]; global ones aside."""
+    """Return the age [s] and the last report of each node of a namespace."""
     now = time.monotonic()
     return [
         (now - came, report)
@@ -72,7 +72,7 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
 
 
 def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
-    """Rate, deadlines, losses, and what nodes complain of."""
+    """Return rate, deadlines, losses and warnings of a chain."""
     told = reports_of(finder, chain.namespace)
     figures: Mapping[str, str] = {}
     lost: int | None = None
@@ -93,7 +93,6 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
     if chain.publishers > 1:
         warnings.append(f'{chain.publishers} nodes publish joint_states of this chain at once')
     behind, rate = chain.model.behind, chain.model.rate
-    # The state of the newest frame may be yet to come.
     if behind > _LONGEST_LAG and behind * rate > _FRAMES_BEHIND:
         warnings.append(f'soliton_state is {behind:.1f} s behind joint_states')
     return {
@@ -109,7 +108,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Gravity [m/s^2] and tilt [rad] that a simulator reports; NaN where none does."""
+    """Return gravity [m/s^2] and tilt [rad] of a simulator, NaN without one."""
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures
@@ -123,7 +122,7 @@ def status(
     why: Mapping[str, Mapping[str, str]],
     more: Mapping[str, Any],
 ) -> str:
-    """What a page says of all chains, as JSON; `why` has the `reasons` of each."""
+    """Return the status of all chains as JSON; `why` has the `reasons` of each."""
     chains = []
     for namespace, chain in finder.chains.items():
         move = commands[namespace].move

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What flows to a browser: the newest picture, when it has drawn the one before."""
+"""The stream to a browser: the newest picture, after it has drawn the previous one."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import math
 import time
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from soliton_linkage_nodes.bags.guards.texts import load_json
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
+from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     ENERGIES,
@@ -20,74 +22,66 @@ from soliton_linkage_nodes.live_view.frame_layout import (
     pack_history,
 )
 
+if TYPE_CHECKING:
+    from fastapi import WebSocket
+
+    from soliton_linkage_nodes.live_view.node import LiveView
+
 ALL = '*'
-"""In place of a namespace: all chains, small, side by side."""
+"""All chains side by side, in place of a namespace."""
 _MOST_ON_THE_WAY = 2
-"""Pictures of a chain that a browser has not drawn yet: one that it draws and one that comes."""
+"""Pictures of a chain that a browser has not drawn yet: one being drawn and one in transit."""
 _HEARTBEAT = 0.2
-"""After which a picture is sent again that is no newer, but for its age [s]."""
+"""Time after which a picture is sent again with its new age [s]."""
 _SMALL_ANGLES = 200
-"""Rotors up to which a chain among several is drawn rotor by rotor."""
-
-Act = Callable[[str, Mapping[str, Any]], Awaitable[str]]
+"""Largest number of rotors of a chain that is drawn rotor by rotor beside others."""
 
 
-class Socket(Protocol):
-    """The side of a websocket that a stream needs."""
+async def carry_out(view: LiveView, name: str, arguments: Mapping[str, Any]) -> str:
+    """Carry out an action on the canvas (move, nudge, seek, pause) and return its result.
 
-    async def send_text(self, data: str) -> None:
-        """Send text, once there is room for it."""
-
-    async def send_bytes(self, data: bytes) -> None:
-        """Send bytes, once there is room for them."""
-
-    async def receive_text(self) -> str:
-        """Wait for text."""
-
-
-class Pictures(Protocol):
-    """Where streams take their pictures from."""
-
-    status: str
-    """As JSON."""
-
-    @property
-    def chains(self) -> Mapping[str, ChainTopics]:
-        """By namespace, in the order of their numbers."""
-
-    async def wait(self) -> None:
-        """Wait until there may be something new."""
-
-    @property
-    def versions(self) -> list[int]:
-        """They change when the descriptions do."""
-
-    def descriptions(self) -> dict[str, Any]:
-        """What a page has to know besides, of each chain and of the bag that is played."""
-
-    def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """A frame of a chain, made once for all that look at the same rotors of it."""
+    Raises ValueError for an action that is rejected.
+    """
+    if view.read_only:
+        raise ValueError(READ_ONLY)
+    namespace = str(arguments.get('chain', ''))
+    if namespace not in view.chains:
+        raise ValueError(f'chain {namespace!r} is not there')
+    commands = view.commands(namespace)
+    if name == 'move':
+        now = view.chains[namespace].model.numbers.get('rotor', math.nan)
+        return await commands.carry(arguments['rotor'], arguments.get('speed', 0.0), now)
+    if name == 'nudge':
+        edge = str(arguments.get('edge', 'nearest'))
+        return commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
+    if name == 'seek':
+        return await view.replay.seek(commands, float(arguments['at']))
+    if name == 'pause':
+        paused = bool(arguments['paused'])
+        if namespace == view.replay.namespace:
+            return await view.replay.pause(commands, paused)
+        return await commands.pause(paused)
+    raise ValueError(f'action {name!r} is not known')
 
 
 class BrowserStream:
-    """Sends a browser what it watches, and takes what is done there.
+    """Stream of pictures to a browser, and of actions from it.
 
-    Nothing waits in a queue: a browser that reads no more has two pictures on the way, and gets
-    the next, which is then the newest, when it says that it has drawn one.
+    No queue grows: a browser that does not read has two pictures in transit. It gets the next,
+    which is the newest, when it reports that it has drawn one.
     """
 
-    def __init__(self, socket: Socket, source: Pictures, act: Act) -> None:
-        """`act` takes an action of the page, by name, and returns what became of it."""
+    def __init__(self, socket: WebSocket, source: LiveView) -> None:
+        """Watch the first chain."""
         self.watched = next(iter(source.chains), '')
         self.on_the_way = 0
-        """Pictures that were sent and are not drawn yet."""
+        """Pictures sent and not drawn yet."""
         self.sent = 0
-        """Pictures that were sent in all."""
+        """Pictures sent in all."""
         self.shows_camera = False
-        """Whether the browser shows the pictures of the camera at the chain it watches."""
+        """Whether the browser shows the camera of its chain."""
         self._socket = socket
         self._source = source
-        self._act = act
         self._window = (0, MOST_ANGLES)
         self._latest: dict[str, tuple[int, float]] = {}
         self._camera_on_the_way = False
@@ -97,11 +91,11 @@ class BrowserStream:
         self._answers: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
-        """Go on until the browser is gone, which raises what the socket raises then."""
+        """Serve the browser until the socket raises an error."""
         layout = {'kinds': KINDS, 'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
         await self._socket.send_text(json.dumps({'layout': layout}))
         sending, receiving = (
-            asyncio.ensure_future(task) for task in (self._send_for_ever(), self._take_for_ever())
+            asyncio.ensure_future(task) for task in (self._send(), self._receive())
         )
         try:
             done, _ = await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
@@ -110,7 +104,7 @@ class BrowserStream:
             for task in (sending, receiving, *self._answers):
                 task.cancel()
 
-    async def _send_for_ever(self) -> None:
+    async def _send(self) -> None:
         while True:
             await self._tell()
             if self._history_wanted:
@@ -125,7 +119,7 @@ class BrowserStream:
             await self._source.wait()
 
     def _shown(self) -> list[tuple[int, ChainTopics]]:
-        """Chains that are watched, with their numbers in the list."""
+        """Return the watched chains with their numbers in the list."""
         listed = enumerate(self._source.chains.values())
         return [(n, c) for n, c in listed if self.watched in (ALL, c.namespace)]
 
@@ -137,7 +131,6 @@ class BrowserStream:
         self._latest[chain.namespace] = (chain.model.frames, now)
         first, last = self._window
         if self.watched == ALL:
-            # A window that is too long has no angles.
             few = chain.model.rotors <= _SMALL_ANGLES
             first, last = (0, chain.model.rotors - 1 if few else MOST_ANGLES + 1)
         self.on_the_way += 1
@@ -156,7 +149,7 @@ class BrowserStream:
             await self._socket.send_bytes(pack_history(number, chain.model.history))
 
     async def _tell(self) -> None:
-        """Send what has changed of the status and of the chains."""
+        """Send the status and the constants of chains if they have changed."""
         status, versions = self._source.status, self._source.versions
         if versions != self._told[1]:
             await self._socket.send_text(json.dumps(self._source.descriptions()))
@@ -164,7 +157,7 @@ class BrowserStream:
             await self._socket.send_text(status)
         self._told = (status, versions)
 
-    async def _take_for_ever(self) -> None:
+    async def _receive(self) -> None:
         while True:
             said = await self._socket.receive_text()
             try:
@@ -203,7 +196,7 @@ class BrowserStream:
 
     async def _carry_out(self, name: str, arguments: Mapping[str, Any]) -> None:
         try:
-            await self._answer(await self._act(name, arguments), True)
+            await self._answer(await carry_out(self._source, name, arguments), True)
         except KeyError as error:
             await self._answer(f'action {name!r} lacks {error}', False)
         except (ValueError, TypeError, ArithmeticError) as error:

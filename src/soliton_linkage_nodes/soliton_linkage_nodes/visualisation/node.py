@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The visualisation: the chain as RViz, Foxglove and other viewers of ROS show it."""
+"""The visualisation: the chain for RViz, Foxglove and other viewers of ROS."""
 
 from __future__ import annotations
 
@@ -24,16 +24,19 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
-from soliton_linkage_nodes.visualisation.heard_chain import HeardChain
-from soliton_linkage_nodes.visualisation.outlets import KymographOutlet, MarkerOutlet, PoseOutlet
+from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
+from soliton_linkage_nodes.visualisation.publishers import (
+    KymographPublisher,
+    MarkerPublisher,
+    PosePublisher,
+)
 
 _MOST_BUSY = 0.5
-"""Share of the time that drawing may take [1]: a chain of thousands is drawn less often."""
+"""Largest share of the time for drawing [1]: a chain of thousands is drawn less often."""
 _LONGEST_REST = 1.0
-"""After a picture that took long [s]: the first one has to import what it needs."""
+"""Longest pause after a slow picture [s]: the first one imports matplotlib."""
 _SEARCH_PERIOD = 0.5
-"""Between two looks at who publishes [s]."""
+"""Poll interval for new publishers [s]."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +56,11 @@ class VisualisationParameters:
 
 
 class Visualisation(GuardedNode):
-    """Draws a chain for RViz, Foxglove and the like: what nobody subscribes to is not drawn.
+    """Draws a chain for RViz, Foxglove and the like, as far as there are subscribers.
 
-    Subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless told the
-    chain by parameters, to `chain`. Publishes `robot_description` (URDF, latched), `markers`,
-    `soliton_pose` of the first wall, `kymograph` of the last seconds, and `/diagnostics`.
+    Subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
+    parameters specify the chain, to `chain`. Publishes `robot_description` (URDF, latched),
+    `markers`, `soliton_pose` of the first soliton, `kymograph` and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -68,7 +71,7 @@ class Visualisation(GuardedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Listen to a chain, and wait for somebody who looks."""
+        """Subscribe to the topics of a chain."""
         super().__init__('visualisation', **kwargs)
         self.settings = settings = declare(self, VisualisationParameters)
         self._limits = declare(self, JointLimits, 'limits.')
@@ -80,12 +83,12 @@ class Visualisation(GuardedNode):
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self.heard = HeardChain(*map(self._newest, _HEARD))
+        self.observed = ObservedChain(self._inbox, self)
         self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
-        self._outlets = (
-            MarkerOutlet(interfaces.MARKERS.publisher(self), settings.kick_shown),
-            PoseOutlet(interfaces.SOLITON_POSE.publisher(self)),
-            KymographOutlet(
+        self._drawings = (
+            MarkerPublisher(interfaces.MARKERS.publisher(self), settings.kick_shown),
+            PosePublisher(interfaces.SOLITON_POSE.publisher(self)),
+            KymographPublisher(
                 interfaces.KYMOGRAPH.publisher(self),
                 settings.kymograph_length,
                 settings.kymograph_rate,
@@ -100,36 +103,30 @@ class Visualisation(GuardedNode):
         self.create_timer(1 / settings.marker_rate, self._draw, clock=steady)
         self.get_logger().info(f'drawing {self._source.in_words} for whoever subscribes')
 
-    def _newest(self, topic: interfaces.Topic) -> AdaptiveSubscription:
-        if topic is interfaces.DIAGNOSTICS:
-            return AdaptiveSubscription(self._inbox, topic)
-        name = self.resolve_topic_name(topic.name)
-        return newest_of(self._inbox, topic, name, raw=topic is interfaces.JOINT_STATES)
-
     def _on_chain(self, named: NamedChain) -> None:
-        if named == self.heard.named:
+        if named == self.observed.named:
             return
         text = robot_description(named.chain, named.joint_names, self._limits)
         self._description.publish(String(data=text))
-        self.heard.learn(named)
-        for outlet in self._outlets:
-            outlet.learn(named)
+        self.observed.learn(named)
+        for drawing in self._drawings:
+            drawing.learn(named)
 
     def _draw(self) -> None:
-        """Draw what is newest, unless the last time has taken too long."""
+        """Draw the newest messages, except in the pause after a slow picture."""
         begin = time.monotonic()
         if begin < self._rest_until:
             return
         if begin - self._searched >= _SEARCH_PERIOD:
             self._searched = begin
-            self.heard.adapt()
+            self.observed.adapt()
         try:
-            self.heard.take()
+            self.observed.take()
         except ValueError as error:
             self.diagnostics.refuse('joint_states', error)
             return
-        for outlet in self._outlets:
-            outlet.draw(self.heard)
+        for drawing in self._drawings:
+            drawing.draw(self.observed)
         took = time.monotonic() - begin
         self._busy += took
         self._rest_until = begin + min(took / _MOST_BUSY, took + _LONGEST_REST)
@@ -139,32 +136,24 @@ class Visualisation(GuardedNode):
         before, busy_before = self._reported
         self._reported = (now, self._busy)
         values: dict[str, Any] = {
-            'frames': self.heard.frames,
+            'frames': self.observed.frames,
             'share of time drawing': (self._busy - busy_before) / (now - before),
         }
-        for outlet in self._outlets:
-            values[f'{outlet.name} [Hz]'] = outlet.count_since() / (now - before)
-            values[f'{outlet.name}: subscribers'] = outlet.publisher.get_subscription_count()
-        if self.heard.named is None:
+        for drawing in self._drawings:
+            values[f'{drawing.name} [Hz]'] = drawing.count_since() / (now - before)
+            values[f'{drawing.name}: subscribers'] = drawing.publisher.get_subscription_count()
+        if self.observed.named is None:
             return Report('waiting for the topic chain', values, warning=True)
-        if self.heard.age > _SEARCH_PERIOD:
+        if self.observed.age > _SEARCH_PERIOD:
             return Report('waiting for joint_states', values, warning=True)
         return Report('drawing', values)
 
     def destroy_node(self) -> None:
-        """Stop listening, then go."""
+        """Destroy the inbox too."""
         self._inbox.destroy_node()
         super().destroy_node()
 
 
-_HEARD = (
-    interfaces.JOINT_STATES,
-    interfaces.SOLITON_STATE,
-    interfaces.LAST_KICK,
-    interfaces.DIAGNOSTICS,
-)
-
-
 def main() -> None:
-    """Draw until it is told to stop."""
+    """Run the visualisation."""
     run(Visualisation)

@@ -29,7 +29,7 @@ def test_a_recording_is_made_split_and_finished(visit: Visit, view: Any) -> None
     visit.shot('recording')
     visit.click('record-stop')
     visit.told('the bag is finished')
-    (bag,) = [bag for bag in view.shelf.bags() if bag.name.startswith('recording_')]
+    (bag,) = [bag for bag in view.catalogue.bags() if bag.name.startswith('recording_')]
     assert bag.lost == 0
     assert bag.topics['/joint_states'] > 10
     assert len(list(bag.path.glob('*.mcap*'))) == 2
@@ -37,15 +37,15 @@ def test_a_recording_is_made_split_and_finished(visit: Visit, view: Any) -> None
 
 def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: Any) -> None:
     visit.tab('Bags')
-    before = {bag.path for bag in view.shelf.bags()}
+    before = {bag.path for bag in view.catalogue.bags()}
     visit.fill('only keep the last', 2)
     visit.click('record')
     until(lambda: view.recording.report, 'the recorder')
     visit.page.locator('#live-record-snapshot:enabled').click()
     until(lambda: int(view.recording.report.figures['messages']) > 0, 'the snapshot')
     visit.click('record-stop')
-    until(lambda: {bag.path for bag in view.shelf.bags()} - before, 'the finished bag')
-    (path,) = {bag.path for bag in view.shelf.bags()} - before
+    until(lambda: {bag.path for bag in view.catalogue.bags()} - before, 'the finished bag')
+    (path,) = {bag.path for bag in view.catalogue.bags()} - before
     # What is latched is kept from before.
     with open_bag(path) as reader:
         stamps = [stamp for stamp, _ in read_topic(reader, 'joint_states')]

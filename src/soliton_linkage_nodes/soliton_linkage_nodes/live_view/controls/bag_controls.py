@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
+from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from soliton_linkage_nodes.live_view.bag_shelf import ShelvedBag
+from soliton_linkage_nodes.live_view.bag_catalogue import CataloguedBag
+from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
-    Chosen,
     ControlGroup,
-    View,
     attempt,
     button,
     number,
@@ -20,16 +20,20 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
 )
 from soliton_linkage_nodes.live_view.status import REPLAY
 
+if TYPE_CHECKING:
+    from soliton_linkage_nodes.live_view.node import LiveView
+    from soliton_linkage_nodes.live_view.page import Page
+
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""How much faster than recorded a bag may be played [1], as far as it is offered."""
+"""Rates of a replay over that of the recording [1]."""
 
 
 class RecordControls:
     """Start, pause, split, snapshot and stop."""
 
-    def __init__(self, view: View, chosen: Chosen) -> None:
-        """Record the chain that is chosen."""
-        self._view, self._chosen = view, chosen
+    def __init__(self, view: LiveView, page: Page) -> None:
+        """Record the chain that the page shows."""
+        self._view, self._page = view, page
         self._start = ControlGroup('Record', 'start')
         with self._start.body:
             kept = number('only keep the last', 0.0, 's', min=0, max=3600)
@@ -50,33 +54,33 @@ class RecordControls:
             )
         self._end = ControlGroup('Finish', 'stop')
         with self._end.body:
-            button('Stop', lambda: view.recording.stop(), 'stop', 'live-record-stop')
+            button('Stop', view.recording.stop, 'stop', 'live-record-stop')
         self._told = ui.label().classes('live-hint').props('id=live-recording')
 
     def _begin(self, kept: float) -> str:
         if self._view.read_only:
-            raise ValueError('this page is read-only')
-        if self._chosen.namespace not in self._view.finder.chains:
+            raise ValueError(READ_ONLY)
+        if self._page.namespace not in self._view.finder.chains:
             raise ValueError('choose a chain to record')
-        return self._view.recording.start(self._chosen.namespace, kept)
+        return self._view.recording.start(self._page.namespace, kept)
 
     async def _ask(self, what: str) -> str:
         recording = self._view.recording
         return await recording.ask(self._view.commands(recording.namespace), what)
 
     def refresh(self) -> None:
-        """Grey what can do nothing now, and tell how the recording goes."""
+        """Disable inactive controls and show the state of the recording."""
         recording = self._view.recording
-        if not recording.running and self._chosen.namespace in self._view.finder.chains:
-            recording.namespace = self._chosen.namespace
-        read_only = 'this page is read-only' if self._view.read_only else ''
+        if not recording.running and self._page.namespace in self._view.finder.chains:
+            recording.namespace = self._page.namespace
+        read_only = READ_ONLY if self._view.read_only else ''
         report = recording.report
         going = '' if report else 'nothing is being recorded'
         foreign = 'it was started elsewhere: end it there' if report else going
         running = 'it is recording' if recording.running else ''
-        self._start.heed(read_only or recording.refusal or running)
-        self._going.heed(read_only or going)
-        self._end.heed(read_only or ('' if recording.running else foreign))
+        self._start.disable_for(read_only or recording.refusal or running)
+        self._going.disable_for(read_only or going)
+        self._end.disable_for(read_only or ('' if recording.running else foreign))
         told = ''
         if report:
             figures = report.figures
@@ -90,13 +94,13 @@ class RecordControls:
 
 
 class BagControls:
-    """The list of bags, and the transport of the one that is played."""
+    """The list of bags and the controls of the replay."""
 
-    def __init__(self, view: View, chosen: Chosen) -> None:
-        """List them when they are asked for."""
-        self._view, self._chosen = view, chosen
+    def __init__(self, view: LiveView, page: Page) -> None:
+        """Build an empty list."""
+        self._view, self._page = view, page
         self._listings = 0
-        self._rows: dict[str, tuple[ShelvedBag | None, ui.element]] = {}
+        self._rows: dict[str, tuple[CataloguedBag | None, ui.element]] = {}
         with ui.element('div').classes('live-row'):
             ui.label('Bags').classes('live-title')
             ui.button('Look again', icon='refresh', on_click=self.list_bags).props(
@@ -110,7 +114,7 @@ class BagControls:
             rate = ui.select({r: f'{r:g} ×' for r in _RATES}, value=1.0, label='rate')
             rate.props('dense outlined id=live-replay-rate')
             loop = ui.switch('loop', value=False).props('id=live-replay-loop')
-            button('End', self._stop, 'close', 'live-replay-end')
+            button('End', view.replay.stop, 'close', 'live-replay-end')
 
             async def change_rate() -> None:
                 commands = view.commands(REPLAY)
@@ -123,17 +127,17 @@ class BagControls:
             loop.on_value_change(change_loop)
 
     def refresh(self) -> None:
-        """Grey the transport while nothing is played."""
-        read_only = 'this page is read-only' if self._view.read_only else ''
+        """Disable the controls of the replay while no bag is played."""
+        read_only = READ_ONLY if self._view.read_only else ''
         none = '' if self._view.replay.bag else 'no bag is being played'
-        self._transport.heed(read_only or none)
+        self._transport.disable_for(read_only or none)
 
     async def list_bags(self) -> None:
-        """Show what the folders hold now."""
+        """List the bags of the folders."""
         self._listings += 1
         listing = self._listings
-        bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.shelf.bags)}
-        # Rows that stay are left alone: somebody may be about to press their button.
+        bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.catalogue.bags)}
+        # Rows of the same bags stay, because a user may be about to press their buttons.
         for name, (shown, row) in list(self._rows.items()):
             if shown is None or shown != bags.get(name):
                 row.delete()
@@ -145,7 +149,7 @@ class BagControls:
                 row = self._row(bag)
                 row.move(target_index=place)
                 self._rows[name] = bag, row
-                # Many take long, in which browsers want their pictures.
+                # Let the server send pictures.
                 await asyncio.sleep(0)
                 if listing != self._listings:
                     return
@@ -153,14 +157,14 @@ class BagControls:
                 self._rows[''] = None, self._none()
 
     def _none(self) -> ui.element:
-        folders = ', '.join(map(str, self._view.shelf.folders))
+        folders = ', '.join(map(str, self._view.catalogue.folders))
         return ui.label(
             f'No bags in {folders}.'
             if folders
             else 'No folder was named: start live_view with bag_folders.'
         ).classes('live-hint')
 
-    def _row(self, bag: ShelvedBag) -> ui.element:
+    def _row(self, bag: CataloguedBag) -> ui.element:
         with ui.element('div').classes('live-bag') as row:
             with ui.element('div'):
                 ui.label(bag.name).classes('live-bag-name')
@@ -175,6 +179,3 @@ class BagControls:
 
     async def _pause(self, paused: bool) -> str:
         return await self._view.replay.pause(self._view.commands(REPLAY), paused)
-
-    async def _stop(self) -> str:
-        return await self._view.replay.stop()

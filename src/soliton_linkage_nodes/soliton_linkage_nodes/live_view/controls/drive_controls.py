@@ -1,60 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls that move a chain: nudge, edge commands, tilt, moves, and the clock of a simulation."""
+"""Controls of a chain (nudge, edge commands, tilt, moves) and of the time of a simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
-from soliton_linkage_nodes.live_view.bag_shelf import BagShelf
-from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import CONTROLS, gravity_of
 from soliton_linkage_nodes.messages.view_conversions import STATES
 
+if TYPE_CHECKING:
+    from soliton_linkage_nodes.live_view.node import LiveView
+    from soliton_linkage_nodes.live_view.page import Page
+
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
 _USUAL_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
-"""Of an edge command of each kind [rad/s, N m, Pa]: they send a soliton down the usual chain."""
+"""Default value of an edge command [rad/s, N m, Pa]: it sends a soliton along the usual chain."""
 _USUAL_NUDGE = 10.0
-"""Speed that is offered for a nudge [rad/s], that of the experiments."""
+"""Default speed of a nudge [rad/s]: that of the experiments."""
 _FASTEST_NUDGE = 50.0
-"""At the end of the slider [rad/s]."""
+"""Speed at the end of the slider [rad/s]."""
 _STEEPEST = 0.5
 """Tilt at the end of the slider [rad]."""
 _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
-"""Real-time factors that are offered [1]; 0 is as fast as possible."""
+"""Real-time factors [1]; 0 is as fast as possible."""
 
 Action = Callable[[], 'str | Awaitable[str]']
 
 
-class View(Protocol):
-    """What the controls of a page need of its node."""
-
-    finder: ChainFinder
-    shelf: BagShelf
-    recording: BagRecording
-    replay: BagReplay
-    reasons: dict[str, dict[str, str]]
-
-    def commands(self, namespace: str) -> ChainCommands:
-        """Commands to the nodes of a namespace."""
-
-    @property
-    def read_only(self) -> bool:
-        """Whether the page only shows."""
-
-
-class Chosen(Protocol):
-    """The chain that a browser has chosen."""
-
-    namespace: str
-
-
 async def attempt(action: Action) -> bool:
-    """Do what was asked for and tell what became of it; False where it was refused."""
+    """Carry out an action and show its result; return False if it was rejected."""
     try:
         done = action()
         said = done if isinstance(done, str) else await done
@@ -67,12 +45,12 @@ async def attempt(action: Action) -> bool:
 
 
 def complain(error: Exception) -> None:
-    """Show for a while what is wrong."""
+    """Show an error for a while."""
     ui.notify(str(error), type='negative', multi_line=True, timeout=6000, position='bottom-right')
 
 
 def button(text: str, action: Action, icon: str = '', marker: str = '') -> ui.button:
-    """A button that does something and tells what became of it."""
+    """Add a button that carries out an action and shows its result."""
 
     async def press() -> None:
         await attempt(action)
@@ -82,20 +60,20 @@ def button(text: str, action: Action, icon: str = '', marker: str = '') -> ui.bu
 
 
 def number(label: str, value: float, unit: str, **props: Any) -> ui.number:
-    """A field for a number with its unit."""
+    """Add a field for a number with its unit."""
     made = ui.number(label, value=value, format='%g', **props).props('dense outlined')
     return made.props(f'suffix="{unit}"').classes('live-number')
 
 
 def value_of(entry: ui.number, name: str) -> float:
-    """Number in a field; ValueError where it is empty."""
+    """Return the number in a field; raise ValueError if it is empty."""
     if entry.value is None:
         raise ValueError(f'{name} is empty; enter a number')
     return float(entry.value)
 
 
 class ControlGroup:
-    """Controls under a heading, which are greyed together, with the reason."""
+    """Controls under a heading that are disabled together, with a reason."""
 
     def __init__(self, title: str, reason_of: str) -> None:
         """`reason_of` is the name of the reason in `status.reasons`."""
@@ -106,8 +84,8 @@ class ControlGroup:
             self.body = ui.element('div').classes('live-row')
             self.why = ui.label().classes('live-reason')
 
-    def heed(self, reason: str) -> None:
-        """Grey the controls where there is a reason, and tell it."""
+    def disable_for(self, reason: str) -> None:
+        """Disable the controls if there is a reason, and show it."""
         if reason == self._shown:
             return
         self._shown = reason
@@ -123,16 +101,16 @@ class ControlGroup:
 
 
 class DriveControls:
-    """What acts on the chain: nudges, edge commands, tilt and moves."""
+    """Nudges, edge commands, tilt and moves."""
 
-    def __init__(self, view: View, chosen: Chosen) -> None:
-        """Build them for the chain that is chosen when they are used."""
-        self._view, self._chosen = view, chosen
+    def __init__(self, view: LiveView, page: Page) -> None:
+        """Build the controls for the chain that the page shows."""
+        self._view, self._page = view, page
         self.groups = [self._nudge(), self._command(), self._tilt(), *self._move()]
 
     @property
     def _commands(self) -> ChainCommands:
-        return self._view.commands(self._chosen.namespace)
+        return self._view.commands(self._page.namespace)
 
     def _nudge(self) -> ControlGroup:
         group = ControlGroup('Nudge the edge', 'nudge')
@@ -214,7 +192,7 @@ class DriveControls:
             rotor.props('id=live-move-rotor')
 
             async def carry() -> str:
-                chain = self._view.finder.chains[self._chosen.namespace]
+                chain = self._view.finder.chains[self._page.namespace]
                 now = chain.model.numbers.get('rotor', float('nan'))
                 return await self._commands.carry(
                     value_of(rotor, 'rotor'), value_of(speed, 'speed'), now
@@ -229,10 +207,10 @@ class DriveControls:
         return group, held
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Grey what can do nothing now."""
+        """Disable inactive controls."""
         for group in self.groups:
-            group.heed(why[group.reason_of])
-        gravity, tilt = gravity_of(self._view.finder, self._chosen.namespace)
+            group.disable_for(why[group.reason_of])
+        gravity, tilt = gravity_of(self._view.finder, self._page.namespace)
         told = '' if tilt != tilt else f'now {tilt:.3f} rad'
         if gravity == 0:
             told = f'{told}; without gravity it does nothing: set gravity.acceleration'
@@ -243,14 +221,14 @@ class DriveControls:
 class RunControls:
     """Pause, step, reset and pace of a simulation."""
 
-    def __init__(self, view: View, chosen: Chosen) -> None:
-        """Build them for the chain that is chosen when they are used."""
-        self._view, self._chosen = view, chosen
+    def __init__(self, view: LiveView, page: Page) -> None:
+        """Build the controls for the chain that the page shows."""
+        self._view, self._page = view, page
         self.groups = [self._pause(), self._step(), self._reset(), self._pace()]
 
     @property
     def _commands(self) -> ChainCommands:
-        return self._view.commands(self._chosen.namespace)
+        return self._view.commands(self._page.namespace)
 
     def _pause(self) -> ControlGroup:
         group = ControlGroup('Time', 'pause')
@@ -320,13 +298,13 @@ class RunControls:
         return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Grey what can do nothing now."""
+        """Disable inactive controls."""
         for group in self.groups:
-            group.heed(why[group.reason_of])
+            group.disable_for(why[group.reason_of])
 
 
 def joint_angles(text: str) -> dict[str, float]:
-    """Angles by joint of a text such as 'rotor_0: 1.2, rotor_5: -0.5'; ValueError otherwise."""
+    """Return angles by joint from a text such as 'rotor_0: 1.2'; raise ValueError otherwise."""
     angles = {}
     for part in filter(None, (p.strip() for p in text.split(','))):
         name, _, value = part.partition(':')
@@ -341,7 +319,7 @@ def joint_angles(text: str) -> dict[str, float]:
     return angles
 
 
-def reasons_for(view: View, namespace: str) -> dict[str, str]:
-    """Why each control of a chain can do nothing."""
+def reasons_for(view: LiveView, namespace: str) -> dict[str, str]:
+    """Return the reason why each control of a chain is inactive."""
     missing = {'': 'choose a chain'}.get(namespace, 'the chain is gone')
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of what is drawn, which is drawn while somebody subscribes to them."""
+"""Publishers of markers, pose and kymograph, which draw only for subscribers."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ from soliton_linkage_nodes.messages.marker_conversions import (
     picture_to_msg,
     pose_to_msg,
 )
-from soliton_linkage_nodes.visualisation.figures import figures_of
-from soliton_linkage_nodes.visualisation.heard_chain import HeardChain
 from soliton_linkage_nodes.visualisation.kymograph import Kymograph
+from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.scene import ChainScene
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Of a wall, through which the rotors are seen [1]."""
+"""Opacity of a soliton, through which the rotors are visible [1]."""
 
 
-class Outlet:
-    """A topic of pictures."""
+class DrawingPublisher:
+    """Publisher of drawings of a chain."""
 
     name: str
 
@@ -42,13 +41,13 @@ class Outlet:
         self._drawn = -1
 
     def count_since(self) -> int:
-        """How many were published since this was last asked."""
+        """Return the number of messages published since the last call."""
         fresh = self._published - self._counted
         self._counted = self._published
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Whether somebody subscribes who has not seen what has this number."""
+        """Return whether a subscriber lacks the drawing of this number."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -61,13 +60,13 @@ class Outlet:
         self._published += 1
 
 
-class MarkerOutlet(Outlet):
+class MarkerPublisher(DrawingPublisher):
     """The chain in space."""
 
     name = 'markers'
 
     def __init__(self, publisher: Publisher, kick_shown: float) -> None:
-        """Show a kick for so long after its end [s]."""
+        """Show a kick for `kick_shown` [s] after its end."""
         super().__init__(publisher)
         self._kick_shown = kick_shown
         self._scene: ChainScene | None = None
@@ -75,35 +74,37 @@ class MarkerOutlet(Outlet):
         self._clear = False
 
     def learn(self, named: NamedChain) -> None:
-        """Draw this chain from now on, and nothing of another one."""
+        """Draw this chain from now on."""
         self._clear = self._scene is not None
         self._scene = ChainScene(named.chain)
         self._walls = 0
 
-    def draw(self, heard: HeardChain) -> None:
-        """Draw the chain as it is."""
-        if self._scene is None or not len(heard.angles) or not self._wanted(heard.frames):
+    def draw(self, chain: ObservedChain) -> None:
+        """Publish markers of the present chain."""
+        scene = self._scene
+        if scene is None or not len(chain.angles) or not self._wanted(chain.frames):
             return
-        header = Header(stamp=heard.stamp, frame_id=heard.frame)
-        shapes = self._scene.shapes(heard.angles)
-        impulses = heard.kick(self._kick_shown)
+        header = Header(stamp=chain.stamp, frame_id=chain.frame)
+        shapes = scene.shapes(chain.angles)
+        impulses = chain.kick(self._kick_shown)
         if impulses is None:
-            impulses = 0 * heard.angles
-        shapes.append(self._scene.kick(heard.angles, impulses))
+            impulses = 0 * chain.angles
+        shapes.append(scene.kick(chain.angles, impulses))
         markers = [lines_to_msg(header, *shape) for shape in shapes]
-        markers += self._solitons(header, self._scene, heard)
-        scene, figures = self._scene, '\n'.join(figures_of(heard))
+        markers += self._solitons(header, scene, chain)
         colour = (*shares(GREY), 1.0)
         markers.append(
-            lettering_to_msg(header, 'figures', scene.above, scene.lettering, colour, figures)
+            lettering_to_msg(
+                header, 'figures', scene.above, scene.lettering, colour, chain.describe()
+            )
         )
         if self._clear:
             markers.insert(0, Marker(header=header, action=Marker.DELETEALL))
             self._clear = False
         self._publish(MarkerArray(markers=markers))
 
-    def _solitons(self, header: Header, scene: ChainScene, heard: HeardChain) -> list[Marker]:
-        boxes = scene.boxes([(wall.position, wall.deviation) for wall in heard.walls])
+    def _solitons(self, header: Header, scene: ChainScene, chain: ObservedChain) -> list[Marker]:
+        boxes = scene.boxes([(wall.position, wall.deviation) for wall in chain.walls])
         markers = [
             box_to_msg(
                 header,
@@ -122,31 +123,31 @@ class MarkerOutlet(Outlet):
         ]
 
 
-class PoseOutlet(Outlet):
-    """Where the first wall is."""
+class PosePublisher(DrawingPublisher):
+    """The position of the first soliton."""
 
     name = 'soliton_pose'
 
     def learn(self, named: NamedChain) -> None:
-        """The place of a wall is told without the chain."""
+        """Do nothing: the pose does not depend on the chain."""
 
-    def draw(self, heard: HeardChain) -> None:
-        """Tell the place, where there is a wall that has one."""
-        if not heard.walls or not self._wanted(heard.states):
+    def draw(self, chain: ObservedChain) -> None:
+        """Publish the pose, if there is a soliton with a position."""
+        if not chain.walls or not self._wanted(chain.states):
             return
-        place, deviation, *_ = heard.walls[0]
-        if math.isfinite(place) and math.isfinite(deviation):
-            header = Header(stamp=heard.state_stamp, frame_id=heard.frame)
-            self._publish(pose_to_msg(header, place, deviation))
+        position, deviation, *_ = chain.walls[0]
+        if math.isfinite(position) and math.isfinite(deviation):
+            header = Header(stamp=chain.state_stamp, frame_id=chain.frame)
+            self._publish(pose_to_msg(header, position, deviation))
 
 
-class KymographOutlet(Outlet):
+class KymographPublisher(DrawingPublisher):
     """The last seconds as a picture."""
 
     name = 'kymograph'
 
     def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
-        """Draw so many seconds, so often at most [Hz]."""
+        """Draw a time span [s] at most at a rate [Hz]."""
         super().__init__(publisher)
         self._length, self._period = length, 1 / rate
         self._kymograph: Kymograph | None = None
@@ -156,12 +157,12 @@ class KymographOutlet(Outlet):
         """Draw this chain from now on."""
         self._kymograph = Kymograph(named.chain, self._length)
 
-    def draw(self, heard: HeardChain) -> None:
-        """Keep what is new, and draw what has been kept when it is time."""
-        if self._kymograph is None or not len(heard.angles):
+    def draw(self, chain: ObservedChain) -> None:
+        """Keep the new frame, and publish the picture when it is due."""
+        if self._kymograph is None or not len(chain.angles):
             return
-        self._kymograph.add(heard.seconds, heard.angles, [wall.rotor for wall in heard.walls])
-        if time.monotonic() >= self._next and self._wanted(heard.frames):
+        self._kymograph.add(chain.seconds, chain.angles, [wall.rotor for wall in chain.walls])
+        if time.monotonic() >= self._next and self._wanted(chain.frames):
             self._next = time.monotonic() + self._period
-            header = Header(stamp=heard.stamp, frame_id=heard.frame)
+            header = Header(stamp=chain.stamp, frame_id=chain.frame)
             self._publish(picture_to_msg(header, self._kymograph.picture()))

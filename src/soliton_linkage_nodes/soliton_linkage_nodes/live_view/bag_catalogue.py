@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bags of the folders that were named: what each holds, and the track of its soliton."""
+"""The bags of the configured folders: contents, and track of the soliton."""
 
 from __future__ import annotations
 
@@ -22,33 +22,28 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Topics of a bag that are played: what is seen. Commands would drive, reports be of now."""
+"""Topics of a bag that are played. Commands would drive other chains."""
 _MOST_BAGS = 200
-"""That are listed, newest first."""
+"""Largest number of listed bags, newest first."""
 _TRACK_POINTS = 500
-"""Of the soliton's track on the time line: a point a pixel of it."""
+"""Points of the soliton's track on the time line: about one a pixel."""
 
 
 @dataclass(frozen=True)
-class ShelvedBag:
-    """What a bag says that it holds."""
+class CataloguedBag:
+    """Contents of a bag according to its metadata."""
 
     name: str
-    """Of its folder."""
+    """Name of its folder."""
     path: Path
     start: int
-    """When its first message was received [ns]."""
+    """Time of its first message [ns]."""
     duration: float
     """From the first message to the last [s]."""
     topics: dict[str, int]
-    """How many messages of each topic."""
+    """Number of messages of each topic."""
     lost: int
-    """Messages that were published and are not in it."""
-
-    @property
-    def messages(self) -> int:
-        """How many there are of all topics."""
-        return sum(self.topics.values())
+    """Number of messages that were lost while it was recorded."""
 
     @property
     def played(self) -> list[str]:
@@ -58,34 +53,34 @@ class ShelvedBag:
 
 @dataclass(frozen=True)
 class BagTrack:
-    """Where the soliton of a bag was."""
+    """Track of the soliton of a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Time from the start of the bag [s] and place [rotor spacings], None where there was none."""
+    """Time since the start of the bag [s] and site coordinate [rotor spacings] or None."""
     delay: float
-    """From the stamp of joint_states to when they were received [s]."""
+    """Time from the stamp of joint_states to their reception [s]."""
 
 
-class BagShelf:
-    """Bags that lie in some folders; no others are opened."""
+class BagCatalogue:
+    """Bags directly in the configured folders; no others are opened."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
-        """Look into these folders, not into those within."""
+        """Use these folders, without their subfolders."""
         self.folders = tuple(folder.resolve() for folder in folders)
 
-    def bags(self) -> list[ShelvedBag]:
-        """All that can be read, newest first."""
+    def bags(self) -> list[CataloguedBag]:
+        """Return all readable bags, newest first."""
         found = []
         for folder in self.folders:
             for metadata in sorted(folder.glob(f'*/{METADATA_FILE}')):
-                bag = _shelved(metadata.parent)
+                bag = _catalogued(metadata.parent)
                 if bag is not None and bag.path.resolve().parent == folder:
                     found.append(bag)
         found.sort(key=lambda bag: bag.start, reverse=True)
         return found[:_MOST_BAGS]
 
-    def bag(self, name: str) -> ShelvedBag:
-        """The bag of a name; ValueError where none of the folders has it."""
+    def bag(self, name: str) -> CataloguedBag:
+        """Return the bag of a name; raise ValueError if no folder has it."""
         for bag in self.bags():
             if bag.name == name:
                 return bag
@@ -95,8 +90,8 @@ class BagShelf:
         )
 
 
-def track_of(bag: ShelvedBag) -> BagTrack:
-    """Read where the soliton of a bag was; ValueError where the bag cannot be read."""
+def track_of(bag: CataloguedBag) -> BagTrack:
+    """Read the track of the soliton of a bag; raise ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
         by_kind = {c.topic.rpartition('/')[2]: c for c in reader.connections}
         delay = 0.0
@@ -120,7 +115,7 @@ def track_of(bag: ShelvedBag) -> BagTrack:
     return BagTrack(tuple(points), delay)
 
 
-def _shelved(path: Path) -> ShelvedBag | None:
+def _catalogued(path: Path) -> CataloguedBag | None:
     information: Any = read_metadata(path)
     try:
         topics = {
@@ -128,7 +123,7 @@ def _shelved(path: Path) -> ShelvedBag | None:
             for each in information['topics_with_message_count']
         }
         losses = load_json((information.get('custom_data') or {}).get('lost_messages', '{}'))
-        return ShelvedBag(
+        return CataloguedBag(
             path.name,
             path,
             int(information['starting_time']['nanoseconds_since_epoch']),

@@ -8,7 +8,7 @@ import pytest
 from recordings import START, run_of, write_bag
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes.live_view.bag_shelf import BagShelf, track_of
+from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue, track_of
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -28,11 +28,10 @@ def test_it_lists_what_its_folders_hold_newest_first(tmp_path: Path, named: Name
     (tmp_path / 'no_bag').mkdir()
     (tmp_path / 'damaged').mkdir()
     (tmp_path / 'damaged' / 'metadata.yaml').write_text('rosbag2_bagfile_information: 7')
-    bags = BagShelf([tmp_path]).bags()
+    bags = BagCatalogue([tmp_path]).bags()
     assert bags[0].name == 'three_0'
     assert {bag.name for bag in bags} == {'one_0', 'two_0', 'three_0'}
     assert bags[0].topics == {'/nudge': 1, '/joint_states': 8, '/chain': 1}
-    assert bags[0].messages == 10
     assert bags[0].duration == pytest.approx(0.008)
     assert sorted(bags[0].played) == ['/chain', '/joint_states']
 
@@ -45,8 +44,8 @@ def test_bags_elsewhere_are_not_opened(tmp_path: Path, named: NamedChain, name: 
     secret = write_bag(tmp_path / 'secret', run_of(named, 3))
     (shelf / 'link_0').symlink_to(secret)
     with pytest.raises(ValueError, match='is in none of the folders of bag_folders'):
-        BagShelf([shelf]).bag(name)
-    assert BagShelf([shelf]).bag('own_0').name == 'own_0'
+        BagCatalogue([shelf]).bag(name)
+    assert BagCatalogue([shelf]).bag('own_0').name == 'own_0'
 
 
 def test_the_track_is_where_the_soliton_was(tmp_path: Path, named: NamedChain) -> None:
@@ -56,17 +55,17 @@ def test_the_track_is_where_the_soliton_was(tmp_path: Path, named: NamedChain) -
         for n, rotor in enumerate((0.0, 1.0, math.nan, 3.0))
     ]
     write_bag(tmp_path / 'bag', sorted(entries, key=lambda entry: entry[1]))
-    track = track_of(BagShelf([tmp_path]).bag('bag_0'))
+    track = track_of(BagCatalogue([tmp_path]).bag('bag_0'))
     assert track.points == ((0.0, 0.0), (0.01, 1.0), (0.02, None), (0.03, 3.0))
     assert track.delay == pytest.approx(0.0)
 
 
 def test_a_bag_without_states_has_no_track(tmp_path: Path, named: NamedChain) -> None:
     write_bag(tmp_path / 'bag', run_of(named, 3))
-    assert track_of(BagShelf([tmp_path]).bag('bag_0')).points == ()
+    assert track_of(BagCatalogue([tmp_path]).bag('bag_0')).points == ()
 
 
 def test_without_folders_there_are_no_bags() -> None:
-    assert BagShelf([]).bags() == []
+    assert BagCatalogue([]).bags() == []
     with pytest.raises(ValueError, match='none was named'):
-        BagShelf([]).bag('bag_0')
+        BagCatalogue([]).bag('bag_0')

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The joint states that an edge actuator receives, and its publishers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from soliton_linkage.actuation.kick_record import Kick
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.cdr import (
+    ImpulseBuffer,
+    JointStateDecoder,
+    TorqueBuffer,
+    publish_buffer,
+)
+from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.pacing import let_others_go
+from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
+
+
+class LatestFrames:
+    """The last two frames of joint states, decoded when they are read."""
+
+    def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
+        """Reject joint states that are older than `longest` [s].
+
+        `watch` is called once with the stamp [ns] and angles [rad] of each frame that is read.
+        """
+        self.freshness = Freshness(longest)
+        self.taken = 0
+        """Number of frames received."""
+        self._longest = longest
+        self._watch = watch
+        self._watched = 0
+        self._decoder = JointStateDecoder()
+        self._previous: bytes | None = None
+        self._latest: bytes | None = None
+
+    def take(self, serialized: bytes) -> None:
+        """Keep joint states, given as CDR bytes."""
+        self._previous, self._latest = self._latest, serialized
+        self.taken += 1
+        self.freshness.renew()
+
+    def check_fresh(self) -> bytes:
+        """Return the latest joint states; raise ValueError if they are too old."""
+        if self._latest is None or self.freshness.stale:
+            raise ValueError(
+                f'no fresh joint_states: {self.freshness}, the limit is {self._longest:g} s; '
+                'start or resume the simulator, or raise state_timeout'
+            )
+        return self._latest
+
+    def read(self, named: NamedChain) -> tuple[Frame, int]:
+        """Return the latest frame and its stamp [ns]; raise ValueError if it is too old."""
+        joints = self._decoder.decode(self.check_fresh())
+        frame = frame_from_msg(named, joints)
+        if self._watched != self.taken:
+            self._watched = self.taken
+            self._watch(joints.stamp, frame.angles)
+        return frame, joints.stamp
+
+    @property
+    def stamp_before(self) -> int | None:
+        """Stamp of the frame before the latest [ns], None without one."""
+        return None if self._previous is None else self._decoder.stamp(self._previous)
+
+    def period(self, stamp: int) -> float | None:
+        """Return the time from the frame before to a stamp [ns], in seconds; None if unknown."""
+        before = self.stamp_before
+        return None if before is None or stamp <= before else (stamp - before) / SECOND
+
+
+class ActuatorPublishers:
+    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with the node's stamps."""
+
+    def __init__(self, node: Node) -> None:
+        """Publish as a node."""
+        self._node = node
+        self._impulses = interfaces.ROTOR_IMPULSES.publisher(node)
+        self._torques = interfaces.ROTOR_TORQUES.publisher(node)
+        self._last_kick = interfaces.LAST_KICK.publisher(node)
+        self._buffers: tuple[NamedChain, ImpulseBuffer, TorqueBuffer] | None = None
+
+    @property
+    def now(self) -> int:
+        """Time of the node's clock [ns]."""
+        return int(self._node.get_clock().now().nanoseconds)
+
+    @property
+    def subscribers(self) -> int:
+        """Number of subscribers of the impulses."""
+        return int(self._impulses.get_subscription_count())
+
+    @property
+    def connected(self) -> bool:
+        """Whether the impulses or the torques have a subscriber."""
+        return bool(self.subscribers or self._torques.get_subscription_count())
+
+    @property
+    def measured(self) -> bool:
+        """Whether a node publishes what is delivered."""
+        return bool(self._node.count_publishers(interfaces.DELIVERY.name))
+
+    def check_connected(self, at_once: bool) -> None:
+        """Raise ValueError if the impulses (`at_once`) or the torques have no subscriber."""
+        publisher = self._impulses if at_once else self._torques
+        if not publisher.get_subscription_count():
+            name = publisher.topic_name.rsplit('/', 1)[-1]
+            raise ValueError(f'nothing subscribes to {name}; start the simulator first')
+
+    def kick(self, named: NamedChain, impulses: Array) -> None:
+        """Publish impulses of all rotors [N m s]."""
+        buffer, _ = self._buffers_of(named)
+        publish_buffer(self._impulses, buffer.fill(self.now, impulses))
+        let_others_go()
+
+    def drive(self, named: NamedChain, torques: Array) -> None:
+        """Publish torques of all rotors [N m]."""
+        _, buffer = self._buffers_of(named)
+        publish_buffer(self._torques, buffer.fill(self.now, torques))
+
+    def report(self, named: NamedChain, kick: Kick) -> None:
+        """Publish a kick that is over."""
+        self._last_kick.publish(last_kick_to_msg(named, kick))
+
+    def flush(self) -> None:
+        """Wait briefly until the torques are acknowledged."""
+        interfaces.let_be_heard(self._torques)
+
+    def _buffers_of(self, named: NamedChain) -> tuple[ImpulseBuffer, TorqueBuffer]:
+        if self._buffers is None or self._buffers[0] is not named:
+            self._buffers = (named, ImpulseBuffer(named), TorqueBuffer(named))
+        return self._buffers[1:]

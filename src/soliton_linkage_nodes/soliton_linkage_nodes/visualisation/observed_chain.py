@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The newest messages about a chain."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_msgs import msg
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
+from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.marker_conversions import (
+    Wall,
+    kick_from_msg,
+    walls_from_msg,
+)
+from soliton_linkage_nodes.messages.view_conversions import (
+    NodeReport,
+    Numbers,
+    reports_from_msg,
+    state_numbers,
+)
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
+
+_FRESH = 1.0
+"""Largest time between the stamps of solitons and of the angles with which they are shown [s]."""
+_SILENT = 3.0
+"""Age after which the report of a node is dropped [s]; nodes report once a second."""
+_MOST_REPORTS = 100
+"""Diagnostics taken at a time: those of a second of many nodes."""
+_LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
+
+
+class ObservedChain:
+    """The newest angles, solitons, last kick and node reports of a chain."""
+
+    def __init__(self, inbox: Node, owner: Node) -> None:
+        """Subscribe on `inbox`, which no executor spins, to the topics as `owner` names them."""
+        self.named: NamedChain | None = None
+        self.angles: Array = np.zeros(0)
+        """Angles [rad], shape (N,), NaN for missing joints; empty before the first frame."""
+        self.stamp = Time()
+        """Stamp of the angles."""
+        self.frame = FRAME
+        """Coordinate frame of the angles."""
+        self.frames = 0
+        """Number of frames taken."""
+        self.states = 0
+        """Number of soliton states taken."""
+        self.state_stamp = Time()
+        """Stamp of the solitons."""
+        self.numbers: Numbers = {}
+        """Quantities of the latest soliton state."""
+        self._joints, self._states, self._kicks = (
+            newest_of(
+                inbox,
+                topic,
+                owner.resolve_topic_name(topic.name),
+                raw=topic is interfaces.JOINT_STATES,
+            )
+            for topic in (interfaces.JOINT_STATES, interfaces.SOLITON_STATE, interfaces.LAST_KICK)
+        )
+        self._diagnostics = AdaptiveSubscription(inbox, interfaces.DIAGNOSTICS)
+        self._reports: dict[str, tuple[float, NodeReport]] = {}
+        self._decoder = JointStateDecoder()
+        self._reader: FrameReader | None = None
+        self._walls: list[Wall] = []
+        self._kick: msg.LastKick | None = None
+        self._taken_at = -math.inf
+
+    @property
+    def age(self) -> float:
+        """Time since the angles were taken [s]."""
+        return time.monotonic() - self._taken_at
+
+    @property
+    def seconds(self) -> float:
+        """Stamp of the angles [s]."""
+        return time_from_msg(self.stamp) / SECOND
+
+    @property
+    def walls(self) -> list[Wall]:
+        """Solitons, none if their stamp is far from that of the angles."""
+        apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
+        return self._walls if abs(apart) < _FRESH else []
+
+    def learn(self, named: NamedChain) -> None:
+        """Observe this chain from now on."""
+        self.named = named
+        self._reader = FrameReader(named.joint_names, named.encoder_offsets)
+        self.angles = np.zeros(0)
+
+    def take(self) -> None:
+        """Take the waiting messages; raise ValueError for joint states of another chain."""
+        state = self._states.newest()
+        if state is not None:
+            self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
+            self.numbers = state_numbers(state)
+            self.states += 1
+        for _ in range(_MOST_REPORTS):
+            message = self._diagnostics.newest()
+            if message is None:
+                break
+            for report in reports_from_msg(message):
+                self._reports[report.node] = (time.monotonic(), report)
+        self._kick = self._kicks.newest() or self._kick
+        serialized = self._joints.newest() if self._reader else None
+        if self._reader is not None and serialized is not None:
+            joints = self._decoder.decode(serialized)
+            self.angles = self._reader.read(joints).angles
+            self.stamp, self.frame = time_to_msg(joints.stamp), joints.frame_id or FRAME
+            self._taken_at = time.monotonic()
+            self.frames += 1
+
+    def describe(self) -> str:
+        """Return lines with phase, energies and the reports of nodes, as far as they are known."""
+        numbers, lines = self.numbers, []
+        if math.isfinite(numbers.get('phase', math.nan)):
+            lines.append(
+                f'phase {numbers["phase"]:.2f} rad, leg {numbers["leg"]:.0f}, '
+                f'{numbers["completed"]:.0f} cycles'
+            )
+        kinetic, elastic = (numbers.get(name, math.nan) for name in ('kinetic', 'elastic'))
+        if math.isfinite(elastic):
+            moving = f'kinetic {1e3 * kinetic:.3f} mJ, ' if math.isfinite(kinetic) else ''
+            lines.append(f'{moving}elastic {1e3 * elastic:.3f} mJ')
+        oldest = time.monotonic() - _SILENT
+        fresh = [report for taken_at, report in self._reports.values() if taken_at > oldest]
+        bad = sorted((report for report in fresh if report.level), key=lambda bad: -bad.level)
+        lines += [
+            f'{_LEVELS[min(report.level, 3)]} {report.node.lstrip("/")}: {report.message}'
+            for report in bad
+        ]
+        if fresh and not bad:
+            lines.append(f'{len(fresh)} nodes OK')
+        return '\n'.join(lines)
+
+    def kick(self, shown: float) -> Array | None:
+        """Return the impulses of the last kick [N m s], shape (N,), for `shown` [s] after its end.
+
+        A time of 0 is unlimited.
+        """
+        if self._kick is None or self.named is None:
+            return None
+        start = time_from_msg(self._kick.header.stamp) / SECOND
+        over = self.seconds - start - self._kick.duration
+        if shown and not -self._kick.duration - _FRESH <= over <= shown:
+            return None
+        return kick_from_msg(self.named, self._kick)
+
+    def adapt(self) -> None:
+        """Adapt the quality of service to new publishers."""
+        for topic in (self._joints, self._states, self._kicks):
+            topic.adapt()
