@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fastapi import FastAPI
 from nicegui import ui
@@ -21,10 +20,7 @@ from soliton_linkage_nodes.live_view.controls.node_controls import (
     ParameterControls,
 )
 from soliton_linkage_nodes.live_view.status import REPLAY
-from soliton_linkage_nodes.live_view.stream import ALL
-
-if TYPE_CHECKING:
-    from soliton_linkage_nodes.live_view.node import LiveView
+from soliton_linkage_nodes.live_view.stream import ALL, View
 
 _REFRESH_PERIOD = 0.25
 """Time between two updates of the controls [s]."""
@@ -35,7 +31,7 @@ _LONGEST_ABSENCE = 15.0
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
-def add(made: FastAPI, view: LiveView) -> None:
+def add(made: FastAPI, view: View) -> None:
     """Add the page to an application."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
@@ -59,7 +55,7 @@ def add(made: FastAPI, view: LiveView) -> None:
 class Page:
     """The page of one browser, with the chain that it shows."""
 
-    def __init__(self, view: LiveView) -> None:
+    def __init__(self, view: View) -> None:
         """Show the first chain."""
         self._view = view
         self.namespace = next(iter(view.finder.chains), '')

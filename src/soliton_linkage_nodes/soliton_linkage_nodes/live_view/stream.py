@@ -8,12 +8,14 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from soliton_linkage_nodes.bags.guards.texts import load_json
+from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
+from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
-from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
-from soliton_linkage_nodes.live_view.commands import READ_ONLY
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     ENERGIES,
@@ -25,8 +27,6 @@ from soliton_linkage_nodes.live_view.frame_layout import (
 if TYPE_CHECKING:
     from fastapi import WebSocket
 
-    from soliton_linkage_nodes.live_view.node import LiveView
-
 ALL = '*'
 """All chains side by side, in place of a namespace."""
 _MOST_ON_THE_WAY = 2
@@ -37,7 +37,44 @@ _SMALL_ANGLES = 200
 """Largest number of rotors of a chain that is drawn rotor by rotor beside others."""
 
 
-async def carry_out(view: LiveView, name: str, arguments: Mapping[str, Any]) -> str:
+class View(Protocol):
+    """The node behind a page."""
+
+    finder: ChainFinder
+    catalogue: BagCatalogue
+    recording: BagRecording
+    replay: BagReplay
+    reasons: dict[str, dict[str, str]]
+    """Reason why each control of each chain is inactive, empty if it is active."""
+    status: str
+    """Status of all chains as JSON."""
+
+    @property
+    def chains(self) -> Mapping[str, ChainTopics]:
+        """Chains by namespace, in the order of their numbers."""
+
+    @property
+    def read_only(self) -> bool:
+        """Whether the page accepts no action."""
+
+    @property
+    def versions(self) -> list[int]:
+        """Numbers that change with the descriptions."""
+
+    def commands(self, namespace: str) -> ChainCommands:
+        """Return the commands to the nodes of a namespace."""
+
+    def descriptions(self) -> dict[str, Any]:
+        """Return the constants of each chain and the track of the played bag."""
+
+    def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
+        """Return a frame of a chain, packed once for all browsers with the same window."""
+
+    async def wait(self) -> None:
+        """Wait for the next tick."""
+
+
+async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
     """Carry out an action on the canvas (move, nudge, seek, pause) and return its result.
 
     Raises ValueError for an action that is rejected.
@@ -71,7 +108,7 @@ class BrowserStream:
     which is the newest, when it reports that it has drawn one.
     """
 
-    def __init__(self, socket: WebSocket, source: LiveView) -> None:
+    def __init__(self, socket: WebSocket, source: View) -> None:
         """Watch the first chain."""
         self.watched = next(iter(source.chains), '')
         self.on_the_way = 0

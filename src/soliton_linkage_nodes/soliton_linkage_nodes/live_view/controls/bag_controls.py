@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import TYPE_CHECKING
 
 from nicegui import ui
 
@@ -13,16 +12,14 @@ from soliton_linkage_nodes.live_view.bag_catalogue import CataloguedBag
 from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     ControlGroup,
+    Shown,
     attempt,
     button,
     number,
     value_of,
 )
 from soliton_linkage_nodes.live_view.status import REPLAY
-
-if TYPE_CHECKING:
-    from soliton_linkage_nodes.live_view.node import LiveView
-    from soliton_linkage_nodes.live_view.page import Page
+from soliton_linkage_nodes.live_view.stream import View
 
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Rates of a replay over that of the recording [1]."""
@@ -31,7 +28,7 @@ _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 class RecordControls:
     """Start, pause, split, snapshot and stop."""
 
-    def __init__(self, view: LiveView, page: Page) -> None:
+    def __init__(self, view: View, page: Shown) -> None:
         """Record the chain that the page shows."""
         self._view, self._page = view, page
         self._start = ControlGroup('Record', 'start')
@@ -96,7 +93,7 @@ class RecordControls:
 class BagControls:
     """The list of bags and the controls of the replay."""
 
-    def __init__(self, view: LiveView, page: Page) -> None:
+    def __init__(self, view: View, page: Shown) -> None:
         """Build an empty list."""
         self._view, self._page = view, page
         self._listings = 0

@@ -4,17 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from nicegui import ui
 
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import CONTROLS, gravity_of
+from soliton_linkage_nodes.live_view.stream import View
 from soliton_linkage_nodes.messages.view_conversions import STATES
-
-if TYPE_CHECKING:
-    from soliton_linkage_nodes.live_view.node import LiveView
-    from soliton_linkage_nodes.live_view.page import Page
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
 _USUAL_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
@@ -29,6 +26,12 @@ _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
 """Real-time factors [1]; 0 is as fast as possible."""
 
 Action = Callable[[], 'str | Awaitable[str]']
+
+
+class Shown(Protocol):
+    """The chain that a page shows."""
+
+    namespace: str
 
 
 async def attempt(action: Action) -> bool:
@@ -103,7 +106,7 @@ class ControlGroup:
 class DriveControls:
     """Nudges, edge commands, tilt and moves."""
 
-    def __init__(self, view: LiveView, page: Page) -> None:
+    def __init__(self, view: View, page: Shown) -> None:
         """Build the controls for the chain that the page shows."""
         self._view, self._page = view, page
         self.groups = [self._nudge(), self._command(), self._tilt(), *self._move()]
@@ -221,7 +224,7 @@ class DriveControls:
 class RunControls:
     """Pause, step, reset and pace of a simulation."""
 
-    def __init__(self, view: LiveView, page: Page) -> None:
+    def __init__(self, view: View, page: Shown) -> None:
         """Build the controls for the chain that the page shows."""
         self._view, self._page = view, page
         self.groups = [self._pause(), self._step(), self._reset(), self._pace()]
@@ -319,7 +322,7 @@ def joint_angles(text: str) -> dict[str, float]:
     return angles
 
 
-def reasons_for(view: LiveView, namespace: str) -> dict[str, str]:
+def reasons_for(view: View, namespace: str) -> dict[str, str]:
     """Return the reason why each control of a chain is inactive."""
     missing = {'': 'choose a chain'}.get(namespace, 'the chain is gone')
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)

@@ -6,27 +6,25 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
 from soliton_linkage_nodes.live_view.chain_topics import REPORTS_LAST
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     ControlGroup,
+    Shown,
     attempt,
     button,
     complain,
 )
 from soliton_linkage_nodes.live_view.status import reports_of
+from soliton_linkage_nodes.live_view.stream import View
 from soliton_linkage_nodes.messages.view_conversions import (
     AdjustableParameter,
     NodeReport,
     figure,
 )
-
-if TYPE_CHECKING:
-    from soliton_linkage_nodes.live_view.node import LiveView
-    from soliton_linkage_nodes.live_view.page import Page
 
 _IDENTIFIER = 'chain_identifier'
 
@@ -34,7 +32,7 @@ _IDENTIFIER = 'chain_identifier'
 class IdentifyControls:
     """Identify, save, restart, and the result."""
 
-    def __init__(self, view: LiveView, page: Page) -> None:
+    def __init__(self, view: View, page: Shown) -> None:
         """Build the controls for the chain that the page shows."""
         self._view, self._page = view, page
         self._begun = time.monotonic()
@@ -96,7 +94,7 @@ def describe(report: NodeReport, working: str = '') -> list[str]:
 class ParameterControls:
     """A field for each adjustable parameter of the selected node."""
 
-    def __init__(self, view: LiveView, page: Page) -> None:
+    def __init__(self, view: View, page: Shown) -> None:
         """Offer the nodes of the chain's namespace."""
         self._view, self._page = view, page
         self._offered: list[str] = []
