@@ -14,11 +14,8 @@ from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.kick_record import Delivered, Kick
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.steering.steering import Ended, Outcome
 from soliton_linkage_msgs import msg
-from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages import command_conversions as conversions
-from soliton_linkage_nodes.messages.command_conversions import move_result_to_msg
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 
 NAMED = NamedChain(Chain(number_of_rotors=4), default_joint_names(4))
@@ -97,11 +94,3 @@ def test_each_effort_finds_its_rotor_and_its_limit(names: tuple[str, ...]) -> No
     message = JointState(name=['rotor_0', 'rotor_3'], effort=[1.5, 1.5])
     with pytest.raises(ValueError, match=r'rotor_0 = 1.5 N m must lie in the range -1 to 1 N m'):
         conversions.efforts_from_msg(actuators, 'joint_commands', message)
-
-
-def test_an_outcome_is_the_constant_of_its_name() -> None:
-    for outcome in Outcome:
-        result = move_result_to_msg(Ended(outcome, 'why', 2.5))
-        name = 'CANCELLED' if outcome is Outcome.STOPPED else outcome.name
-        assert result.outcome == getattr(MoveSoliton.Result, name)
-        assert (result.message, result.rotor) == ('why', 2.5)

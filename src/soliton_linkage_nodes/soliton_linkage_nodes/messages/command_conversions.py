@@ -22,16 +22,8 @@ from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, check_names
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
-_EDGES = {
-    msg.EdgeCommand.NEAREST: Edge.NEAREST,
-    msg.EdgeCommand.FIRST: Edge.FIRST,
-    msg.EdgeCommand.LAST: Edge.LAST,
-}
-_KINDS = {
-    msg.EdgeCommand.KICK: CommandKind.KICK,
-    msg.EdgeCommand.PRESSURE: CommandKind.PRESSURE,
-    msg.EdgeCommand.PULSE: CommandKind.PULSE,
-}
+_EDGES = {getattr(msg.EdgeCommand, edge.name): edge for edge in Edge}
+_KINDS = {getattr(msg.EdgeCommand, kind.name): kind for kind in CommandKind}
 
 
 @dataclass(frozen=True)
@@ -215,16 +207,10 @@ def last_kick_to_msg(named: NamedChain, kick: Kick) -> msg.LastKick:
 
 
 _OUTCOMES = {
-    Outcome.REACHED: MoveSoliton.Result.REACHED,
-    Outcome.STOPPED: MoveSoliton.Result.CANCELLED,
-    Outcome.PREEMPTED: MoveSoliton.Result.PREEMPTED,
-    Outcome.OUT_OF_CHAIN: MoveSoliton.Result.OUT_OF_CHAIN,
-    Outcome.OUT_OF_REACH: MoveSoliton.Result.OUT_OF_REACH,
-    Outcome.NO_SOLITON: MoveSoliton.Result.NO_SOLITON,
-    Outcome.SOLITON_LOST: MoveSoliton.Result.SOLITON_LOST,
-    Outcome.NOT_HELD: MoveSoliton.Result.NOT_HELD,
-    Outcome.INVALID_SPEED: MoveSoliton.Result.INVALID_SPEED,
-}
+    outcome: getattr(MoveSoliton.Result, outcome.name)
+    for outcome in Outcome
+    if outcome is not Outcome.STOPPED
+} | {Outcome.STOPPED: MoveSoliton.Result.CANCELLED}
 
 
 def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:

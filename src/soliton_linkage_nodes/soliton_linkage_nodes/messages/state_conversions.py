@@ -26,18 +26,10 @@ from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 _NUMBERS = ('double', 'uint8', 'int8', 'int32', 'uint32', 'boolean')
-_MOTIONS = {
-    None: msg.SolitonState.UNKNOWN,
-    Motion.FLIPPER: msg.SolitonState.FLIPPER,
-    Motion.WOBBLING_FLIPPER: msg.SolitonState.WOBBLING_FLIPPER,
-    Motion.SPINNER: msg.SolitonState.SPINNER,
+_MOTIONS: dict[Motion | None, int] = {None: msg.SolitonState.UNKNOWN} | {
+    motion: getattr(msg.SolitonState, motion.name) for motion in Motion
 }
-_STATUSES = {
-    TrackingStatus.LOST: msg.SolitonState.LOST,
-    TrackingStatus.ACQUIRED: msg.SolitonState.ACQUIRED,
-    TrackingStatus.TRACKING: msg.SolitonState.TRACKING,
-    TrackingStatus.COASTING: msg.SolitonState.COASTING,
-}
+_STATUSES = {status: getattr(msg.SolitonState, status.name) for status in TrackingStatus}
 
 
 class NumberFields:
