@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.visitor import Verbs, visiting
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 
 
 def main(arguments: list[str]) -> int:
@@ -15,9 +15,7 @@ def main(arguments: list[str]) -> int:
     return verbs.run(arguments)
 
 
-def _list(_: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        for name, namespace in sorted(visitor.settled(visitor.node.get_node_names_and_namespaces)):
-            if name != visitor.node.get_name():
-                print(f'{namespace.rstrip("/")}/{name}')
-    return 0
+def _list(visitor: Visitor, _: argparse.Namespace) -> None:
+    for name, namespace in sorted(visitor.settled(visitor.node.get_node_names_and_namespaces)):
+        if name != visitor.node.get_name():
+            print(f'{namespace.rstrip("/")}/{name}')

@@ -16,7 +16,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
-from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, visiting
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 
 
 def main(arguments: list[str]) -> int:
@@ -56,10 +56,8 @@ def _names(visitor: Visitor, node: str) -> list[str]:
     return sorted(_ask(visitor, node, ListParameters).result.names)
 
 
-def _list(options: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        print('\n'.join(_names(visitor, options.node)))
-    return 0
+def _list(visitor: Visitor, options: argparse.Namespace) -> None:
+    print('\n'.join(_names(visitor, options.node)))
 
 
 def _values(visitor: Visitor, node: str, names: list[str]) -> list[Any]:
@@ -69,28 +67,23 @@ def _values(visitor: Visitor, node: str, names: list[str]) -> list[Any]:
     ]
 
 
-def _get(options: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        values = _values(visitor, options.node, [options.name])
+def _get(visitor: Visitor, options: argparse.Namespace) -> None:
+    values = _values(visitor, options.node, [options.name])
     if not values or values[0] is None:
         raise RuntimeError(f'{options.node} has no parameter {options.name}, or it is not set')
     print(yaml.safe_dump(_plain(values[0]), default_flow_style=True).removesuffix('...\n').strip())
-    return 0
 
 
-def _set(options: argparse.Namespace) -> int:
+def _set(visitor: Visitor, options: argparse.Namespace) -> None:
     parameter = Parameter(name=options.name, value=get_parameter_value(options.value))
-    with visiting() as visitor:
-        answer = _ask(visitor, options.node, SetParameters, parameters=[parameter])
+    answer = _ask(visitor, options.node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
         raise RuntimeError(f'{options.node} refused {options.name}: {result.reason}')
-    return 0
 
 
-def _describe(options: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        found = _ask(visitor, options.node, DescribeParameters, names=[options.name])
+def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
+    found = _ask(visitor, options.node, DescribeParameters, names=[options.name])
     for descriptor in found.descriptors:
         print(f'{descriptor.name}: {descriptor.description}')
         for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):
@@ -99,21 +92,18 @@ def _describe(options: argparse.Namespace) -> int:
             print(f'  {descriptor.additional_constraints}')
         if descriptor.read_only:
             print('  read only')
-    return 0
 
 
-def _dump(options: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        # Asked for several of which one is not set, rclpy tells none.
-        found = {
-            name: value
-            for name in _names(visitor, options.node)
-            for value in _values(visitor, options.node, [name])
-        }
+def _dump(visitor: Visitor, options: argparse.Namespace) -> None:
+    # Asked for several of which one is not set, rclpy tells none.
+    found = {
+        name: value
+        for name in _names(visitor, options.node)
+        for value in _values(visitor, options.node, [name])
+    }
     parameters = {name: _plain(value) for name, value in found.items() if value is not None}
     document = {_node_name(options.node): {'ros__parameters': parameters}}
     print(yaml.safe_dump(document, default_flow_style=None, allow_unicode=True), end='')
-    return 0
 
 
 def _plain(value: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.visitor import Verbs, visiting
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
 
 
@@ -21,17 +21,13 @@ def main(arguments: list[str]) -> int:
     return verbs.run(arguments)
 
 
-def _list(options: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        for name, types in sorted(visitor.settled(visitor.node.get_service_names_and_types)):
-            if not name.startswith(f'/{visitor.node.get_name()}/'):
-                print(f'{name} [{", ".join(types)}]' if options.show_types else name)
-    return 0
+def _list(visitor: Visitor, options: argparse.Namespace) -> None:
+    for name, types in sorted(visitor.settled(visitor.node.get_service_names_and_types)):
+        if not name.startswith(f'/{visitor.node.get_name()}/'):
+            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
 
 
-def _call(options: argparse.Namespace) -> int:
+def _call(visitor: Visitor, options: argparse.Namespace) -> None:
     service_type = interface_type(options.type, 'srv')
     request = read(service_type.Request, options.values)
-    with visiting() as visitor:
-        print(as_yaml(visitor.call(service_type, options.service, request)), end='')
-    return 0
+    print(as_yaml(visitor.call(service_type, options.service, request)), end='')

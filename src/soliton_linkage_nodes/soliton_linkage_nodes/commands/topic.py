@@ -10,7 +10,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Verbs, Visitor, visiting
+from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Verbs, Visitor
 from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
@@ -60,11 +60,9 @@ def _positive(text: str) -> float:
     return value
 
 
-def _list(options: argparse.Namespace) -> int:
-    with visiting() as visitor:
-        for name, types in sorted(visitor.settled(visitor.node.get_topic_names_and_types)):
-            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
-    return 0
+def _list(visitor: Visitor, options: argparse.Namespace) -> None:
+    for name, types in sorted(visitor.settled(visitor.node.get_topic_names_and_types)):
+        print(f'{name} [{", ".join(types)}]' if options.show_types else name)
 
 
 def _type(visitor: Visitor, options: argparse.Namespace) -> Any:
@@ -74,21 +72,20 @@ def _type(visitor: Visitor, options: argparse.Namespace) -> Any:
     return interface_type(name, 'msg')
 
 
-def _echo(options: argparse.Namespace) -> int:
+def _echo(visitor: Visitor, options: argparse.Namespace) -> None:
     heard: list[Any] = []
-    with visiting() as visitor:
-        message_type = _type(visitor, options)
-        _field(message_type(), options.field)
-        topic = visitor.node.resolve_topic_name(options.topic)
-        visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
-        AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), heard.append)
-        while True:
-            visitor.spin()
-            for message in heard:
-                print(f'{as_yaml(_field(message, options.field))}---', flush=True)
-                if options.once:
-                    return 0
-            heard.clear()
+    message_type = _type(visitor, options)
+    _field(message_type(), options.field)
+    topic = visitor.node.resolve_topic_name(options.topic)
+    visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
+    AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), heard.append)
+    while True:
+        visitor.spin()
+        for message in heard:
+            print(f'{as_yaml(_field(message, options.field))}---', flush=True)
+            if options.once:
+                return
+        heard.clear()
 
 
 def _field(message: Any, path: str) -> Any:
@@ -102,52 +99,47 @@ def _field(message: Any, path: str) -> Any:
     return message
 
 
-def _rate(options: argparse.Namespace) -> int:
+def _rate(visitor: Visitor, options: argparse.Namespace) -> None:
     arrivals: list[float] = []
-    with visiting() as visitor:
-        message_type = _type(visitor, options)
-        topic = visitor.node.resolve_topic_name(options.topic)
-        AdaptiveSubscription(
-            visitor.node,
-            Topic(topic, message_type, _QOS),
-            lambda _: arrivals.append(time.monotonic()),
-            raw=True,
-        )
-        while True:
-            visitor.rest(1.0)
-            gaps = [later - sooner for sooner, later in pairwise(arrivals)]
-            if gaps:
-                print(
-                    f'{len(gaps) / sum(gaps):.3f} Hz, {1e3 * min(gaps):.2f} to '
-                    f'{1e3 * max(gaps):.2f} ms apart, of {len(arrivals)} messages',
-                    flush=True,
-                )
-            else:
-                print(f'{len(arrivals)} messages in a second', flush=True)
-            del arrivals[:-1]
+    message_type = _type(visitor, options)
+    topic = visitor.node.resolve_topic_name(options.topic)
+    AdaptiveSubscription(
+        visitor.node,
+        Topic(topic, message_type, _QOS),
+        lambda _: arrivals.append(time.monotonic()),
+        raw=True,
+    )
+    while True:
+        visitor.rest(1.0)
+        gaps = [later - sooner for sooner, later in pairwise(arrivals)]
+        if gaps:
+            print(
+                f'{len(gaps) / sum(gaps):.3f} Hz, {1e3 * min(gaps):.2f} to '
+                f'{1e3 * max(gaps):.2f} ms apart, of {len(arrivals)} messages',
+                flush=True,
+            )
+        else:
+            print(f'{len(arrivals)} messages in a second', flush=True)
+        del arrivals[:-1]
 
 
-def _publish(options: argparse.Namespace) -> int:
+def _publish(visitor: Visitor, options: argparse.Namespace) -> None:
     times = 1 if options.once else options.times
     subscribers = options.subscribers
     if subscribers is None:
         subscribers = 1 if times else 0
-    with visiting() as visitor:
-        message = read(interface_type(options.type, 'msg'), options.values)
-        publisher = visitor.node.create_publisher(type(message), options.topic, 10)
-        if not visitor.until(
-            lambda: publisher.get_subscription_count() >= subscribers, _MATCH_LIMIT
-        ):
-            raise RuntimeError(
-                f'{publisher.topic_name} has {publisher.get_subscription_count()} subscribers '
-                f'after {_MATCH_LIMIT:g} s, not {subscribers}; nothing was published'
-            )
-        begin = time.monotonic()
-        for number in count(1):
-            publisher.publish(message)
-            print(f'published on {publisher.topic_name}: {message}', flush=True)
-            if number == times:
-                break
-            visitor.rest(begin + number / options.rate - time.monotonic())
-        visitor.rest(_FAREWELL)
-    return 0
+    message = read(interface_type(options.type, 'msg'), options.values)
+    publisher = visitor.node.create_publisher(type(message), options.topic, 10)
+    if not visitor.until(lambda: publisher.get_subscription_count() >= subscribers, _MATCH_LIMIT):
+        raise RuntimeError(
+            f'{publisher.topic_name} has {publisher.get_subscription_count()} subscribers '
+            f'after {_MATCH_LIMIT:g} s, not {subscribers}; nothing was published'
+        )
+    begin = time.monotonic()
+    for number in count(1):
+        publisher.publish(message)
+        print(f'published on {publisher.topic_name}: {message}', flush=True)
+        if number == times:
+            break
+        visitor.rest(begin + number / options.rate - time.monotonic())
+    visitor.rest(_FAREWELL)

@@ -121,7 +121,7 @@ def visiting() -> Iterator[Visitor]:
         rclpy.try_shutdown()
 
 
-Verb = Callable[[argparse.Namespace], int]
+Verb = Callable[[Visitor, argparse.Namespace], None]
 
 
 class Verbs:
@@ -140,8 +140,9 @@ class Verbs:
         return parser
 
     def run(self, arguments: list[str]) -> int:
-        """Understand a line and do what it says; return the exit code."""
+        """Parse the arguments, run the verb in the graph and return the exit code."""
         complete(self._parser)
         options = self._parser.parse_args(arguments)
-        verb: Verb = options.verb
-        return verb(options)
+        with visiting() as visitor:
+            options.verb(visitor, options)
+        return 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A thread that acts at a fixed rate on absolute deadlines, and knows how well it did."""
+"""Loops at a fixed rate on absolute deadlines, and the real-time priority of threads."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Of SCHED_FIFO: before all ordinary threads and behind all others of the system."""
+"""Priority in SCHED_FIFO [1]: above ordinary threads, below all other real-time threads."""
 _INTERVAL = 0.05
-"""Over which the share of a core is measured [s]: the kernel stops real-time threads at 0.95 s."""
+"""Interval between two measurements of the share of a core [s]: the kernel stops real-time threads
+after 0.95 s."""
 _MOST_OF_A_CORE = 0.8
-"""Share of a core above which a process is one that computes and no longer one that waits [1]."""
+"""Largest share of a core of a process that keeps its priority [1]."""
 
 
 def go_first(first: bool, threads: Sequence[int] = (0,)) -> None:
@@ -37,7 +38,7 @@ def go_first(first: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def foreign_threads() -> list[int]:
-    """Threads of this process that are none of Python's, as those of the middleware."""
+    """Return the numbers of the threads that Python did not start, as those of the middleware."""
     ours = {thread.native_id for thread in threading.enumerate()}
     return [
         int(path.name) for path in Path('/proc/self/task').iterdir() if int(path.name) not in ours
@@ -45,24 +46,23 @@ def foreign_threads() -> list[int]:
 
 
 def let_others_go() -> None:
-    """Let those threads go that go first as well and wait for the same core.
+    """Yield the core to other real-time threads; an ordinary thread continues.
 
-    A thread of SCHED_FIFO that has woken others keeps them waiting until it sleeps, where the
-    other cores are busy. An ordinary thread, which might lose its core for long, goes on.
+    A SCHED_FIFO thread that has woken others keeps them waiting until it sleeps, if the other
+    cores are busy.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class FirstAsLongAsIdle:
-    """Lets a process go first while it mostly waits, so that overload takes nothing from others.
+    """Priority of a process while it mostly waits, so that overload takes nothing from others.
 
-    That is the calling thread and those of the middleware, or what threads are given. Python's
-    others see to themselves.
+    By default it is that of the calling thread and of the middleware's threads.
     """
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
-        """Let them go first, unless they are not to run in `real_time`."""
+        """Give the threads priority in `real_time`, otherwise do nothing."""
         self._real_time = real_time
         self._first = True
         self._since = (time.monotonic(), time.process_time())
@@ -71,7 +71,7 @@ class FirstAsLongAsIdle:
             go_first(True, self._threads)
 
     def look(self) -> None:
-        """Change its place where the share of a core that it took of late asks for that."""
+        """Update the priority by the share of a core that the process took recently."""
         now, (then, busy) = time.monotonic(), self._since
         if not self._real_time or now - then < _INTERVAL:
             return
@@ -83,68 +83,60 @@ class FirstAsLongAsIdle:
 
 
 _LONGEST_LAG = 10**8
-"""Lateness that is made up for [ns]; beyond it the deadlines are put off."""
+"""Largest lateness that is made up for [ns]; beyond it the deadlines are postponed."""
 _LONGEST_SLEEP = 0.1
-"""Between two looks at whether the loop has to stop or to change its rate [s]."""
+"""Longest time between two checks for a stop or another rate [s]."""
 _IDLE = 0.005
-"""Sleep of a loop without a rate that has nothing to do [s]: a paused one costs little."""
+"""Sleep of a loop of infinite rate that has nothing to do [s]."""
 _HOPELESSLY_LATE = 10**7
-"""Lateness from which on the loop leaves the processor to others [ns]: ten periods of 1000 Hz."""
+"""Lateness above which a loop has no priority [ns]: ten periods of 1000 Hz."""
 
 
 class Punctuality(NamedTuple):
-    """How a paced loop has kept its deadlines since it began."""
+    """Deadlines of a loop since it began."""
 
     ticks: int
-    """Times that it acted."""
+    """Number of calls."""
     missed: int
-    """Times that it acted more than a period late."""
+    """Number of calls more than a period late."""
     largest_lateness: float
-    """The latest that it acted after an instant that was due [s]."""
+    """Largest lateness of a call [s]."""
     lag: float
-    """By how much time it has fallen behind for good [s]."""
+    """Time by which the deadlines were postponed [s]."""
 
 
 class PacedLoop:
-    """Calls a function at t0 + k / rate, k = 0, 1, ..., each instant computed from k alone.
+    """Thread that calls a function at t0 + k / rate, computed from k = 0, 1, ... alone.
 
-    A late call is made at once and the next deadlines stay where they are. Where the loop is
-    more than 0.1 s behind, the rest of the deadlines are put off by that much: it then runs
-    slower than asked for, and says so, but never in a burst.
+    A late call is made at once, and the next deadlines stay. If the loop is more than 0.1 s
+    behind, all later deadlines are postponed by that much, so that there is no burst. A rate that
+    is set later counts from that moment, as t0. At an infinite rate each call follows the last,
+    after a pause if that returned False because it had nothing to do.
 
-    A loop that is to be `first` goes before other threads, as far as it may, while it is less
-    than 10 ms late: one that cannot keep up leaves the processor to them. It can be started again
-    once it was stopped.
-
-    A rate that is set later counts from that moment on, as t0. At an infinite rate each call
-    follows the last, but for one that returned False, as it had nothing to do.
+    With `first` the thread has priority while it is less than 10 ms late. A loop can be started
+    again after a stop.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], first: bool = False) -> None:
         """Prepare to call `act` at a rate [Hz]."""
         self.rate = rate
+        self.punctuality = Punctuality(0, 0, 0.0, 0.0)
+        self.failure: Exception | None = None
         self._act = act
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
-        self._punctuality = Punctuality(0, 0, 0.0, 0.0)
         self._may_go_first = first
         self._first: bool | None = None
-        self.failure: Exception | None = None
-
-    @property
-    def punctuality(self) -> Punctuality:
-        """How the loop has kept its deadlines so far."""
-        return self._punctuality
 
     def start(self) -> None:
-        """Begin, with the first call at once."""
+        """Start, with the first call at once."""
         self._stopping.clear()
         self._first = None
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """End after the call that is being made, if any."""
+        """Stop after the current call."""
         self._stopping.set()
         if self._thread is not None:
             self._thread.join()
@@ -160,7 +152,6 @@ class PacedLoop:
             self.failure = error
 
     def _race(self) -> None:
-        """Act without a pause until a finite rate is set."""
         self._go_first(False)
         while math.isinf(self.rate) and not self._stopping.is_set():
             if self._act() is False:
@@ -169,7 +160,6 @@ class PacedLoop:
                 self._note(0, 0, 0)
 
     def _pace(self, rate: float) -> None:
-        """Act at one rate until another is set."""
         period = round(SECOND / rate)
         start = time.monotonic_ns()
         ticks, lag = 0, 0
@@ -186,7 +176,7 @@ class PacedLoop:
             self._note(late, late > period, put_off)
 
     def _reach(self, due: int, rate: float) -> bool:
-        """Sleep until an instant is due [ns]; False where the loop stops or its rate changes."""
+        """Sleep until an instant [ns]; return False if the loop stops or its rate changes."""
         while not self._stopping.is_set() and self.rate == rate:
             early = (due - time.monotonic_ns()) / SECOND
             if early <= 0:
@@ -200,8 +190,8 @@ class PacedLoop:
             go_first(first)
 
     def _note(self, late: int, missed: int, put_off: int) -> None:
-        before = self._punctuality
-        self._punctuality = Punctuality(
+        before = self.punctuality
+        self.punctuality = Punctuality(
             before.ticks + 1,
             before.missed + missed,
             max(before.largest_lateness, late / SECOND),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node as a process: it starts, or says in one line why not, and stops on a signal."""
+"""Processes of nodes: they start, or report in one line why not, and stop on a signal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime.parameter_files import notices
 from soliton_linkage_nodes.runtime.parameters import refuse_unknown
 
 _SPIN = 0.02
-"""How soon a condition is looked at again where nothing is heard [s]."""
+"""Poll interval of a condition while no message comes [s]."""
 
 
 def spin_until(
@@ -37,7 +37,7 @@ def spin_until(
     seconds: float,
     give_up: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Spin until a condition holds; False where it does not in time, or is given up."""
+    """Spin until a condition holds; return False after a time [s] or if `give_up` is true."""
     deadline = time.monotonic() + seconds
     while not condition():
         if give_up() or time.monotonic() > deadline:
@@ -47,10 +47,10 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """The node of a program that spins it while it waits for answers, until it is interrupted."""
+    """Node of a program that spins it while it waits for answers; it takes no parameters."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
-        """Take no parameters; `stopping` is set to interrupt what it waits for."""
+        """Join the graph; an event that is set in `stopping` interrupts `wait`."""
         super().__init__(name, **kwargs)
         self.stopping = stopping
         refuse_unknown(self)
@@ -58,29 +58,29 @@ class WaitingNode(Node):
         self._waiting.add_node(self)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds; False where it is too late or interrupted."""
+        """Spin until a condition holds; return False after a time [s] or an interrupt."""
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
     def wait_on(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds, also where it was interrupted."""
+        """Spin until a condition holds, interrupted or not; return False after a time [s]."""
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
-        """Leave the graph, on which the executor would else keep it."""
+        """Shut the executor down, which would otherwise keep the node in the graph."""
         self._waiting.shutdown()
         super().destroy_node()
 
 
 _SHARE_OF_PERIOD = 0.1
-"""Of the time between frames, after which a thread gives the interpreter up to who paces them [1]:
-after the usual 5 ms a frame of 1000 Hz is five periods late. Half of it: who waits for the
-interpreter wakes twice as often; twice: frames are later by a tenth of a period."""
+"""Switch interval of the interpreter, in periods of the frames [1]. With the default of 5 ms a
+frame of 1000 Hz is five periods late. Sensitivity: at 0.5x, waiting threads wake twice as often;
+at 2x, frames are late by another tenth of a period."""
 _SHORTEST_TURN = 1e-4
-"""Of a thread with the interpreter [s], which it takes some microseconds to change."""
+"""Shortest switch interval [s]: a switch takes some microseconds."""
 _MIXED = 'Sequence should be of same type'
-"""What rcl says of a list such as [1, 0.5]."""
+"""Error of rcl for a list such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
-"""Of the executor, before the process looks whether a signal has come [s]."""
+"""Longest time between two checks for a signal [s]."""
 
 
 def stop_on_signals() -> threading.Event:
@@ -99,17 +99,14 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Have SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Have SIGINT and SIGTERM raise KeyboardInterrupt in what computes, for the time of that.
-
-    It is raised at once where one has come before, which has set `stopping`.
-    """
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt, at once if `stopping` is set."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
     try:
@@ -122,7 +119,7 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 
 def initialise(arguments: list[str] | None = None) -> None:
-    """Initialise ROS from the command line, or from arguments; ValueError where they are wrong."""
+    """Initialise ROS from arguments, by default the command line; ValueError if they are wrong."""
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
@@ -132,37 +129,32 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
-    """Spin a node until SIGINT or SIGTERM, or until it has finished, and end the process.
+    """Spin a node of a class until SIGINT, SIGTERM or its end, and end the process.
 
-    What creates the node is its class. It does not where the command line asks for help or is
-    wrong.
-
-    `finished` may raise what the node has failed of: executors print the trace of what callbacks
-    raise.
-
-    The exit code is 0, 1 after one line where the node could not start or go on, or 2 after one
-    line where the program was given arguments that it does not know.
+    `finished` returns whether the node has finished, or raises its failure, because executors
+    print a trace of what callbacks raise. The exit code is 0; 1 after one line if the node could
+    not start or continue; 2 after one line if an argument is unknown.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([Component(create_node, finished)], sys.argv)
 
 
 class Component(NamedTuple):
-    """What creates a node, and what says whether it has finished or raises its failure."""
+    """Constructor of a node, and a function that tells whether it has finished."""
 
     create: Callable[[], Node]
     finished: Callable[[Any], bool] | None = None
 
 
 def run_together(components: Sequence[Component], arguments: list[str]) -> None:
-    """Spin several nodes in one process, as `run` does with one; they are destroyed together."""
+    """Spin several nodes in one process, as `run` does with one, and destroy them together."""
     stopping = stop_on_signals()
     code = 0
     try:
         initialise(arguments)
         warnings.showwarning = _log_warning
         gc.collect()
-        # In Jazzy its spin() hangs; turns of it do not, at half the cost of others.
+        # It has half the cost of other executors. Its spin() hangs in Jazzy, turns do not.
         executor = EventsExecutor()
         with ExitStack() as stack:
             nodes = []
@@ -177,7 +169,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
             if rates:
                 turn = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_TURN)
                 sys.setswitchinterval(min(turn, sys.getswitchinterval()))
-            # What stays for good is not to be searched for garbage, in 40 ms, while messages wait.
+            # A collection that includes these permanent objects takes 40 ms.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
     except (ValueError, OSError) as error:
@@ -216,20 +208,17 @@ def _spin(
     place = FirstAsLongAsIdle(any(getattr(node, 'real_time', False) for _, node in nodes))
     with Turns() as turns:
         while not stopping.is_set():
-            if any(
-                component.finished is not None and component.finished(node)
-                for component, node in nodes
-            ):
+            if any(component.finished and component.finished(node) for component, node in nodes):
                 break
             executor.spin_until_future_complete(turns.begin(), _LONGEST_WAIT)
             place.look()
 
 
 class Turns:
-    """Ends turns of an executor, in which it calls back for all that comes, after their time.
+    """Thread that ends the turns of an executor, in which it takes all that comes.
 
-    To begin one for each callback takes as long as ten lines of Python. The executor looks at its
-    own limit of time only where nothing waits for it.
+    A turn for each callback would take as long as ten lines of Python. The executor checks its own
+    time limit only while nothing waits for it.
     """
 
     def __init__(self) -> None:
@@ -246,7 +235,7 @@ class Turns:
         self._thread.join()
 
     def begin(self) -> Future:
-        """Return what is done when the turn is over."""
+        """Return a future that is done when the turn is over."""
         self._turn = Future()
         return self._turn
 
