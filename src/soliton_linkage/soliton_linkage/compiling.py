@@ -32,6 +32,7 @@ TABLE = types.float64[:, ::1]
 READ_FLAGS = types.Array(types.boolean, 1, 'C', readonly=True)
 FLAGS = types.boolean[::1]
 READ_PLACES = types.Array(types.int64, 2, 'C', readonly=True)
+BOX = types.float64[:, :, ::1]
 READ_BOX = types.Array(types.float64, 3, 'C', readonly=True)
 READ_PICTURE = types.Array(types.uint8, 2, 'C', readonly=True)
 PICTURE = types.uint8[:, :, ::1]

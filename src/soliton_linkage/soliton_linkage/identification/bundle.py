@@ -31,6 +31,7 @@ import numpy as np
 
 from soliton_linkage.identification.lengths import OF_A_BOND, OF_A_ROTOR, Lengths
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.springs import spring_between
 
 _TOGETHER = 256
 """Frames that are worked on at once: their arrays stay in the cache."""
@@ -71,11 +72,10 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
     rest = lengths.rest_lengths[:, None]
     sine, cosine = np.sin(angles), np.cos(angles)
     h, v = r * sine, r * cosine
-    across, up = a + h[1:] - h[:-1], v[1:] - v[:-1]
-    length = np.hypot(across, up)
-    across, up = across / length, up / length
-    first = h[:-1] * up - v[:-1] * across
-    second = v[1:] * across - h[1:] * up
+    offset = a**2 + r[:-1] ** 2 + r[1:] ** 2 - rest**2
+    values, first, second = spring_between(h[:-1], v[:-1], h[1:], v[1:], a, offset, rest)
+    across = (a + h[1:] - h[:-1]) / (rest + values)
+    up = (v[1:] - v[:-1]) / (rest + values)
     slopes = np.empty((*first.shape, OF_A_BOND))
     slopes[..., 0] = -(h[:-1] * across + v[:-1] * up)
     slopes[..., 1] = -first
@@ -83,7 +83,7 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
     slopes[..., 3] = -rest
     slopes[..., 4] = h[1:] * across + v[1:] * up
     slopes[..., 5] = -second
-    return Misclosures(length - rest, first, second, slopes)
+    return Misclosures(values, first, second, slopes)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
+    BOX,
     COUNT,
     NUMBER,
     READ,
@@ -38,10 +39,12 @@ from soliton_linkage.compiling import (
     READ_TABLE,
     ROW,
     TABLE,
+    compile_loop,
     compiled,
 )
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split_lengths
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
 """Rows of the table, and but for the last of the columns, in which log m takes its place."""
@@ -63,21 +66,23 @@ M = INERTIA
     RUBBING,
     DRAG,
     FALL,
-) = range(15)
-"""Rows of the work of springs and rotors, (15, N): diagonals, tension, levers, and second
-derivatives; then the share of the friction that acts, the change of all drag with the rate, and
-the acceleration by gravity."""
+    ACCELERATION,
+) = range(16)
+"""Rows of the work of springs and rotors, (16, N): diagonals, tension, levers, and second
+derivatives; then the share of the friction that acts, the change of all drag with the rate, the
+acceleration by gravity and that by all torques."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN = range(5)
 """Places of the forces."""
 Places = NDArray[np.int64]
 
 
-@compiled(READ_TABLE, READ, ROW, ROW, ROW, TABLE)
-def accelerate(
-    table: Array, forces: Array, angles: Array, rates: Array, values: Array, work: Array
-) -> None:
-    """Set the accelerations `values` [rad/s^2], (N,), and the work of all springs."""
-    rotors = angles.size
+spring = compile_loop(spring_between, inlined=True)
+
+
+@compiled(READ_TABLE, READ, ROW, ROW, TABLE)
+def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: Array) -> None:
+    """Set the accelerations [rad/s^2] and the work of all springs."""
+    rotors, values = angles.size, work[ACCELERATION]
     falling = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):
         rubbing = math.tanh(rates[n] / forces[SLIDING])
@@ -95,13 +100,12 @@ def accelerate(
     s, c = math.sin(angles[0]), math.cos(angles[0])
     for n in range(rotors - 1):
         s2, c2 = math.sin(angles[n + 1]), math.cos(angles[n + 1])
-        r, r2, k = table[R, n], table[R, n + 1], table[K, n]
-        across, up = table[A, n] + r2 * s2 - r * s, r2 * c2 - r * c
-        length = math.sqrt(across * across + up * up)
-        ux, uy = across / length, up / length
-        f = length - table[L, n]
+        r, r2, a, rest, k = table[R, n], table[R, n + 1], table[A, n], table[L, n], table[K, n]
         x1, y1, x2, y2 = -r * c, r * s, r2 * c2, -r2 * s2
-        first, second = x1 * ux + y1 * uy, x2 * ux + y2 * uy
+        offset = a * a + r * r + r2 * r2 - rest * rest
+        f, first, second = spring(y1, -x1, -y2, x2, a, offset, rest)
+        length = rest + f
+        ux, uy = (a - y2 - y1) / length, (x2 + x1) / length
         by_r, by_next = -s * ux - c * uy, s2 * ux + c2 * uy
         pull = -k * f
         values[n] += pull * first
@@ -135,20 +139,20 @@ def combine(out: Array, base: Array, factor: float, other: Array) -> None:
         out[q] = base[q] + factor * other[q]
 
 
-@compiled(READ_TABLE, READ_PLACES, COUNT, ROW, ROW, TABLE, TABLE, TABLE, TABLE)
+@compiled(READ_TABLE, READ_PLACES, COUNT, ROW, TABLE, TABLE, TABLE, TABLE)
 def change_accelerations(
     table: Array,
     columns: Places,
     drag_column: int,
     rates: Array,
-    values: Array,
     work: Array,
     x: Array,
     v: Array,
     changes: Array,
 ) -> None:
-    """Set the changes of accelerations, (N, Q), given their values and the work of all springs."""
+    """Set the changes of accelerations, (N, Q), given the work of all springs."""
     rotors, size = x.shape
+    values = work[ACCELERATION]
     for n in range(rotors):
         inverse = 1 / table[INERTIA, n]
         main, drag = work[MAIN, n] * inverse, -work[DRAG, n] * inverse
@@ -183,7 +187,7 @@ def change_accelerations(
         row[columns[K, n]] += work[PULL, n] * work[SECOND, n] * inverse
 
 
-@compiled(READ_TABLE, READ_PLACES, COUNT, READ, COUNT, NUMBER, ROW, ROW, TABLE, TABLE)
+@compiled(READ_TABLE, READ_PLACES, COUNT, READ, COUNT, NUMBER, TABLE, BOX)
 def advance(
     table: Array,
     columns: Places,
@@ -191,43 +195,47 @@ def advance(
     forces: Array,
     steps: int,
     step: float,
-    angles: Array,
-    rates: Array,
-    x: Array,
-    v: Array,
+    state: Array,
+    changes: Array,
 ) -> None:
-    """Go some steps [s] on, in place, by the classical method of Runge and Kutta."""
-    rotors, size = x.shape
-    work, values = np.empty((15, rotors)), np.empty(rotors)
-    angle, rate = np.empty(rotors), np.empty(rotors)
-    angle_sum, rate_sum = np.empty(rotors), np.empty(rotors)
-    at_x, at_v, changes = (
-        np.empty((rotors, size)),
-        np.empty((rotors, size)),
-        np.empty((rotors, size)),
-    )
-    sum_x, sum_v = np.empty((rotors, size)), np.empty((rotors, size))
+    """Go some steps [s] on, in place, by the classical method of Runge and Kutta.
+
+    Angles and rates are the rows of `state`, (2, N), x and v those of `changes`, (2, N, Q).
+    """
+    rotors, size = changes.shape[1:]
+    work, rate_changes = np.empty((16, rotors)), np.empty((rotors, size))
     for _ in range(steps):
-        angle[:], rate[:], at_x[:], at_v[:] = angles, rates, x, v
-        angle_sum[:], rate_sum[:], sum_x[:], sum_v[:] = angles, rates, x, v
+        at, sums, at_changes, sum_changes = (
+            state.copy(),
+            state.copy(),
+            changes.copy(),
+            changes.copy(),
+        )
         for stage in range(4):
             weight = step / 6 if stage in (0, 3) else step / 3
             ahead = step if stage == 2 else step / 2
-            accelerate(table, forces, angle, rate, values, work)
+            accelerate(table, forces, at[0], at[1], work)
             if size:
                 change_accelerations(
-                    table, columns, drag_column, rate, values, work, at_x, at_v, changes
+                    table,
+                    columns,
+                    drag_column,
+                    at[1],
+                    work,
+                    at_changes[0],
+                    at_changes[1],
+                    rate_changes,
                 )
             for n in range(rotors):
-                angle_sum[n] += weight * rate[n]
-                rate_sum[n] += weight * values[n]
-                angle[n] = angles[n] + ahead * rate[n]
-                rate[n] = rates[n] + ahead * values[n]
-                combine(sum_x[n], sum_x[n], weight, at_v[n])
-                combine(sum_v[n], sum_v[n], weight, changes[n])
-                combine(at_x[n], x[n], ahead, at_v[n])
-                combine(at_v[n], v[n], ahead, changes[n])
-        angles[:], rates[:], x[:], v[:] = angle_sum, rate_sum, sum_x, sum_v
+                sums[0, n] += weight * at[1, n]
+                sums[1, n] += weight * work[ACCELERATION, n]
+                at[0, n] = state[0, n] + ahead * at[1, n]
+                at[1, n] = state[1, n] + ahead * work[ACCELERATION, n]
+                combine(sum_changes[0, n], sum_changes[0, n], weight, at_changes[1, n])
+                combine(sum_changes[1, n], sum_changes[1, n], weight, rate_changes[n])
+                combine(at_changes[0, n], changes[0, n], ahead, at_changes[1, n])
+                combine(at_changes[1, n], changes[1, n], ahead, rate_changes[n])
+        state[:], changes[:] = sums, sum_changes
 
 
 _LONGEST_STEP = 0.4
@@ -349,40 +357,37 @@ def split_chain(unknowns: Array) -> dict[str, Array]:
 
 
 def frames(motion: FreeMotion, times: Array) -> Array:
-    """Angles at each instant [rad], shape (T, N)."""
+    """Return the angles at each instant [rad], shape (T, N)."""
     return followed(motion, times)[0]
 
 
 def followed(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
-    """Angles at each instant [rad], shape (T, N), and the motion from the last on."""
-    nothing = np.empty((len(motion.masses), 0))
-    angles, rates, _ = zip(*_frames(motion, times, nothing, nothing.copy()), strict=True)
-    return np.array(angles), replace(motion, angles=angles[-1], rates=rates[-1])
+    """Return the angles at each instant [rad], shape (T, N), and the motion from the last on."""
+    states = [state for state, _ in _frames(motion, times, np.empty((2, len(motion.masses), 0)))]
+    angles, rates = states[-1]
+    return np.array([state[0] for state in states]), replace(motion, angles=angles, rates=rates)
 
 
 def frames_with_changes(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Angles at each instant [rad], (N,), and their changes with all unknowns, (N, Q)."""
+    """Yield the angles at each instant [rad], (N,), and their changes with unknowns, (N, Q)."""
     rotors, at = len(motion.masses), motion.parts
-    x, v = np.zeros((2, rotors, motion.size))
-    x[:, at.angles] = v[:, at.rates] = np.eye(rotors)
-    for angles, _, changes in _frames(motion, times, x, v):
-        yield angles, changes
+    changes = np.zeros((2, rotors, motion.size))
+    changes[0, :, at.angles] = changes[1, :, at.rates] = np.eye(rotors)
+    for state, changed in _frames(motion, times, changes):
+        yield state[0], changed
 
 
-def _frames(
-    motion: FreeMotion, times: Array, x: Array, v: Array
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Angles, rates and changes of angles at each instant."""
-    angles, rates = motion.angles.copy(), motion.rates.copy()
-    table, columns, drag_column = _table(motion), _columns(motion), motion.parts.forces.start
+def _frames(motion: FreeMotion, times: Array, changes: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield angles and rates, (2, N), and the changes of angles, (N, Q), at each instant."""
+    state = np.array([motion.angles, motion.rates])
+    chain = _table(motion), _columns(motion), motion.parts.forces.start
     along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
     forces = np.array([motion.damping, motion.friction, _SLIDING, along, down])
-    yield angles.copy(), rates.copy(), x.copy()
+    yield state.copy(), changes[0].copy()
     for span in np.diff(times).tolist():
         steps = max(1, math.ceil(span * motion.fastest / _LONGEST_STEP))
-        given = table, columns, drag_column, forces, steps, span / steps
-        advance(*given, angles, rates, x, v)
-        yield angles.copy(), rates.copy(), x.copy()
+        advance(*chain, forces, steps, span / steps, state, changes)
+        yield state.copy(), changes[0].copy()
 
 
 def _table(motion: FreeMotion) -> Array:

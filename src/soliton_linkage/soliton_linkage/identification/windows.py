@@ -174,11 +174,15 @@ class MotionPrior:
         return information, values - self.shift
 
     def drawn(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """The same about a mean that is drawn from it; what it does not tell keeps still."""
+        """Return the prior about a mean that is drawn from it, without what it does not inform.
+
+        The symmetric root of the covariance keeps the draw the same where eigenvalues are equal.
+        """
         values, vectors = np.linalg.eigh(self.about(motion)[0])
-        told = values > _TOLD * values[-1]
-        steps = random.standard_normal(int(told.sum())) / np.sqrt(values[told])
-        return replace(self, shift=np.asarray(vectors[:, told] @ steps))
+        informed = values > _TOLD * values[-1]
+        values, vectors = values[informed], vectors[:, informed]
+        steps = vectors.T @ random.standard_normal(len(vectors)) / np.sqrt(values)
+        return replace(self, shift=np.asarray(vectors @ steps))
 
     def relearnt(
         self, motion: FreeMotion, covariance: Array, tolerance: float | None
