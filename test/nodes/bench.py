@@ -54,14 +54,12 @@ class Bench:
         self.graph.speak(interfaces.CHAIN).publish(chain_to_msg(self.named, time_to_msg(0)))
         self.graph.until(lambda: self.node.source.named, 'the chain')
 
-    def joints(self, angles: Array, stamp: float | None = None, order: int = 1) -> None:
+    def joints(self, angles: Array, stamp: float | None = None) -> None:
         """Publish joint states of a stamp [s], and wait until they are there."""
         self._stamp = self._stamp + 0.01 if stamp is None else stamp
         zeros = np.zeros(self.named.rotors)
         instant = time_to_msg(round(self._stamp * 1e9))
         message = frame_to_msg(self.named, Frame(angles, zeros), zeros, instant)
-        for field in ('name', 'position', 'velocity', 'effort'):
-            setattr(message, field, list(getattr(message, field))[::order])
         self.raw_joints(message)
 
     def raw_joints(self, message: JointState) -> None:

@@ -6,19 +6,22 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from bench import Bench
 from graphs import Graph, values
+from numpy.typing import ArrayLike
 from std_msgs.msg import Float64, Header
 
+from soliton_linkage.actuation.actuators import ACTUATORS, PneumaticActuator
 from soliton_linkage.actuation.profile import trapezoid
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode, rigidity_matrix
-from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -89,15 +92,6 @@ def test_the_mode_is_that_of_the_latest_configuration(bench: Bench) -> None:
         np.testing.assert_array_equal(
             bench.next_impulses(), chain.moment_of_inertia * 2.0 * expected
         )
-
-
-def test_joints_may_come_in_any_order(bench: Bench) -> None:
-    chain = bench.named.chain
-    angles = chain.uniform_state(LEFT) + np.linspace(0, 0.01, chain.number_of_rotors)
-    bench.joints(angles, order=-1)
-    bench.nudge(1.0)
-    expected = chain.moment_of_inertia * edge_mode(chain, angles, Edge.NEAREST)
-    np.testing.assert_array_equal(bench.next_impulses(), expected)
 
 
 def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench: Bench) -> None:
@@ -325,16 +319,6 @@ def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[],
     assert 'refused /left/poke: nothing subscribes' in said()
 
 
-def test_parameters_of_the_chain_take_the_place_of_the_topic(
-    graph: Graph, named: NamedChain
-) -> None:
-    given = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
-    bench = Bench(graph, named, given)
-    bench.joints(named.chain.uniform_state(LEFT))
-    bench.nudge(1.0)
-    assert np.any(bench.next_impulses())
-
-
 @pytest.mark.parametrize(
     ('spoil', 'complaint'),
     [
@@ -417,3 +401,39 @@ def test_impulses_are_stamped(bench: Bench) -> None:
     bench.graph.until(lambda: bench.impulses, 'impulses')
     assert time_from_msg(bench.impulses[0].header.stamp) > 1_600_000_000 * 10**9
     assert bench.impulses[0].header.frame_id == 'linkage'
+
+
+@dataclass(frozen=True)
+class TwinBellows(PneumaticActuator):
+    """Bellows in pairs."""
+
+    bellows: int = quantity(2, 'number of bellows', '', 1, 9)
+
+    def torque(self, pressure: ArrayLike) -> Array:
+        return self.bellows * super().torque(pressure)
+
+
+@pytest.fixture
+def twin_bellows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ACTUATORS, 'twin_bellows', TwinBellows)
+
+
+@pytest.mark.usefixtures('twin_bellows')
+def test_the_actuator_that_is_chosen_gives_the_torques(graph: Graph, named: NamedChain) -> None:
+    bench = Bench(graph, named, {'actuator': 'twin_bellows', 'bellows': 3})
+    bench.tell_chain()
+    rest = named.chain.uniform_state(-1)
+    bench.joints(rest, stamp=0.0)
+    bench.joints(rest, stamp=1.0)
+    bench.carry_out(edge=EdgeCommand.FIRST, kind=EdgeCommand.PRESSURE, value=1e5)
+    held = bench.drive([rest, rest], 10.0, 10.0, messages=2)[-1]
+    strength = 3 * 1e5 * PneumaticActuator().torque_per_pressure
+    expected = strength * edge_mode(named.chain, rest, Edge.FIRST)
+    np.testing.assert_allclose(held, expected, rtol=1e-6)
+
+
+@pytest.mark.usefixtures('twin_bellows')
+def test_an_actuator_that_is_not_known_is_refused(graph: Graph) -> None:
+    known = "parameter actuator = 'steam' must be one of 'pneumatic', 'twin_bellows'"
+    with pytest.raises(ValueError, match=known):
+        graph.start(EdgeActuator, {'actuator': 'steam'})

@@ -212,6 +212,7 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
             {'state': Reset.Request.ANGLES, 'name': ['rotor_1'], 'angle': [0.0]},
             'start from angles that the bars allow',
         ),
+        ({'state': 7}, 'state = 7 must be one of 0 to 4'),
     ],
 )
 def test_a_reset_to_what_cannot_be_changes_nothing(
@@ -224,15 +225,6 @@ def test_a_reset_to_what_cannot_be_changes_nothing(
     assert complaint in response.message
     state = with_soliton(CHAIN, 3.0, 0.5)
     assert_shown(paused.taken(10), RigidSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
-
-
-def test_the_initial_state_can_be_a_soliton(graph: Graph) -> None:
-    given = {'initial_state': 'soliton', 'initial_place': 4.5, 'initial_velocity': -0.3}
-    paused = Paused(graph, given)
-    paused.reset(state=Reset.Request.RIGHT_LEANING)
-    paused.reset()
-    state = with_soliton(CHAIN, 4.5, -0.3)
-    assert_shown(paused.taken(10), ElasticSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
 
 
 def test_joint_states_are_what_sensors_show(graph: Graph) -> None:

@@ -131,17 +131,6 @@ def test_a_reset_forgets_commands_but_not_the_time(
         twin.advance()
 
 
-def test_a_reset_to_an_unknown_state_changes_nothing(graph: Graph) -> None:
-    stream = Stream(graph)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    impulses.publish(kick_message())
-    stream.grow(30)
-    response = reset(graph, 7)
-    assert (response.success, response.message) == (False, 'state = 7 must be one of 0 to 4')
-    stream.grow(30)
-    stream.explain([kick])
-
-
 @pytest.mark.parametrize('stepping', [False, True])
 def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, stepping: bool) -> None:
     stream = Stream(graph, {'impulse_limit': 1e6})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server: Foxglove and Lichtblick see the graph, and publish on it."""
+"""The server of the graph for Foxglove and Lichtblick."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _PERIOD = 0.02
-"""Between two looks at what clients want [s]: what they publish waits no longer."""
+"""Poll interval for requests of clients [s]."""
 _SEARCH_PERIOD = 0.5
-"""Between two looks at the topics of the graph [s]."""
+"""Poll interval for topics of the graph [s]."""
 _LOOPBACK = ('127.0.0.1', '::1', 'localhost')
 
 
@@ -36,14 +36,13 @@ class FoxgloveServerParameters:
 class FoxgloveServer(GuardedNode):
     """Serves the graph to Foxglove and Lichtblick, as foxglove_bridge does in a ROS install.
 
-    Subscribes to whatever topics its clients want, and publishes what they do. Publishes
-    `/diagnostics`.
+    Subscribes to the topics of its clients and publishes their messages and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {FoxgloveServerParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Listen for clients."""
+        """Start the server."""
         super().__init__('foxglove_server', **kwargs)
         self.settings = settings = declare(self, FoxgloveServerParameters)
         refuse_unknown(self)
@@ -57,7 +56,11 @@ class FoxgloveServer(GuardedNode):
         self.diagnostics = Diagnostics(self, 'serving', self._report)
         self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.serving = Serving(
-            self, (settings.host, settings.port), settings.read_only, self._asked.put, self._refuse
+            self,
+            (settings.host, settings.port),
+            settings.read_only,
+            self._asked.put,
+            self.diagnostics.refuse,
         )
         self._searched = 0.0
         self._reported = (time.monotonic(), 0)
@@ -71,11 +74,11 @@ class FoxgloveServer(GuardedNode):
 
     @property
     def address(self) -> str:
-        """Of the server, for a client."""
+        """Address for a client."""
         return f'ws://{self.settings.host}:{self.serving.port}'
 
     def destroy_node(self) -> None:
-        """End the connections, then go."""
+        """End the connections too."""
         self.serving.close()
         super().destroy_node()
 
@@ -85,10 +88,7 @@ class FoxgloveServer(GuardedNode):
         searching = time.monotonic() - self._searched >= _SEARCH_PERIOD
         if searching:
             self._searched = time.monotonic()
-        self.serving.look(searching)
-
-    def _refuse(self, topic: str, reason: str) -> None:
-        self.diagnostics.refuse(topic, reason)
+        self.serving.poll(searching)
 
     def _report(self) -> Report:
         now = time.monotonic()
@@ -109,5 +109,5 @@ class FoxgloveServer(GuardedNode):
 
 
 def main() -> None:
-    """Serve until it is told to stop."""
+    """Run the server."""
     run(FoxgloveServer)

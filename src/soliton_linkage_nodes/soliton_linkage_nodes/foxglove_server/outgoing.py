@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of the graph as channels, each subscribed to while a client wants it."""
+"""Topics of the graph as channels, each subscribed to only for clients."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Messages that a queue holds while none is taken: a second of a topic at 1000 Hz."""
+"""Depth of the queue: a second of a topic at 1000 Hz."""
 
 
 class OutgoingTopic:
-    """A topic as clients see it: its messages as they are, with the definition of their type."""
+    """A topic for clients: its serialized messages with the definition of their type."""
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
-        """Offer it to clients; raises ValueError where its type is not installed."""
+        """Offer it to clients; raise ValueError if its type is not installed."""
         self.name, self.type = name, type_
         self.sent = 0
-        """How many messages clients were given."""
+        """Number of messages sent."""
         self._topic = Topic(name, message_class(type_), QoSProfile(depth=_DEPTH))
         definition, _ = type_definition(type_)
         schema = Schema(name=type_, encoding='ros2msg', data=definition.encode())
@@ -36,14 +36,14 @@ class OutgoingTopic:
 
     @property
     def subscribed(self) -> bool:
-        """Whether clients want it."""
+        """Whether a client subscribes to it."""
         return self._subscription is not None
 
-    def look(self, renewed: bool, adapting: bool) -> None:
-        """Subscribe, or no longer, as clients do; anew where publishers offer something else.
+    def poll(self, renewed: bool, adapting: bool) -> None:
+        """Subscribe or unsubscribe as clients do.
 
-        What is latched is asked for again where another client has come: `renewed`. What is
-        offered is looked at while `adapting`.
+        `renewed` gets latched messages again for another client. `adapting` follows the quality
+        of service of publishers.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -58,7 +58,7 @@ class OutgoingTopic:
                 self._subscription.renew()
 
     def close(self) -> None:
-        """Offer it no longer."""
+        """Withdraw it."""
         self._unsubscribe()
         self._channel.close()
 
@@ -76,7 +76,7 @@ class OutgoingTopics:
     """All topics of the graph."""
 
     def __init__(self, node: Node, context: Context, complain: Callable[[str, str], None]) -> None:
-        """Offer them to the clients of a context; `complain` is told of a topic and why not."""
+        """Offer them in a context; report a rejected topic and the reason to `complain`."""
         self.topics: dict[str, OutgoingTopic] = {}
         self.sent_before = 0
         self._node, self._context, self._complain = node, context, complain
@@ -84,11 +84,11 @@ class OutgoingTopics:
 
     @property
     def sent(self) -> int:
-        """How many messages clients were given."""
+        """Number of messages sent."""
         return self.sent_before + sum(topic.sent for topic in self.topics.values())
 
     def search(self) -> None:
-        """Offer topics that are new, and those no longer that are gone."""
+        """Offer new topics and withdraw those that are gone."""
         found: dict[str, list[str]] = dict(self._node.get_topic_names_and_types())
         for name, topic in list(self.topics.items()):
             if topic.type not in found.get(name, ()) or self._is_deserted(name):
@@ -96,7 +96,7 @@ class OutgoingTopics:
                 topic.close()
                 del self.topics[name]
         for name, types in found.items():
-            # ROS hides what an action says to its clients.
+            # Hidden topics of actions are not offered.
             if '/_' in name or name in self.topics or self._refused.get(name) == types:
                 continue
             if self._is_deserted(name):
@@ -107,19 +107,14 @@ class OutgoingTopics:
                 self._refused[name] = types
                 self._complain(name, str(error))
 
-    def look(self, renewed: set[str], adapting: bool) -> None:
-        """Follow the clients; those of some topics have become more."""
-        for name, topic in self.topics.items():
-            topic.look(name in renewed, adapting)
-
     def close(self) -> None:
-        """Offer nothing."""
+        """Withdraw all topics."""
         for topic in self.topics.values():
             topic.close()
         self.topics.clear()
 
     def _is_deserted(self, name: str) -> bool:
-        """Whether nobody but this node has to do with a topic."""
+        """Return whether no other node publishes or subscribes to a topic."""
         own = name in self.topics and self.topics[name].subscribed
         others: Any = self._node.count_subscribers(name) - own
         return not (others or self._node.count_publishers(name))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the graph, as clients see and call them."""
+"""Services of the graph, offered to clients."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from soliton_linkage_nodes.messages.fields import interface_type
 from soliton_linkage_nodes.runtime.guarded import CALLS
 
 _LONGEST_ANSWER = 10.0
-"""Of a service [s], after which who has called it is told that none came."""
+"""Longest time for the answer of a service [s]."""
 _PARTS_OF_ACTIONS = '/_action/'
-"""In names of services that only clients of actions can call."""
+"""Part of the name of a service that belongs to an action."""
 
 Ask = Callable[[Callable[[], None]], None]
-"""Has something done by the executor."""
+"""Function that queues work for the executor."""
 Complain = Callable[[str, str], None]
-"""Is told of a name and what is wrong with it."""
+"""Function that reports a name and the reason of a rejection."""
 
 
 class CalledService:
     """A service of the graph that clients may call."""
 
     def __init__(self, node: Node, name: str, type_: str, ask: Ask, complain: Complain) -> None:
-        """Describe it to clients; raises ValueError where its type is not installed."""
+        """Describe it to clients; raise ValueError if its type is not installed."""
         self.name, self.type = name, type_
-        # Only of a package of ROS is anything imported: its name is a stranger's.
+        # Only packages of ROS are imported, because the name is foreign input.
         request, response = (
             MessageSchema(
                 encoding='cdr',
@@ -56,13 +56,13 @@ class CalledService:
             schema=ServiceSchema(type_, request=request, response=response),
             handler=self._answer,
         )
-        """What a server offers."""
+        """Description for the server."""
         self._node, self._ask, self._complain = node, ask, complain
         self._client: Client | None = None
         self._waiting: list[tuple[ServiceRequest, Future[bytes]]] = []
 
-    def look(self) -> None:
-        """Pass on what clients have asked for, once the service is there."""
+    def poll(self) -> None:
+        """Call the service for waiting clients, once it is available."""
         if not self._waiting:
             return
         if self._client is None:
@@ -77,7 +77,7 @@ class CalledService:
             self._waiting = [each for each in self._waiting if not each[1].done()]
 
     def close(self) -> None:
-        """Call it no longer, and tell those who wait for it."""
+        """Destroy the client and fail waiting calls."""
         for _, answer in self._waiting:
             _conclude(answer, ValueError(f'{self.name} is gone'))
         self._waiting.clear()
@@ -85,7 +85,7 @@ class CalledService:
             self._node.destroy_client(self._client)
 
     def _answer(self, request: ServiceRequest) -> bytes:
-        """What the service answers, on a thread of the server, which tells what is raised."""
+        """Return the answer of the service, on a thread of the server."""
         answer: Future[bytes] = Future()
         self._ask(lambda: self._waiting.append((request, answer)))
         try:
@@ -109,7 +109,7 @@ class CalledService:
         kind = self._service_type.Request
         fields = kind.get_fields_and_field_types()
         try:
-            # Where there are none a byte is sent, or nothing.
+            # A request without fields is sent as one byte or none.
             return deserialize_message(asked.payload, kind) if fields else kind()
         except Exception as error:  # rclpy's own has no public name
             raise ValueError(
@@ -118,18 +118,18 @@ class CalledService:
 
 
 class CalledServices:
-    """All services of the graph but those of this node and the parts of actions."""
+    """All services of the graph except those of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, ask: Ask, complain: Complain) -> None:
-        """Offer them to the clients of a server; `complain` is told of a type and why not."""
+        """Offer them on a server; report a rejected name and the reason to `complain`."""
         self.services: dict[str, CalledService] = {}
         self._node, self._server, self._ask, self._complain = node, server, ask, complain
         self._refused: dict[str, Sequence[str]] = {}
 
     def search(self) -> None:
-        """Offer services that are new, and those no longer that are gone."""
+        """Offer new services and withdraw those that are gone."""
         told: list[tuple[str, list[str]]] = self._node.get_service_names_and_types()
-        # Of those that are only called, by this node too, there are names as well.
+        # The graph also names services that have only clients.
         found = {name: types for name, types in told if self._node.count_services(name)}
         for name, service in list(self.services.items()):
             if service.type not in found.get(name, ()):
@@ -150,20 +150,20 @@ class CalledServices:
                 self._server.add_services([service.offered])
                 self.services[name] = service
 
-    def look(self) -> None:
-        """Pass on what clients have asked for."""
+    def poll(self) -> None:
+        """Call the services for waiting clients."""
         for service in self.services.values():
-            service.look()
+            service.poll()
 
     def close(self) -> None:
-        """Call nothing any more."""
+        """Close all services."""
         for service in self.services.values():
             service.close()
         self.services.clear()
 
 
 def _conclude(answer: Future[bytes], result: bytes | BaseException) -> None:
-    """Set what came of a call, unless nobody waits for it any more."""
+    """Set the result of a call, unless it was cancelled."""
     with suppress(InvalidStateError):
         if isinstance(result, BaseException):
             answer.set_exception(result)

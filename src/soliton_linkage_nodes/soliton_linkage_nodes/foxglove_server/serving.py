@@ -1,22 +1,69 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The websocket server, and what its clients ask for.
+"""The websocket server and the requests of its clients.
 
-Its calls come on threads of its own: all they do is to queue what the node's executor then does.
+The SDK calls back on its own threads, which only queue work for the node's executor.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ClientChannel, ServerListener
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 
-from soliton_linkage_nodes.foxglove_server.incoming import ENCODINGS, Advertisement, IncomingTopic
+from soliton_linkage_nodes.bags.guards.texts import load_json
+from soliton_linkage_nodes.bags.read.reading import message_class
 from soliton_linkage_nodes.foxglove_server.outgoing import OutgoingTopics
 from soliton_linkage_nodes.foxglove_server.services import Ask, CalledServices, Complain
+from soliton_linkage_nodes.messages.fields import built
+from soliton_linkage_nodes.runtime.interfaces import command_qos
+
+_ENCODINGS = ('cdr', 'json')
+"""Encodings of messages that clients publish."""
+Key = tuple[int, int]
+"""Numbers of a client and of its channel."""
+
+
+class IncomingTopic:
+    """A topic on which a client publishes."""
+
+    def __init__(self, node: Node, topic: str, type_name: str, encoding: str) -> None:
+        """Create the publisher; raise ValueError if that is not possible."""
+        if encoding not in _ENCODINGS:
+            raise ValueError(f'encoding {encoding!r} must be one of {", ".join(_ENCODINGS)}')
+        self.name = topic
+        self._node, self._encoding = node, encoding
+        package, _, name = type_name.replace('/msg/', '/').partition('/')
+        self._type = message_class(f'{package}/msg/{name}')
+        try:
+            self._publisher: Publisher = node.create_publisher(self._type, topic, command_qos())
+        except (InvalidTopicNameException, rclpy_implementation.RCLError) as error:
+            reason = str(error).partition('\n')[0]
+            raise ValueError(f'{type_name} cannot be published: {reason}') from error
+
+    def publish(self, data: bytes) -> None:
+        """Publish a client's data; raise ValueError if it is no message of the type."""
+        if self._encoding == 'json':
+            message: Any = built(self._type, load_json(data.decode(errors='replace')))
+        else:
+            try:
+                message = deserialize_message(data, self._type)
+            except Exception as error:  # rclpy's own has no public name
+                raise ValueError(f'{len(data)} bytes are no message of its type') from error
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Destroy the publisher."""
+        self._node.destroy_publisher(self._publisher)
 
 
 class Serving:
-    """Clients, and the topics and services between them and the graph."""
+    """The server, with the topics and services between its clients and the graph."""
 
     def __init__(
         self,
@@ -26,11 +73,11 @@ class Serving:
         ask: Ask,
         refuse: Complain,
     ) -> None:
-        """Listen at a host and port; raises OSError where that is not possible."""
+        """Serve at a host and port; raise OSError if that is not possible."""
         self.published = 0
-        """How many messages clients have published."""
+        """Number of messages published by clients."""
         self._node, self._refuse = node, refuse
-        self._incoming: dict[tuple[int, int], IncomingTopic] = {}
+        self._incoming: dict[Key, IncomingTopic] = {}
         self._renewed: set[str] = set()
         context = foxglove.Context()
         self.outgoing = OutgoingTopics(node, context, refuse)
@@ -41,7 +88,7 @@ class Serving:
                 host=host,
                 port=port,
                 capabilities=[] if read_only else [Capability.ClientPublish, Capability.Services],
-                supported_encodings=list(ENCODINGS),
+                supported_encodings=list(_ENCODINGS),
                 server_listener=_Listener(self, ask),
                 context=context,
             )
@@ -52,16 +99,17 @@ class Serving:
         self.port = self._server.port
         self.services = None if read_only else CalledServices(node, self._server, ask, refuse)
 
-    def look(self, searching: bool) -> None:
-        """Follow what clients look at, and what is new on the graph where it is searched."""
+    def poll(self, searching: bool) -> None:
+        """Follow the subscriptions and calls of clients, and with `searching` the graph."""
         if searching:
             self.outgoing.search()
         if self.services is not None:
             if searching:
                 self.services.search()
-            self.services.look()
+            self.services.poll()
         renewed, self._renewed = self._renewed, set()
-        self.outgoing.look(renewed, adapting=searching)
+        for name, topic in self.outgoing.topics.items():
+            topic.poll(name in renewed, searching)
 
     def close(self) -> None:
         """End all connections."""
@@ -71,23 +119,23 @@ class Serving:
         self.outgoing.close()
 
     def renew(self, topic: str) -> None:
-        """Another client looks at a topic."""
+        """Note that another client has subscribed to a topic."""
         self._renewed.add(topic)
 
-    def advertise(self, key: tuple[int, int], advertised: Advertisement) -> None:
-        """A client is about to publish."""
+    def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
+        """Prepare a topic on which a client will publish."""
         try:
-            self._incoming[key] = IncomingTopic(self._node, advertised)
+            self._incoming[key] = IncomingTopic(self._node, topic, type_name, encoding)
         except ValueError as error:
-            self._refuse(advertised.topic, str(error))
+            self._refuse(topic, str(error))
 
-    def unadvertise(self, key: tuple[int, int]) -> None:
-        """A client publishes no longer."""
+    def unadvertise(self, key: Key) -> None:
+        """End a client's topic."""
         if key in self._incoming:
             self._incoming.pop(key).close()
 
-    def publish(self, key: tuple[int, int], data: bytes) -> None:
-        """A client publishes."""
+    def publish(self, key: Key, data: bytes) -> None:
+        """Publish a client's message."""
         topic = self._incoming.get(key)
         if topic is None:
             return
@@ -99,7 +147,7 @@ class Serving:
 
 
 class _Listener(ServerListener):
-    """What the SDK calls."""
+    """Callbacks of the SDK, forwarded to the executor."""
 
     def __init__(self, serving: Serving, ask: Ask) -> None:
         self._serving, self._ask = serving, ask
@@ -109,14 +157,12 @@ class _Listener(ServerListener):
         self._ask(lambda: self._serving.renew(topic))
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        key = (client.id, channel.id)
-        advertised = Advertisement(channel.topic, channel.schema_name, channel.encoding)
-        self._ask(lambda: self._serving.advertise(key, advertised))
+        key, topic = (client.id, channel.id), channel.topic
+        type_name, encoding = channel.schema_name, channel.encoding
+        self._ask(lambda: self._serving.advertise(key, topic, type_name, encoding))
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        key = (client.id, client_channel_id)
-        self._ask(lambda: self._serving.unadvertise(key))
+        self._ask(lambda: self._serving.unadvertise((client.id, client_channel_id)))
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        key = (client.id, client_channel_id)
-        self._ask(lambda: self._serving.publish(key, data))
+        self._ask(lambda: self._serving.publish((client.id, client_channel_id), data))
