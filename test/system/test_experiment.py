@@ -23,10 +23,10 @@ from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages, read_topic
 from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
-from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / 'config'

@@ -32,11 +32,11 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
     joint_states_from_msg,
 )
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.soliton_analyser import node as soliton_analyser
-from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 pytestmark = pytest.mark.usefixtures('often')

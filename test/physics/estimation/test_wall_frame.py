@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import WallFrame, WallLine
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.estimation.state_report import EXACT, FrameState, StateReporter
-from soliton_linkage.estimation.wall_frame import WallFrame
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 

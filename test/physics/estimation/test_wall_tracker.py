@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent, lost
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import WallFrame, WallLine
 from soliton_linkage.estimation.settings import DEFAULTS
-from soliton_linkage.estimation.wall_frame import WallFrame
 from soliton_linkage.estimation.wall_track import SeenWall, WallTrack
 from soliton_linkage.estimation.wall_tracker import WallTracker
 from soliton_linkage.linkage.chain import Chain

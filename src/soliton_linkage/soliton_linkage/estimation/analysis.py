@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -94,6 +94,43 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
         completed=int(completed) + backwards,
         leg=1 - estimate.leg if backwards else estimate.leg,
     )
+
+
+class FrameAnalyser(Protocol):
+    """Analyser of the frames of a chain in the order of their time, known or not."""
+
+    @property
+    def limitation(self) -> str:
+        """Reason why walls are not placed on the orbit of the chain, empty where they are."""
+
+    @property
+    def late(self) -> int:
+        """Number of frames that were not later than the one before."""
+
+    @property
+    def late_pushes(self) -> int:
+        """Number of impulses that were reported after the frame that they acted from."""
+
+    @property
+    def starts(self) -> int:
+        """Number of times that the chain was found on its orbit."""
+
+    @property
+    def offsets(self) -> Array:
+        """Offsets of the encoders [rad], shape (N,), 0 where none is significant."""
+
+    @property
+    def offset_deviations(self) -> Array:
+        """Standard deviations of the offsets [rad], shape (N,)."""
+
+    def analyse(
+        self,
+        stamp: int,
+        angles: Array,
+        rates: Array | None = None,
+        deviations: Array | None = None,
+    ) -> Analysis | None:
+        """Analyse a frame of an instant [ns]; return None unless it is later than the last."""
 
 
 class UnknownChainAnalyser:

@@ -19,6 +19,9 @@ from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
+_LEAD = 3.0
+"""Log odds at which another hypothesis leads [1]: 95 %, so that the reported leg is steady."""
+
 
 @dataclass
 class Hypothesis:
@@ -64,7 +67,9 @@ class Hypotheses:
         for each, likelihood in zip(self.all, likelihoods, strict=True):
             each.evidence += likelihood
         ranked = sorted(self.all, key=lambda each: -each.evidence)
-        leader, top = ranked[0], ranked[0].evidence
+        leader, top = self.leader, ranked[0].evidence
+        if top > leader.evidence + _LEAD:
+            leader = ranked[0]
         kept = [leader]
         for each in ranked:
             out = each is leader or each.evidence < top - self._tracking.decisive_odds

@@ -18,10 +18,12 @@ from soliton_linkage.compiling import (
     READ_TABLE,
     TABLE,
     YES,
+    compile_loop,
     compiled,
     named_tuple,
 )
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.springs import TINY, spring_between
 
 Energy = tuple[float, float, float]
 """An energy, its part in the wake, and the deviation of the whole [J]."""
@@ -30,28 +32,27 @@ Shape = tuple[float, float, float, float]
 Sides = tuple[float, float, int, int, float]
 """As `topology` returns them."""
 
-_TINY = float(np.finfo(np.float64).tiny)
-"""Smallest number that is not subnormal [1], which keeps quotients finite."""
 _LARGE = 1e150
 """Step of the levels of large numbers [1]: its square is still a number."""
 
 
+spring = compile_loop(spring_between, inlined=True)
+
+
 @compiled(READ, READ, READ_TABLE, COUNT, COUNT, TABLE)
-def _spring(
+def _set_spring(
     sines: Array, cosines: Array, parameters: Array, n: int, following: int, rows: Array
 ) -> None:
-    spacing, offset, rest_length = parameters[1, n], parameters[2, n], parameters[3, n]
-    h, v = parameters[0, n] * sines[n], parameters[0, n] * cosines[n]
-    h_next = parameters[0, following] * sines[following]
-    v_next = parameters[0, following] * cosines[following]
-    across, up = h_next - h, v_next - v
-    excess = offset + 2 * spacing * across - 2 * (h * h_next + v * v_next)
-    across += spacing
-    length = math.sqrt(across * across + up * up)
-    divisor = max(length, _TINY)
-    rows[0, n] = excess / (length + rest_length)
-    rows[1, n] = (h * up - v * across) / divisor
-    rows[2, n] = (v_next * across - h_next * up) / divisor
+    left, right = parameters[0, n], parameters[0, following]
+    rows[0, n], rows[1, n], rows[2, n] = spring(
+        left * sines[n],
+        left * cosines[n],
+        right * sines[following],
+        right * cosines[following],
+        parameters[1, n],
+        parameters[2, n],
+        parameters[3, n],
+    )
 
 
 @compiled(READ, READ_TABLE, YES, TABLE)
@@ -70,9 +71,9 @@ def of_angles(
     for n in range(rotors):
         sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
     for n in range(rotors - 1):
-        _spring(sines, cosines, parameters, n, n + 1, rows)
+        _set_spring(sines, cosines, parameters, n, n + 1, rows)
     if periodic:
-        _spring(sines, cosines, parameters, rotors - 1, 0, rows)
+        _set_spring(sines, cosines, parameters, rotors - 1, 0, rows)
     twists, upright, sign = 0.0, 0.0, 1.0
     for n in range(rotors - 1):
         twists += sign * (sines[n + 1] * cosines[n] - cosines[n + 1] * sines[n])
@@ -167,14 +168,14 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
     for n in range(rows.shape[1]):
         a, b = rows[1, n] * rows[1, n], rows[2, n] * rows[2, n]
-        strength = (a - b) / max(a + b, _TINY)
+        strength = (a - b) / max(a + b, TINY)
         left += strength if n < before else 0.0
         right += strength if n >= beyond else 0.0
         if abs(strength) > domain:
             last = 1 if strength > 0 else -1
             first = first if first else last
         # t_n^2, in units of 1e150 to the power of the level below or above the largest so far.
-        square *= min(max(max(a, _TINY) / max(b, _TINY), 1 / _LARGE), _LARGE)
+        square *= min(max(max(a, TINY) / max(b, TINY), 1 / _LARGE), _LARGE)
         if square > _LARGE:
             square, level = square / _LARGE, level + 1
         elif square < 1 / _LARGE:

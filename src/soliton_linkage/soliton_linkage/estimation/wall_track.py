@@ -11,8 +11,6 @@ from soliton_linkage.estimation.lattice import WallLine
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 
-_WAY_BESIDE = 0.5
-"""Way on which what shapes leave changes [rotor spacings]."""
 _MEMORY = 100
 """Frames over which what lasts is averaged [1]."""
 _SETTLED = 10.0
@@ -117,7 +115,7 @@ class WallTrack:
         self.place_rate = rate / self._arc
         # What lasts shifts the wall until it has moved on, however many frames show it.
         beside = self._seen_to_last(seen) + seen.untold
-        of_rate += beside * (rate / _WAY_BESIDE) ** 2
+        of_rate += beside * (rate / settings.bias_way) ** 2
         self.deviation = math.sqrt(of_arc / self._arc**2 + beside)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 

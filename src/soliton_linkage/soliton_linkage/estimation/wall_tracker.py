@@ -18,9 +18,8 @@ from scipy.optimize import linear_sum_assignment
 
 from soliton_linkage.estimation.encounter import Encounter
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, SolitonEvent
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import WallFrame, WallLine
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
-from soliton_linkage.estimation.wall_frame import WallFrame
 from soliton_linkage.estimation.wall_track import SeenWall, WallTrack
 
 _LONGEST_DELAY = 2.0

@@ -23,9 +23,9 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_from_msg,
     joint_states_from_msg,
 )
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
-from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 
 _MOST_TOLD = 3
 """Messages of a topic that are refused, of which it is said why: a bag may be full of them."""

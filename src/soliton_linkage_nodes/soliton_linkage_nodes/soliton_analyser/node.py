@@ -19,6 +19,7 @@ from soliton_linkage_nodes.messages.chain_source import (
 )
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -31,7 +32,6 @@ from soliton_linkage_nodes.runtime.subscriptions import (
     CountedSubscription,
     StreamSubscription,
 )
-from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
 
 

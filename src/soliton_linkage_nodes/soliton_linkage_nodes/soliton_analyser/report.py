@@ -11,7 +11,7 @@ from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import TrackingStatus
 from soliton_linkage.linear.bands import gap
-from soliton_linkage_nodes.soliton_analyser.joint_state_analysis import JointStateAnalysis
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 
 _OF_NOISE = 3.0
 """How many times the noise of the angles their misfit may be, however large that is [1]."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.analysis import Analysis, UnknownChainAnalyser
+from soliton_linkage.estimation.analysis import Analysis, FrameAnalyser, UnknownChainAnalyser
 from soliton_linkage.estimation.frames import check_deviations
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
@@ -29,7 +29,7 @@ class JointStateAnalysis:
         self._impulses: ImpulseDecoder | None = None
         self._deviation_reader: FrameReader | None = None
         self._deviations: dict[int, Array] = {}
-        self.analyser: Analyser | UnknownChainAnalyser | None = None
+        self.analyser: FrameAnalyser | None = None
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
         """The frame that was read last."""
