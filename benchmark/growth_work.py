@@ -136,7 +136,7 @@ def recorded(rotors: int) -> Iterator[Work]:
     publisher = node.create_publisher(kind, name, qos)
     inlet = Inlet(node, Source(name, type_name(kind), (qos,)), kind)
     with tempfile.TemporaryDirectory() as folder:
-        writer = BagWriter(Path(folder, 'run'), 'mcap')
+        writer = BagWriter(Path(folder, 'run'))
         topic = writer.add_topic(name, type_name(kind), qos)
 
         def publish() -> None:

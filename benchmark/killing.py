@@ -31,7 +31,7 @@ from rclpy.publisher import Publisher
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
+from soliton_linkage_nodes.bags.rescue import recover_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
@@ -71,16 +71,14 @@ def main() -> None:
     kills = []
     with Load(arguments.load) as load:
         for number in range(arguments.kills):
-            storage = ('mcap', 'sqlite3')[number % 2]
             given = {
                 'output': folder / str(number) / 'run',
-                'storage': storage,
                 'real_time': str(arguments.real_time).lower(),
             }
             command = list(map(str, node_command('bag_recorder', given)))
             kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), load)
             kills.append(kill)
-            print(f'{number} {storage}: {told(kill)}', flush=True)
+            print(f'{number}: {told(kill)}', flush=True)
     print(summary(kills, arguments.load))
     sys.exit(0 if max(kill.lost for kill in kills) < MOST_LOST else 1)
 

@@ -10,7 +10,6 @@ is idle again. Offline, ours and `AnyReader` read the same bags.
 from __future__ import annotations
 
 import itertools
-import sqlite3
 import struct
 import tempfile
 import time
@@ -37,10 +36,8 @@ from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.runtime import interfaces
 
 ROTORS = (100, 1000)
-STORAGES = ('mcap', 'sqlite3')
 OURS = 'ours'
 PEERS = {'raw': 'rclpy, raw subscription', 'typed': 'rclpy, typed subscription'}
-SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
 FASTEST = 64_000.0
 SETTLING = 1.0
 REACHED = 0.8
@@ -118,17 +115,16 @@ def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> P
     """Compare recorders."""
     comparisons, figures, details = [], [], {}
     kinds = (OURS, *SUBSCRIPTIONS)
-    storages = STORAGES[:1] if quick else STORAGES
-    runs = list(itertools.product(sizes, storages, range(rounds), kinds))
+    runs = list(itertools.product(sizes, range(rounds), kinds))
     progress = ProgressLine('recording', len(runs))
-    trials: dict[tuple[int, str], dict[str, list[Trial]]] = {}
-    for done, (rotors, storage, turn, kind) in enumerate(runs):
-        progress.show(done, f'{kind}, {storage}, {rotors} rotors, round {turn + 1}')
-        by_kind = trials.setdefault((rotors, storage), {each: [] for each in kinds})
-        by_kind[kind].append(trial(kind, storage, rotors, folder, quick))
+    trials: dict[int, dict[str, list[Trial]]] = {}
+    for done, (rotors, turn, kind) in enumerate(runs):
+        progress.show(done, f'{kind}, {rotors} rotors, round {turn + 1}')
+        by_kind = trials.setdefault(rotors, {each: [] for each in kinds})
+        by_kind[kind].append(trial(kind, rotors, folder, quick))
     progress.end(f'{len(runs)} recordings measured')
-    for (rotors, storage), by_kind in trials.items():
-        ours, work = by_kind[OURS], f'{storage}, N = {rotors}'
+    for rotors, by_kind in trials.items():
+        ours, work = by_kind[OURS], f'N = {rotors}'
         for kind, name in PEERS.items():
             shares = [[each.share for each in side] for side in (by_kind[kind], ours)]
             taken = [rates_taken(side) for side in (by_kind[kind], ours)]
@@ -150,18 +146,16 @@ def rates_taken(trials: Sequence[Trial]) -> list[float]:
     return rates if all(rates) else []
 
 
-def trial(kind: str, storage: str, rotors: int, folder: Path, quick: bool) -> Trial:
+def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
     """Have a recorder record bursts, faster and faster until one cannot be sent."""
     seconds, factor = (0.5, 4.0) if quick else (1.0, 2**0.5)
     done = Trial()
     with tempfile.TemporaryDirectory(dir=folder) as name:
-        path = Path(name, f'run{SUFFIXES[storage]}')
-        command = program_command(Path(__file__).with_name('record_peer.py'), kind, storage, path)
+        path = Path(name, 'run.mcap')
+        command = program_command(Path(__file__).with_name('record_peer.py'), kind, path)
         if kind == OURS:
             path = Path(name, 'run_0')
-            command = node_command(
-                'bag_recorder', {'output': Path(name, 'run'), 'storage': storage}
-            )
+            command = node_command('bag_recorder', {'output': Path(name, 'run')})
         with own_domain(), running(command) as recorder:
             send = Sender(rotors)
             done.bursts.append(send.burst(0, float(RATE), 2 * seconds, recorder.pid))
@@ -217,12 +211,6 @@ class Sender:
 
 def stamped_bursts(path: Path) -> Iterator[int]:
     """Burst of each message in a recording."""
-    if path.suffix == '.db3':
-        with sqlite3.connect(path) as database:
-            rows = database.execute('SELECT substr(data, 1, 12) FROM messages').fetchall()
-        database.close()
-        yield from (STAMP.unpack(head)[0] for (head,) in rows)
-        return
     with Reader(path) as reader:
         connections = [c for c in reader.connections if c.topic == '/joint_states']
         for _, _, data in reader.messages(connections):

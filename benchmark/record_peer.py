@@ -8,7 +8,6 @@ compression, and a commit a second.
 
 from __future__ import annotations
 
-import sqlite3
 import sys
 from pathlib import Path
 from typing import Any, Protocol
@@ -65,31 +64,6 @@ class McapStore:
         self._file.close()
 
 
-class SqliteStore:
-    """A table of sqlite3."""
-
-    def __init__(self, path: Path) -> None:
-        """Create it."""
-        self._database = sqlite3.connect(path)
-        self._database.execute('CREATE TABLE messages(timestamp INTEGER, data BLOB)')
-
-    def add(self, stamp: int, serialized: bytes) -> None:
-        """Store a message."""
-        self._database.execute('INSERT INTO messages VALUES (?, ?)', (stamp, serialized))
-
-    def commit(self) -> None:
-        """Commit the rows."""
-        self._database.commit()
-
-    def close(self) -> None:
-        """End the file."""
-        self._database.commit()
-        self._database.close()
-
-
-STORES = {'mcap': McapStore, 'sqlite3': SqliteStore}
-
-
 class Recorder(Node):
     """Records joint states."""
 
@@ -111,9 +85,9 @@ class Recorder(Node):
 
 
 def main() -> None:
-    subscription, storage, path = sys.argv[1:]
+    subscription, path = sys.argv[1:]
     rclpy.init()
-    store = STORES[storage](Path(path))
+    store = McapStore(Path(path))
     try:
         rclpy.spin(Recorder(store, subscription == 'raw'))
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -62,7 +62,7 @@ def write_wall_bag(name: Path, rotors: int, frames: int, compression: str = 'non
     """Write so many frames at 1000 Hz as fast as can be; return the bag's path."""
     named, wall = named_chain(rotors), NoisyWall(rotors)
     buffer, still = JointStateBuffer(named), np.zeros(rotors)
-    writer = BagWriter(name, 'mcap', compression)
+    writer = BagWriter(name, compression)
     told, joints = (
         writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
         for topic in (interfaces.CHAIN, interfaces.JOINT_STATES)

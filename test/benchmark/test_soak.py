@@ -41,7 +41,7 @@ def test_a_slope_is_that_of_all_lives_within_its_error() -> None:
 
 @pytest.mark.parametrize('missing', [[], [40, 41, 42]])
 def test_frames_that_are_missing_in_files_are_found(tmp_path: Path, missing: list[int]) -> None:
-    writer = BagWriter(tmp_path / 'life', 'mcap')
+    writer = BagWriter(tmp_path / 'life')
     topic = writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState', interfaces.CHAIN.qos)
     for number in range(100):
         if number == 50:

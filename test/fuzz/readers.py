@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -19,13 +20,17 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs import msg
-from soliton_linkage_nodes.bags.guards.limits import BagLimits
-from soliton_linkage_nodes.bags.guards.texts import load_json, load_yaml
+from soliton_linkage_nodes.bags.guards import BagLimits, load_json, load_yaml
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
-from soliton_linkage_nodes.bags.read.older_messages import OlderMessages
-from soliton_linkage_nodes.bags.read.reading import decoder, open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.read.reading import (
+    OlderMessages,
+    decoder,
+    open_bag,
+    read_messages,
+    type_name,
+)
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import (
@@ -40,6 +45,10 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
+
+sys.path.append(str(Path(__file__).parents[1] / 'nodes'))
+
+from recordings import as_sqlite3
 
 LIMITS = BagLimits(most_unpacked=2**20, most_unpacked_file=2**22)
 START = 1_700_000_000 * 10**9
@@ -128,7 +137,7 @@ def _messages() -> dict[str, bytes]:
 def _bag(storage: str, compression: str = 'none') -> tuple[bytes, bytes]:
     """The file of a small whole bag, and its metadata.yaml."""
     with tempfile.TemporaryDirectory() as folder:
-        writer = BagWriter(Path(folder, 'x'), storage, compression)
+        writer = BagWriter(Path(folder, 'x'), compression)
         for topic in (
             interfaces.CHAIN,
             interfaces.JOINT_STATES,
@@ -140,6 +149,8 @@ def _bag(storage: str, compression: str = 'none') -> tuple[bytes, bytes]:
             for number in range(3):
                 writer.write(stored, START + number, serialized)
         writer.close({'lost_messages': '{"/nudge": 1}'})
+        if storage == 'sqlite3':
+            as_sqlite3(writer.path)
         (file,) = writer.path.glob('x_0_0.*')
         return file.read_bytes(), (writer.path / METADATA_FILE).read_bytes()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from zlib import crc32
 
 from backports import zstd
-from recordings import START, run_of, write_bag
+from recordings import START, data_file, run_of, write_bag
 
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Schema
@@ -28,11 +28,6 @@ _LAUGHS = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
 def write_hostile(case: str, name: Path, named: NamedChain, size: int) -> Path:
     """Write a case of a bag whose hostile file has about a size [B], and return its path."""
     return CASES[case](name, named, size)
-
-
-def data_file(bag: Path) -> Path:
-    """The one file of messages of a bag."""
-    return next(path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
 
 
 def base(name: Path, named: NamedChain, storage: str = 'mcap') -> Path:

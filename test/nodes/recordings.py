@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -68,7 +70,7 @@ def write_bag(
     name: Path, entries: Sequence[Entry], storage: str = 'mcap', namespace: str = ''
 ) -> Path:
     """Write a bag and return its path."""
-    writer = BagWriter(name, storage)
+    writer = BagWriter(name)
     connections = {}
     for topic, stamp, message in entries:
         full_name = f'{namespace}/{topic.name.lstrip("/")}'
@@ -76,7 +78,40 @@ def write_bag(
             connections[full_name] = writer.add_topic(full_name, type_name(topic.type), topic.qos)
         writer.write(connections[full_name], stamp, serialize_message(message))
     writer.close({})
+    if storage == 'sqlite3':
+        as_sqlite3(writer.path)
     return writer.path
+
+
+def as_sqlite3(bag: Path) -> None:
+    """Turn a bag into a sqlite3 bag, as the writer of rosbags writes it."""
+    whole = bag.with_name(f'{bag.name}.mcap')
+    bag.rename(whole)
+    with (
+        open_bag(whole) as reader,
+        Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer,
+    ):
+        for key, value in (reader.storage.metadata.custom or {}).items():
+            writer.set_custom_data(key, value)
+        written = {
+            each.id: writer.add_connection(
+                each.topic,
+                each.msgtype,
+                msgdef=each.msgdef.data,
+                rihs01=each.digest,
+                offered_qos_profiles=each.ext.offered_qos_profiles,
+            )
+            for each in reader.connections
+        }
+        for each, stamp, data in read_messages(reader, reader.connections):
+            writer.write(written[each.id], stamp, data)
+    shutil.rmtree(whole)
+
+
+def data_file(bag: Path) -> Path:
+    """Return the only data file of a bag."""
+    (found,) = (path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
+    return found
 
 
 def messages_of(bag: Path) -> dict[str, list[bytes]]:

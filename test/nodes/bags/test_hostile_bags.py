@@ -13,12 +13,13 @@ from types import FrameType
 
 import pytest
 from graphs import Graph
-from hostile_bags import CASES, MEBIBYTE, base, data_file, write_hostile
+from hostile_bags import CASES, MEBIBYTE, base, write_hostile
+from recordings import data_file
 
-from soliton_linkage_nodes.bags.guards.limits import BagLimits
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.read.reading import message_class, open_bag, read_messages
-from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 
 SIZE = 100_000
@@ -31,7 +32,11 @@ NOTHING_LEFT = {
     'link out of the bag as data',
     'nothing but zeros: mcap',
     'nothing but zeros: sqlite3',
+    'page size of 512',
+    'page size of 65536',
+    'page size of 4095',
 }
+NO_MESSAGE_LEFT = {'view without end', 'view that spins', 'generated gigabytes'}
 NAMED_LIMITS = {
     'zstd bomb: file': 'most_unpacked_file = 8388608',
     'zstd bomb: honest chunk': 'most_unpacked = 2097152',
@@ -101,7 +106,8 @@ def test_what_is_intact_comes_back_in_bounded_memory_and_time(
         assert read
         return
     assert not checked
-    assert sent <= contents(tmp_path / 'new_0')
+    held = contents(tmp_path / 'new_0')
+    assert held == set() if case in NO_MESSAGE_LEFT else sent <= held
     if case in NAMED_LIMITS:
         assert NAMED_LIMITS[case] in '; '.join([*check_bag(bag, limits=LIMITS).damage, read])
 

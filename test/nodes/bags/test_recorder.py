@@ -29,20 +29,16 @@ from soliton_linkage_nodes.bags import recorder
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.record.inlets import Inlet
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag, recover_bag
-from soliton_linkage_nodes.bags.services import service_type
+from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
-STORAGES = ('mcap', 'sqlite3')
 
-
-@pytest.mark.parametrize('storage', STORAGES)
 def test_every_message_of_every_topic_is_recorded_as_it_came(
-    graph: Graph, named: NamedChain, tmp_path: Path, storage: str
+    graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
-    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'storage': storage})
+    recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     sent = {}
     for topic in interfaces.SUITE:
         publisher = graph.speak(topic)
@@ -101,12 +97,6 @@ def test_without_an_output_the_bag_is_named_by_date_and_time(
     (bag,) = tmp_path.iterdir()
     assert re.fullmatch(r'recording_\d{4}(_\d\d){2}-\d\d(_\d\d){2}_0', bag.name)
     assert messages_of(bag).keys() >= {'/joint_states'}
-
-
-def test_a_second_recording_leaves_the_first_as_it_is(graph: Graph, tmp_path: Path) -> None:
-    for _ in range(2):
-        graph.stop(graph.start(BagRecorder, {'output': str(tmp_path / 'run')}))
-    assert {path.name for path in tmp_path.iterdir()} == {'run_0', 'run_1'}
 
 
 def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
@@ -169,19 +159,16 @@ def test_an_unknown_parameter_begins_no_bag(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ('storage', 'number'), [('mcap', signal.SIGINT), ('sqlite3', signal.SIGTERM)]
-)
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_finishes_the_bag_with_all_that_was_sent(
     graph: Graph,
     start: Callable[..., Program],
     named: NamedChain,
     tmp_path: Path,
-    storage: str,
     number: signal.Signals,
 ) -> None:
     bag = tmp_path / 'run'
-    given = ['-p', f'output:={bag}', '-p', f'storage:={storage}']
+    given = ['-p', f'output:={bag}']
     given += ['-p', 'topics:=[joint_states, chain]']
     program = start('bag_recorder', '--ros-args', *given)
     publisher = graph.speak(interfaces.JOINT_STATES)
@@ -197,19 +184,16 @@ def test_a_signal_finishes_the_bag_with_all_that_was_sent(
     assert re.search(rf'closed {bag}_0: 701 messages, 0 lost$', program.said[-1])
 
 
-@pytest.mark.parametrize(('storage', 'after'), [('mcap', 0.4), ('mcap', 1.3), ('sqlite3', 1.3)])
+@pytest.mark.parametrize('after', [0.4, 1.3])
 def test_what_was_sent_a_second_before_a_kill_is_kept(
     graph: Graph,
     start: Callable[..., Program],
     named: NamedChain,
     tmp_path: Path,
-    storage: str,
     after: float,
 ) -> None:
     bag = tmp_path / 'run'
-    program = start(
-        'bag_recorder', '--ros-args', '-p', f'output:={bag}', '-p', f'storage:={storage}'
-    )
+    program = start('bag_recorder', '--ros-args', '-p', f'output:={bag}')
     publisher = graph.speak(interfaces.JOINT_STATES)
     reports = graph.reports('bag_recorder')
     graph.until(
@@ -249,14 +233,11 @@ def test_an_account_of_the_recording_is_kept_in_the_bag(
     assert '/' not in shlex.split(custom['command_line'])[0]
 
 
-@pytest.mark.parametrize(
-    ('storage', 'limit'),
-    [('mcap', {'max_bag_size': 100_000}), ('sqlite3', {'max_bag_duration': 0.3})],
-)
+@pytest.mark.parametrize('limit', [{'max_bag_size': 100_000}, {'max_bag_duration': 0.3}])
 def test_a_bag_is_split_by_size_and_by_time(
-    graph: Graph, named: NamedChain, tmp_path: Path, storage: str, limit: dict[str, Any]
+    graph: Graph, named: NamedChain, tmp_path: Path, limit: dict[str, Any]
 ) -> None:
-    given = {'output': str(tmp_path / 'run'), 'storage': storage, **limit}
+    given = {'output': str(tmp_path / 'run'), **limit}
     recorder = graph.start(BagRecorder, given)
     publisher = graph.speak(interfaces.JOINT_STATES)
     sent = []
@@ -267,8 +248,7 @@ def test_a_bag_is_split_by_size_and_by_time(
     graph.stop(recorder)
     taken = time.monotonic() - begin
     files = sorted(path.name for path in (tmp_path / 'run_0').iterdir())
-    suffix = {'mcap': 'mcap', 'sqlite3': 'db3'}[storage]
-    assert files == ['metadata.yaml', *(f'run_0_{n}.{suffix}' for n in range(len(files) - 1))]
+    assert files == ['metadata.yaml', *(f'run_0_{n}.mcap' for n in range(len(files) - 1))]
     assert 3 <= len(files) - 1 <= max(6, 1 + taken / 0.3)
     assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
     assert check_bag(tmp_path / 'run_0').damage == []
@@ -366,14 +346,6 @@ def test_a_snapshot_holds_the_last_seconds_and_what_was_latched(
     held = messages_of(tmp_path / 'run_0')
     assert held['/joint_states'] == last
     assert len(held['/chain']) == 1
-
-
-def test_without_a_snapshot_there_is_none_to_write(graph: Graph, tmp_path: Path) -> None:
-    graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
-    response = call(graph, 'snapshot')
-    assert not response.success
-    if service_type('Snapshot') is Trigger:
-        assert 'snapshot_duration of bag_recorder = 0 keeps nothing' in response.message
 
 
 def test_a_recorder_that_cannot_start_leaves_nothing(

@@ -43,7 +43,7 @@ def test_a_recording_needs_messages_of_the_chain_and_of_its_joints(
     tmp_path: Path, named: NamedChain, missing: str
 ) -> None:
     entries = [entry for entry in run_of(named, 2) if entry[0].name != missing]
-    writer = BagWriter(tmp_path / 'run', 'mcap')
+    writer = BagWriter(tmp_path / 'run')
     for topic in (interfaces.CHAIN, interfaces.JOINT_STATES):
         connection = writer.add_topic(topic.name, type_name(topic.type), topic.qos)
         for other, stamp, message in entries:

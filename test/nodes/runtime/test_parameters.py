@@ -29,7 +29,7 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits
 from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
 from soliton_linkage.vision.layout import MarkerSettings
-from soliton_linkage_nodes.bags.guards.limits import BagLimits
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.camera_encoders.node import CameraEncodersParameters

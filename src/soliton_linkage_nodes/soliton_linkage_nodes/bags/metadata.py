@@ -14,10 +14,12 @@ from typing import Any, Final
 
 import yaml
 
-from soliton_linkage_nodes.bags.guards.files import read_file
-from soliton_linkage_nodes.bags.guards.texts import LARGEST_TEXT, load_yaml
+from soliton_linkage_nodes.bags.guards import LARGEST_TEXT, load_yaml, read_file
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
+MCAP: Final = 'mcap'
+SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
+"""Suffixes of files by the names that rosbag2 gives to storages; bags are written as MCAP."""
 METADATA_VERSION: Final = 9
 """Of the layout that Jazzy's rosbag2 writes; older ones lack fields that we fill."""
 METADATA_FILE: Final = 'metadata.yaml'
@@ -34,6 +36,11 @@ class StoredFile:
     messages: int
     start: int
     end: int
+
+
+def storage_of(path: Path) -> str | None:
+    """Return the name of the storage of a file, by its suffix; None if it is no file of a bag."""
+    return next((name for name, suffix in SUFFIXES.items() if suffix == path.suffix), None)
 
 
 @lru_cache(maxsize=1)

@@ -10,13 +10,16 @@ from typing import Any, ClassVar
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_nodes.bags.guards.limits import BagLimits
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.play.controls import PlayerControls
-from soliton_linkage_nodes.bags.play.excerpt import chosen, excerpt, full_name
 from soliton_linkage_nodes.bags.play.lockstep import Lockstep
-from soliton_linkage_nodes.bags.play.outlets import ReplayOutlets
-from soliton_linkage_nodes.bags.play.playing_thread import PlayingThread
-from soliton_linkage_nodes.bags.play.recorded_states import RecordedStates
+from soliton_linkage_nodes.bags.play.outlets import RecordedStates, ReplayOutlets
+from soliton_linkage_nodes.bags.play.playing_thread import (
+    PlayingThread,
+    chosen,
+    excerpt,
+    full_name,
+)
 from soliton_linkage_nodes.bags.play.transport import RATES, Transport
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
 from soliton_linkage_nodes.runtime import interfaces

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
+from soliton_linkage_nodes.bags.record.bag_writer import COMPRESSIONS, BagWriter
 from soliton_linkage_nodes.bags.record.inlets import InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.taking_thread import TakingThread
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
-from soliton_linkage_nodes.bags.rescue.continued_bag import take_over, unfinished_bag
+from soliton_linkage_nodes.bags.rescue import take_over, unfinished_bag
 from soliton_linkage_nodes.bags.services import Reply, serve, tell
-from soliton_linkage_nodes.bags.storages.registry import STORAGES, NamesNow, compressions
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -35,10 +34,7 @@ class BagRecorderParameters:
     output: str = quantity(
         '', 'path of the bag, to which _0, _1, ... is added; empty for the date and time'
     )
-    storage: str = quantity('mcap', 'storage of the bag', choices=STORAGES.keys())
-    compression: str = quantity(
-        'none', 'compression of an mcap file', choices=NamesNow(compressions)
-    )
+    compression: str = quantity('none', 'compression of the chunks', choices=COMPRESSIONS)
     topics: tuple[str, ...] = quantity((), 'names of topics to record; empty for all of the suite')
     regex: str = quantity('', 'also record the topics whose full names contain this pattern')
     exclude_regex: str = quantity('', 'do not record topics whose full names contain this pattern')
@@ -230,12 +226,11 @@ def _create_writer(settings: BagRecorderParameters) -> BagWriter:
     unfinished = unfinished_bag(name) if settings.append else None
     return BagWriter(
         name,
-        settings.storage,
         settings.compression,
         settings.max_bag_size,
         settings.max_bag_duration,
         sync_interval=settings.sync_interval,
-        begun=take_over(unfinished, settings.storage) if unfinished else None,
+        begun=take_over(unfinished) if unfinished else None,
     )
 
 

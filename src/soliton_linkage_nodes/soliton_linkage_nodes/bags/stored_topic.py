@@ -22,7 +22,7 @@ from rclpy.qos import (
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from soliton_linkage_nodes.bags.guards.texts import load_yaml
+from soliton_linkage_nodes.bags.guards import load_yaml
 
 _LONGEST_NAME = 255
 """Characters of the longest name that ROS and file systems know."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from soliton_linkage_nodes.bags.guards.texts import count_in, load_json
+from soliton_linkage_nodes.bags.guards import count_in, load_json
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE, read_metadata
 from soliton_linkage_nodes.bags.read.reading import decoder, open_bag, read_messages
 from soliton_linkage_nodes.messages.view_conversions import state_numbers

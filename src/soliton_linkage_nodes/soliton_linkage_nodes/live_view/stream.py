@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soliton_linkage_nodes.bags.guards.texts import load_json
+from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES

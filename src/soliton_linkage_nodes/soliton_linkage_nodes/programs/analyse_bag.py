@@ -25,7 +25,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
-from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, differences
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain

@@ -13,8 +13,13 @@ from rosbags.rosbag2 import Reader
 
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage_nodes.bags.read.older_messages import is_older
-from soliton_linkage_nodes.bags.read.reading import decoder, find_topic, read_messages, read_topic
+from soliton_linkage_nodes.bags.read.reading import (
+    decoder,
+    find_topic,
+    is_older,
+    read_messages,
+    read_topic,
+)
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import (
     JointStates,

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.guards.texts import count_in, load_json
-from soliton_linkage_nodes.bags.rescue.bag_rescue import BagReport, check_bag
+from soliton_linkage_nodes.bags.guards import count_in, load_json
+from soliton_linkage_nodes.bags.rescue import BagReport, check_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
     limits_of,

@@ -15,7 +15,7 @@ from rclpy.utilities import remove_ros_args
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity, described_fields
-from soliton_linkage_nodes.bags.guards.limits import BagLimits
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _PLACE_IN_ROS = re.compile(r', at /\S+:\d+')

@@ -152,7 +152,7 @@ class _AngleBag:
     def write(self, seen: Seen) -> None:
         """Write the angles in a picture, before the first of them the chain."""
         if self._writer is None:
-            self._writer = BagWriter(self.path, 'mcap')
+            self._writer = BagWriter(self.path)
             self.path = self._writer.path
             chain = chain_to_msg(self._named, time_to_msg(seen.stamp))
             self._put(interfaces.CHAIN, seen.stamp, chain)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
+from soliton_linkage_nodes.bags.rescue import recover_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
     limits_of,

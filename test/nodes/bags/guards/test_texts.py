@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.guards.texts import LARGEST_TEXT, count_in, load_json, load_yaml
+from soliton_linkage_nodes.bags.guards import LARGEST_TEXT, count_in, load_json, load_yaml
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text('abc: {}[]&*!-1.\n', max_size=20),

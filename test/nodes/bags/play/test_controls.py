@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -148,3 +149,37 @@ def test_a_stopped_player_begins_again_as_its_parameters_say(
     assert services['play'](object(), SimpleNamespace(success=False)).success
     graph.until(lambda: player.finished and len(heard) == 20, 'the end')
     assert frames_of(heard) == list(range(10, 30))
+
+
+def test_rounds_are_told(
+    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 10))
+    frames = graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
+    graph.until(lambda: len(frames) >= 30, 'three rounds')
+    report = graph.next_report('bag_player').message
+    assert re.fullmatch(r'played \d+ messages in \d+ rounds \(the bag holds 12\)', report)
+    graph.stop(player)
+    (line,) = re.findall('played .*', capfd.readouterr().err)
+    told = re.fullmatch(
+        rf'played (\d+) messages of {bag} in (\d+) rounds \(the bag holds 12\)', line
+    )
+    assert told
+    played, rounds = map(int, told.groups())
+    assert 12 * (rounds - 1) <= played <= 12 * rounds
+
+
+def test_jumps_are_told(
+    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 100, gap=50 * MILLISECOND)[1:-1])
+    frames = graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag)})
+    graph.until(lambda: frames, 'the first frame')
+    late = time_to_msg(START + 99 * 50 * MILLISECOND)
+    assert graph.call(service_type('Seek'), 'bag_player/seek', time=late).success
+    graph.until(lambda: player.finished, 'the end')
+    (line,) = re.findall('played .*', capfd.readouterr().err)
+    told = rf'played \d+ messages of {bag} in 1 jump \(the bag holds 100\)'
+    assert re.fullmatch(told, line)

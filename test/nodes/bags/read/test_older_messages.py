@@ -16,8 +16,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from soliton_linkage_msgs.msg import Chain, Cycle, Soliton, SolitonState
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.read.older_messages import is_older
-from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_topic, type_name
+from soliton_linkage_nodes.bags.read.reading import (
+    find_topic,
+    is_older,
+    open_bag,
+    read_topic,
+    type_name,
+)
 from soliton_linkage_nodes.bags.stored_topic import profiles_text, type_definition
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces

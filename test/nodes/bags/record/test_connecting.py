@@ -14,10 +14,10 @@ from graphs import Graph
 from recordings import messages_of
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.record import connecting
-from soliton_linkage_nodes.bags.record.connecting import Connecting
+from soliton_linkage_nodes.bags.record import taking_thread
+from soliton_linkage_nodes.bags.record.taking_thread import Connecting
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.bags.rescue.bag_rescue import recover_bag
+from soliton_linkage_nodes.bags.rescue import recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -26,7 +26,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 def done_at(looks: list[tuple[float, int, int]], monkeypatch: pytest.MonkeyPatch) -> Any:
     """When it is done, and what is missing, if it sees publishers and heard ones at times [s]."""
     clock = SimpleNamespace(monotonic=lambda: 0.0)
-    monkeypatch.setattr(connecting, 'time', clock)
+    monkeypatch.setattr(taking_thread, 'time', clock)
     watch = Connecting()
     for step in range(200):
         now = 0.1 * step
@@ -59,24 +59,22 @@ def test_it_is_done_when_nobody_has_come_for_a_while(
     assert done_at(looks, monkeypatch) == (done, missing)
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_what_was_latched_is_kept_and_the_next_nudge_heard_once_it_says_that_it_records(
     graph: Graph,
     named: NamedChain,
     tmp_path: Path,
     said: Callable[[], str],
     monkeypatch: pytest.MonkeyPatch,
-    storage: str,
 ) -> None:
-    monkeypatch.setattr(connecting, '_ALL_ANNOUNCED', 0.5)
-    monkeypatch.setattr(connecting, '_QUIET', 0.3)
+    monkeypatch.setattr(taking_thread, '_ALL_ANNOUNCED', 0.5)
+    monkeypatch.setattr(taking_thread, '_QUIET', 0.3)
     topics = {topic.name: topic for topic in (interfaces.CHAIN, interfaces.NUDGE)}
     publishers = {
         name: graph.user.create_publisher(topic.type, name, topic.qos)
         for name, topic in topics.items()
     }
     publishers['chain'].publish(chain_to_msg(named, time_to_msg(5)))
-    given = {'output': str(tmp_path / 'run'), 'storage': storage, 'topics': list(topics)}
+    given = {'output': str(tmp_path / 'run'), 'topics': list(topics)}
     recorder = graph.start(BagRecorder, given)
     graph.until(lambda: f'recording to {tmp_path}/run_0\n' in said(), 'its word')
     shutil.copytree(tmp_path / 'run_0', tmp_path / 'then_0')
@@ -96,8 +94,8 @@ def test_a_publisher_of_another_type_is_not_waited_for(
     said: Callable[[], str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(connecting, '_ALL_ANNOUNCED', 0.5)
-    monkeypatch.setattr(connecting, '_QUIET', 0.3)
+    monkeypatch.setattr(taking_thread, '_ALL_ANNOUNCED', 0.5)
+    monkeypatch.setattr(taking_thread, '_QUIET', 0.3)
     other = Graph(graph.domain)
     other.user.create_publisher(interfaces.CHAIN.type, 'nudge', 10)
     graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'topics': ['nudge']})

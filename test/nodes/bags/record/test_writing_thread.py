@@ -24,7 +24,6 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
-STORAGES = ('mcap', 'sqlite3')
 NUDGES = Source('/nudge', 'std_msgs/msg/Float64', (interfaces.NUDGE.qos,))
 
 
@@ -40,18 +39,14 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(['umount', str(disk)], check=True)
 
 
-@pytest.mark.parametrize('storage', STORAGES)
 def test_a_full_disk_ends_it_with_one_line(
     graph: Graph,
     start: Callable[..., Program],
     named: NamedChain,
     tmp_path: Path,
-    storage: str,
 ) -> None:
     bag = tmp_path / 'run'
-    program = start(
-        'bag_recorder', '--ros-args', '-p', f'output:={bag}', '-p', f'storage:={storage}'
-    )
+    program = start('bag_recorder', '--ros-args', '-p', f'output:={bag}')
     publisher = graph.speak(interfaces.JOINT_STATES)
     graph.next_report('bag_recorder')
     limits = (200_000, 200_000)
@@ -98,13 +93,10 @@ def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
     assert lost_in(tmp_path / 'run_0') == {'/joint_states': 0}
 
 
-@pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('largest', [0, 100_000])
-def test_what_a_full_disk_took_can_be_read(small_disk: Path, storage: str, largest: int) -> None:
+def test_what_a_full_disk_took_can_be_read(small_disk: Path, largest: int) -> None:
     bag = small_disk / 'run'
-    thread = WritingThread(
-        lambda: BagWriter(bag, storage, largest_file=largest, flush_interval=0.0)
-    )
+    thread = WritingThread(lambda: BagWriter(bag, largest_file=largest, flush_interval=0.0))
     sent: list[bytes] = []
     while thread.failure is None:
         messages = [Taken(NUDGES, len(sent) + n, os.urandom(100)) for n in range(100)]
@@ -129,7 +121,7 @@ def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
         def split(self) -> None:
             gate.wait()
 
-    thread = WritingThread(lambda: SlowDisk(tmp_path / 'run', 'mcap'), most_waiting=1000)
+    thread = WritingThread(lambda: SlowDisk(tmp_path / 'run'), most_waiting=1000)
     thread.split()
     for number in range(100):
         thread.put([Taken(NUDGES, number, bytes(100))])

@@ -6,30 +6,25 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
 from graphs import Graph
 from rclpy.serialization import serialize_message
-from recordings import START, Entry, messages_of, run_of
+from recordings import START, Entry, messages_of, run_of, write_bag
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagBegun, BagWriter
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.bags.rescue.bag_rescue import check_bag
-from soliton_linkage_nodes.bags.rescue.continued_bag import take_over, unfinished_bag
+from soliton_linkage_nodes.bags.rescue import check_bag, take_over, unfinished_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
-STORAGES = ('mcap', 'sqlite3')
 LATER = 10**9
 
 
-def record(
-    name: Path, entries: list[Entry], storage: str, begun: BagBegun | None = None
-) -> BagWriter:
+def record(name: Path, entries: list[Entry], begun: BagBegun | None = None) -> BagWriter:
     """Write a bag as far as the system has it, and leave it as a kill would."""
-    writer = BagWriter(name, storage, flush_interval=0.0, begun=begun)
+    writer = BagWriter(name, flush_interval=0.0, begun=begun)
     for topic, stamp, message in entries:
         stored = writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
         writer.write(stored, stamp, serialize_message(message))
@@ -37,20 +32,19 @@ def record(
     return writer
 
 
-@pytest.mark.parametrize('storage', STORAGES)
 def test_a_bag_that_was_cut_short_twice_is_one_whole_bag(
-    named: NamedChain, tmp_path: Path, storage: str
+    named: NamedChain, tmp_path: Path
 ) -> None:
     name = tmp_path / 'run'
     first, *others = [
         [(topic, stamp + part * LATER, message) for topic, stamp, message in run_of(named, 20)]
         for part in range(3)
     ]
-    writers = [record(name, first, storage)]
+    writers = [record(name, first)]
     for part in others:
         unfinished = unfinished_bag(name)
         assert unfinished == tmp_path / 'run_0'
-        writers.append(record(name, part, storage, take_over(unfinished, storage)))
+        writers.append(record(name, part, take_over(unfinished)))
     writers[-1].close()
     assert unfinished_bag(name) is None
     assert {path.name for path in tmp_path.iterdir()} == {'run_0'}
@@ -65,7 +59,7 @@ def test_a_bag_that_was_cut_short_twice_is_one_whole_bag(
 
 
 def test_a_finished_bag_is_left_alone(named: NamedChain, tmp_path: Path) -> None:
-    record(tmp_path / 'run', run_of(named, 2), 'mcap').close()
+    record(tmp_path / 'run', run_of(named, 2)).close()
     assert unfinished_bag(tmp_path / 'run') is None
     assert unfinished_bag(tmp_path / 'other') is None
 
@@ -73,16 +67,16 @@ def test_a_finished_bag_is_left_alone(named: NamedChain, tmp_path: Path) -> None
 def test_a_bag_of_another_storage_or_of_nothing_is_not_gone_on_with(
     named: NamedChain, tmp_path: Path
 ) -> None:
-    record(tmp_path / 'run', run_of(named, 2), 'sqlite3')
-    assert take_over(tmp_path / 'run_0', 'mcap') is None
+    write_bag(tmp_path / 'run', run_of(named, 2), 'sqlite3')
+    assert take_over(tmp_path / 'run_0') is None
     (tmp_path / 'empty').mkdir()
-    assert take_over(tmp_path / 'empty', 'mcap') is None
+    assert take_over(tmp_path / 'empty') is None
 
 
 def test_a_recorder_appends_where_it_is_asked_to(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
-    record(tmp_path / 'run', run_of(named, 20), 'mcap')
+    record(tmp_path / 'run', run_of(named, 20))
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'append': True})
     assert recorder.messages == 22
     nudge = graph.speak(interfaces.NUDGE)

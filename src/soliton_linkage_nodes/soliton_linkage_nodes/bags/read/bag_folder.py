@@ -12,22 +12,29 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 
-from soliton_linkage_nodes.bags.guards.files import open_file, regular_file
-from soliton_linkage_nodes.bags.guards.limits import BagLimits
-from soliton_linkage_nodes.bags.guards.unpacking import unpacked_message
+from soliton_linkage_nodes.bags.guards import (
+    open_file,
+    regular_file,
+    unpack_file,
+    unpacked_message,
+)
 from soliton_linkage_nodes.bags.metadata import (
     METADATA_FILE,
     METADATA_VERSION,
     custom_data_in,
     load_metadata,
 )
-from soliton_linkage_nodes.bags.rescue.packed_files import unpack_file
-from soliton_linkage_nodes.bags.storages.connections import LimitedReader, qualities, summary_of
-from soliton_linkage_nodes.bags.storages.registry import STORAGES
+from soliton_linkage_nodes.bags.storages.mcap_reader import IndexedMcap
+from soliton_linkage_nodes.bags.storages.sqlite_files import StoredSqlite
+from soliton_linkage_nodes.bags.storages.storage import LimitedReader, qualities, summary_of
 
 if TYPE_CHECKING:
     from rosbags.rosbag2.reader import ReaderProtocol
 
+READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
+    'mcap': IndexedMcap,
+    'sqlite3': StoredSqlite,
+}
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
 """Files of a bag: a day in pieces of ten seconds."""
@@ -66,7 +73,9 @@ class BagFolder(LimitedReader):
         self._mode = told.mode
         files = [self._file(name) for name in told.names]
         for path in self._unpacked(files) if told.mode == 'file' else files:
-            reader = opened(STORAGES[told.storage].reader, path, self.limits)
+            reader = READERS[told.storage](path)
+            reader.limits = self.limits
+            reader.open()
             self._stack.callback(reader.close)
             self._readers.append(reader)
         self._merge(told.topics)
@@ -136,15 +145,6 @@ class BagFolder(LimitedReader):
         self.connections.extend(found.values())
 
 
-def opened(kind: type[ReaderProtocol], path: Path, limits: BagLimits) -> ReaderProtocol:
-    """Open a reader of a file, with limits if it knows any."""
-    reader = kind(path)
-    if isinstance(reader, LimitedReader):
-        reader.limits = limits
-    reader.open()
-    return reader
-
-
 def _completed(
     owner: ReaderProtocol, number: int, each: Connection, told: Mapping[str, Any]
 ) -> Connection:
@@ -174,8 +174,8 @@ def _told_in(path: Path) -> _Told:
     if len(names) > _MOST_FILES:
         raise ValueError(f'metadata.yaml names {len(names)} files, more than {_MOST_FILES}.')
     storage = str(information.get('storage_identifier'))
-    if storage not in STORAGES:
-        raise ValueError(f'storage {storage!r} is not one of {", ".join(STORAGES)}.')
+    if storage not in READERS:
+        raise ValueError(f'storage {storage!r} is not one of {", ".join(READERS)}.')
     mode = str(information.get('compression_mode') or '').lower()
     if mode not in _MODES or (
         mode in _MODES[2:4] and information.get('compression_format') != 'zstd'

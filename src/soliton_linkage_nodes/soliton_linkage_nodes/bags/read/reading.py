@@ -5,25 +5,34 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from rclpy.serialization import deserialize_message
-from rosbags.interfaces import Connection, QosDurability
+from rosbags.interfaces import Connection, MessageDefinitionFormat, QosDurability
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.metadata import METADATA_FILE
-from soliton_linkage_nodes.bags.read.bag_folder import BagFolder
-from soliton_linkage_nodes.bags.read.older_messages import OlderMessages, is_older
-from soliton_linkage_nodes.bags.storages.connections import LimitedReader
-from soliton_linkage_nodes.bags.storages.registry import STORAGES, storage_of, suffixes
+from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.metadata import METADATA_FILE, SUFFIXES, storage_of
+from soliton_linkage_nodes.bags.read.bag_folder import READERS, BagFolder
+from soliton_linkage_nodes.bags.storages.storage import LimitedReader
+from soliton_linkage_nodes.bags.stored_topic import type_definition
 
 if TYPE_CHECKING:
     from rosbags.rosbag2.reader import ReaderProtocol
+
+
+class _AnyBag(Reader):
+    """A bag folder or a file of a bag, read within limits."""
+
+    STORAGE_PLUGINS: Mapping[str, type[ReaderProtocol]] = {
+        'dir': BagFolder,
+        **{SUFFIXES[name]: reader for name, reader in READERS.items()},
+    }
 
 
 @contextmanager
@@ -38,15 +47,14 @@ def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]
             f'runs, or was killed, and then recover_bag {path} makes a whole bag of it'
         )
     try:
-        reader = _reader(path)
-        if isinstance(reader.storage, LimitedReader):
-            reader.storage.limits = limits
+        reader = _AnyBag(path)
+        cast('LimitedReader', reader.storage).limits = limits
         reader.open()
     except Exception as error:  # on a damaged file rosbags raises what it happens to stumble on
         raise ValueError(
             f'bag {str(path)!r} cannot be read: {_one_line(error).rstrip(".")}. '
-            f'Give a directory with metadata.yaml and an {suffixes()} file, or, where it is '
-            f'damaged, try recover_bag {path}'
+            f'Give a directory with metadata.yaml and an {" or ".join(SUFFIXES.values())} file, '
+            f'or, where it is damaged, try recover_bag {path}'
         ) from error
     try:
         yield reader
@@ -174,16 +182,81 @@ def latched_depth(connection: Connection) -> int:
     return max(1, *kept) if kept else 0
 
 
-def _reader(path: Path) -> Reader:
-    """A reader of a bag of any storage; rosbags by itself knows two."""
-    by_suffix = {each.suffix: each.reader for each in STORAGES.values()}
-    everything: dict[str, type[ReaderProtocol]] = {'dir': BagFolder, **by_suffix}
-
-    class AnyBag(Reader):
-        STORAGE_PLUGINS = everything
-
-    return AnyBag(path)
-
-
 def _one_line(error: Exception) -> str:
     return ' '.join(str(error).split()) or type(error).__name__
+
+
+_LONGER, _MARGIN = 4, 4096
+"""Times the length of the installed definition, and characters more, that a recorded one may
+have: parsing takes a second for 40,000."""
+_LONGEST_REASON = 200
+"""Characters of what a parser says, which may repeat all that it was given."""
+
+
+def is_older(connection: Connection) -> bool:
+    """Whether a topic was recorded with another definition of its type than the installed one."""
+    told = connection.digest and connection.msgdef.format is MessageDefinitionFormat.MSG
+    if not told:
+        return False
+    try:
+        return type_definition(connection.msgtype)[1] != connection.digest
+    except ValueError:
+        return False
+
+
+class OlderMessages:
+    """Reads messages by the definition that is in their bag, and fills installed ones by name.
+
+    Fields that the recorded definition did not have keep their default.
+    """
+
+    def __init__(self, connection: Connection, message_type: Any) -> None:
+        """Learn the recorded definition; ValueError where it is none."""
+        self._name = connection.msgtype
+        self._type = message_type
+        self._store = get_typestore(Stores.EMPTY)
+        text = connection.msgdef.data
+        try:
+            installed, _ = type_definition(self._name)
+            longest = _LONGER * len(installed) + _MARGIN
+            if len(text) > longest:
+                raise ValueError(f'it has {len(text)} characters, more than {longest}')
+            self._store.register(get_types_from_msg(text, self._name))
+        except Exception as error:  # whatever a parser stumbles on
+            raise ValueError(
+                f'the definition that {connection.topic} was recorded with is none of '
+                f'{self._name!r}: {" ".join(str(error).split())[:_LONGEST_REASON]}'
+            ) from error
+
+    def read(self, serialized: bytes) -> Any:
+        """Message of the installed type; ValueError where it does not fit its definition."""
+        try:
+            recorded = self._store.deserialize_cdr(serialized, self._name)
+            return _filled(self._type, recorded)
+        except Exception as error:  # whatever a decoder stumbles on
+            raise ValueError(
+                f'a message of type {self._name!r} does not fit the definition that was recorded '
+                f'with it: {" ".join(str(error).split())[:_LONGEST_REASON]}'
+            ) from error
+
+
+def _filled(message_type: Any, recorded: Any) -> Any:
+    message = message_type()
+    kinds = zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True)
+    for name, kind in kinds:
+        if hasattr(recorded, name):
+            setattr(message, name, _value(kind, getattr(recorded, name)))
+    return message
+
+
+def _value(kind: Any, recorded: Any) -> Any:
+    element = getattr(kind, 'value_type', None)
+    if element is not None and hasattr(element, 'namespaces'):
+        return [_filled(_class_of(element), one) for one in recorded]
+    if hasattr(kind, 'namespaces'):
+        return _filled(_class_of(kind), recorded)
+    return recorded.tolist() if hasattr(recorded, 'tolist') else recorded
+
+
+def _class_of(kind: Any) -> Any:
+    return getattr(importlib.import_module('.'.join(kind.namespaces)), kind.name)

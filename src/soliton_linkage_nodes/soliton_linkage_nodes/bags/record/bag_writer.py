@@ -14,19 +14,21 @@ from pathlib import Path
 
 from rclpy.qos import QoSProfile
 
-from soliton_linkage_nodes.bags.guards.texts import load_json
+from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.bags.metadata import (
+    MCAP,
     METADATA_FILE,
+    SUFFIXES,
     StoredFile,
     as_text,
     bag_information,
     write_metadata,
 )
-from soliton_linkage_nodes.bags.storages.registry import STORAGES
-from soliton_linkage_nodes.bags.storages.storage import FileWriter
+from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, type_definition
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
+COMPRESSIONS = ('none', 'zstd')
 _NOTE_INTERVAL = 1.0
 """How often changed texts are put into the file, which in mcap keeps every version [s]."""
 _GAPS = 'gaps'
@@ -54,14 +56,13 @@ class BagWriter:
     free makes room for the index. Every `sync_interval` [s], unless that is 0, the disk is made to
     take it, so that a loss of power costs no more.
 
-    It may be used from one thread only, as sqlite3 demands. Its methods raise OSError where the
+    It may be used from one thread only. Its methods raise OSError where the
     bag cannot be written.
     """
 
     def __init__(
         self,
         name: Path,
-        storage: str,
         compression: str = 'none',
         largest_file: int = 0,
         longest_file: float = 0.0,
@@ -73,13 +74,9 @@ class BagWriter:
 
         A bag that another has begun is gone on with in a new file.
         """
-        writers = STORAGES[storage].writers
-        if compression not in writers:
-            others = ', '.join(n for n, each in STORAGES.items() if compression in each.writers)
-            raise ValueError(
-                f'compression {compression!r} is not for storage {storage!r}; '
-                f'use {others}, or none'
-            )
+        if compression not in COMPRESSIONS:
+            known = ' or '.join(COMPRESSIONS)
+            raise ValueError(f'compression {compression!r} is not known; use {known}')
         self.path = name
         self.topics: list[StoredTopic] = []
         self._known: dict[tuple[str, str], StoredTopic] = {}
@@ -89,9 +86,7 @@ class BagWriter:
         """What is to be said of a bag that is gone on with."""
         self._is_open = False
         self._begun: int | None = None
-        self._storage = storage
-        self._create = writers[compression]
-        self._suffix = STORAGES[storage].suffix
+        self._codec = '' if compression == 'none' else compression
         self._flush_interval = flush_interval
         self._sync_interval = sync_interval
         self._largest_file = largest_file
@@ -284,10 +279,10 @@ class BagWriter:
         return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
 
     def _file_name(self) -> str:
-        return f'{self.path.name}_{len(self._files)}{self._suffix}'
+        return f'{self.path.name}_{len(self._files)}{SUFFIXES[MCAP]}'
 
-    def _open_file(self) -> FileWriter:
-        return self._create(self.path / self._file_name())
+    def _open_file(self) -> McapWriter:
+        return McapWriter(self.path / self._file_name(), self._codec)
 
     def _close_file(self) -> None:
         self._file.flush()
@@ -306,7 +301,7 @@ class BagWriter:
             for topic in self.topics
         }
         files = [*self._files, *last]
-        return bag_information(self._storage, counts, files, self._custom_data)
+        return bag_information(MCAP, counts, files, self._custom_data)
 
     @contextmanager
     def _complaining(self) -> Iterator[None]:

@@ -3,18 +3,98 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
-from soliton_linkage_nodes.bags.record.account import RecordingAccount
-from soliton_linkage_nodes.bags.record.connecting import Connecting
+from rclpy.serialization import deserialize_message
+
+from soliton_linkage_nodes.bags.metadata import suite_version
+from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.inlets import Inlet, InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThread
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
+
+_LONGEST_TEXT = 1000
+"""Characters of a value that is told twice, in its message and here: lists of a number for each
+of thousands of rotors are not."""
+_CHAIN_TYPE = type_name(interfaces.CHAIN.type)
+
+
+class RecordingAccount:
+    """Keeps what is to be said of the messages that were taken."""
+
+    def __init__(self) -> None:
+        """Begin without a chain."""
+        self._chains: dict[str, dict[str, Any]] = {}
+
+    def hear(self, messages: Iterable[Taken]) -> None:
+        """Take note of messages."""
+        for source, _, serialized in messages:
+            if source.type_name == _CHAIN_TYPE:
+                self._chains[source.name] = _parameters_of(serialized)
+
+    def texts(self, losses: Mapping[str, int]) -> dict[str, str]:
+        """Texts for the bag, with how many messages of each topic are not in it."""
+        return {
+            'lost_messages': json.dumps(losses),
+            'chain': json.dumps(self._chains),
+            'suite_version': suite_version(),
+            'command_line': shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        }
+
+
+def _parameters_of(serialized: bytes) -> dict[str, Any]:
+    """Parameters of a chain, without the lists that are too long to be told twice."""
+    message = deserialize_message(serialized, interfaces.CHAIN.type)
+    told: dict[str, Any] = {'number_of_rotors': len(message.joint_names)}
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, '__len__') and not isinstance(value, str):
+            value = list(value)
+        if name not in ('header', 'joint_names') and len(str(value)) < _LONGEST_TEXT:
+            told[name] = value
+    return told
+
+
+_ALL_ANNOUNCED = 3.2
+"""Each process announces itself every 3 s [s]: who has not been heard by then publishes nothing.
+Without load most are heard at once, beside busy programs one in three later than in a second."""
+_QUIET = 1.0
+"""Without a further publisher, after which all that a process publishes is known [s]."""
+_LONGEST = 10.0
+"""That it waits for a publisher that does not answer, as one that has died does not [s]."""
+
+
+class Connecting:
+    """Watches publishers of the topics that are recorded until no further one is expected."""
+
+    def __init__(self) -> None:
+        """Begin when the topics were subscribed to."""
+        self.missing: list[str] = []
+        """Topics with publishers that were not connected in time."""
+        self._begun = self._since = time.monotonic()
+        self._known: list[tuple[str, int, int]] = []
+
+    def done(self, inlets: Sequence[Inlet]) -> bool:
+        """Whether all are connected, by what the inlets saw when they last looked."""
+        now = time.monotonic()
+        known = [(inlet.source.name, inlet.publishers, inlet.connected) for inlet in inlets]
+        if known != self._known:
+            self._known, self._since = known, now
+        self.missing = [name for name, publishers, connected in known if connected < publishers]
+        if now < max(self._since + _QUIET, self._begun + _ALL_ANNOUNCED):
+            return False
+        return not self.missing or now - self._begun > _LONGEST
+
 
 _POLL_INTERVAL = 0.05
 """How long messages lie in the middleware before they are taken a few at a time [s]; 5000 may."""

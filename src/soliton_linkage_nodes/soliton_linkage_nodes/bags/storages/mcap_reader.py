@@ -12,20 +12,20 @@ from pathlib import Path
 
 from rosbags.interfaces import Connection
 
-from soliton_linkage_nodes.bags.guards.files import mapped
+from soliton_linkage_nodes.bags.guards import mapped
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
-from soliton_linkage_nodes.bags.storages.connections import (
-    LAST_STAMP,
-    LimitedReader,
-    connection,
-    summary_of,
-)
 from soliton_linkage_nodes.bags.storages.mcap_records import (
     Bytes,
     Channel,
     Message,
     Opcode,
     Schema,
+)
+from soliton_linkage_nodes.bags.storages.storage import (
+    LAST_STAMP,
+    LimitedReader,
+    connection,
+    summary_of,
 )
 
 _FOOTER_SIZE = 20

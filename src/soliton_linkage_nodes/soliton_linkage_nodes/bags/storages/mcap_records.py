@@ -12,7 +12,7 @@ from zlib import crc32
 
 from backports import zstd
 
-from soliton_linkage_nodes.bags.guards.unpacking import unpacked_begin
+from soliton_linkage_nodes.bags.guards import unpacked_begin
 
 MAGIC: Final = b'\x89MCAP0\r\n'
 MESSAGE_HEADER: Final = struct.Struct('<HIQQ')

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import struct
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +15,6 @@ from zlib import crc32
 from soliton_linkage_nodes.bags.metadata import suite_version
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Schema
-from soliton_linkage_nodes.bags.storages.storage import FileWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
@@ -23,7 +22,7 @@ _LARGEST_CHUNK = 2**20
 the heads and indexes count. The format's own writers take 768 KiB to 4 MiB."""
 
 
-class McapWriter(FileWriter):
+class McapWriter:
     """Writes chunks that carry checksums, and tells the definitions again every ten seconds.
 
     Whatever part of the file is lost, the messages in the rest can thus be understood. Every
@@ -31,11 +30,15 @@ class McapWriter(FileWriter):
     none for one without index. Definitions wait for the next chunk with a message, and those of
     topics that are silent so far also stand by themselves, before it. Where the disk refuses, the
     file is cut back to its last whole chunk.
+
+    `counts` holds the messages of each topic by its number, `span` the stamps of the first and
+    the last [ns]. Methods raise OSError if the disk refuses.
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
         """Create the file; codec is '' or 'zstd', the interval of definitions in seconds."""
-        super().__init__()
+        self.counts: Counter[int] = Counter()
+        self.span: tuple[int, int] | None = None
         self._end = 0
         self._codec = codec
         self._definitions_interval = definitions_interval
@@ -121,7 +124,8 @@ class McapWriter(FileWriter):
         )
         self._append(head, packed, indexes)
         self._chunk_indexes.append(index)
-        self._widen((start, end))
+        known = [*(self.span or ()), start, end]
+        self.span = (min(known), max(known))
 
     def discard(self) -> None:
         """Forget what the disk refused."""

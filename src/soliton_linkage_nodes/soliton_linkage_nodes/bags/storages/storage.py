@@ -1,72 +1,94 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a kind of file has to offer so that bags are made of it: writing, rescue and reading."""
+"""What readers of bag files share, and a damaged file, of which as much as possible is read."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.storages.connections import LAST_STAMP
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+    Qos,
+)
+from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
+
+from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 if TYPE_CHECKING:
     from rosbags.rosbag2.reader import ReaderProtocol
 
+_FORMATS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL,
+}
+LAST_STAMP = 2**63 - 1
+"""Of the 64-bit number that ROS keeps time in [ns since 1970], in the year 2262."""
 
-class FileWriter(ABC):
-    """A file of a bag that is being written; methods raise OSError where the disk refuses.
 
-    `counts` holds the messages of each topic by its number, `span` the stamps of the first and
-    the last [ns]. What was flushed is whole, whenever and however the process ends.
-    """
+class LimitedReader:
+    """A reader of rosbags' form that is told what its file may ask for, before it is opened."""
 
-    def __init__(self) -> None:
-        """Begin without messages."""
-        self.counts: Counter[int] = Counter()
-        self.span: tuple[int, int] | None = None
+    def __init__(self, limits: BagLimits = DEFAULT_LIMITS) -> None:
+        """Begin with nothing."""
+        self.limits = limits
+        self.connections: list[Connection] = []
+        self.metadata = summary_of((), None)
 
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """About how many bytes the file takes, with those that wait to be flushed."""
 
-    @abstractmethod
-    def add_topic(self, topic: StoredTopic) -> None:
-        """Begin to store a topic."""
+def connection(
+    owner: ReaderProtocol,
+    number: int,
+    name: str,
+    type_name: str,
+    definition: tuple[str, str],
+    digest: str,
+    count: int,
+    serialization: str,
+    profiles: str | Sequence[Any],
+) -> Connection:
+    """A topic; its definition is the encoding and the text, of which no other kind is told."""
+    encoding, text = definition
+    kind = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
+    told = MessageDefinition(kind, text if kind is not MessageDefinitionFormat.NONE else '')
+    extension = ConnectionExtRosbag2(serialization, qualities(profiles))
+    return Connection(number, name, type_name, told, digest, count, extension, owner)
 
-    @abstractmethod
-    def write(self, number: int, stamp: int, serialized: bytes) -> None:
-        """Store a message of the topic with a number, received at a time [ns]."""
 
-    @abstractmethod
-    def flush(self) -> None:
-        """Hand all messages to the system, which keeps them if this process is killed."""
+def qualities(profiles: str | Sequence[Any]) -> list[Qos]:
+    """Offered qualities of service, none where what is told of them has another form."""
+    try:
+        told: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
+        return parse_qos(told)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return []
 
-    @abstractmethod
-    def discard(self) -> None:
-        """Forget what the disk refused."""
 
-    @abstractmethod
-    def note(self, texts: Mapping[str, str]) -> None:
-        """Keep texts, also if the file is never closed."""
-
-    @abstractmethod
-    def close(self, metadata: str) -> None:
-        """Write what is left and the bag's metadata, and end the file."""
-
-    @abstractmethod
-    def abandon(self) -> None:
-        """End the file as it is."""
-
-    def _widen(self, stamps: Collection[int]) -> None:
-        """Let the span take in stamps, of which there are some."""
-        known = [*(self.span or ()), *stamps]
-        self.span = (min(known), max(known))
+def summary_of(
+    connections: Sequence[Connection],
+    span: tuple[int, int] | None,
+    compression: tuple[str | None, str | None] = (None, None),
+    distribution: str | None = None,
+    custom: dict[str, str] | None = None,
+) -> ReaderMetadata:
+    """What a bag says of itself, from its topics and the stamps of its first and last message."""
+    start, end = span or (LAST_STAMP, LAST_STAMP)
+    count = sum(each.msgcount for each in connections)
+    return ReaderMetadata(
+        end - start + 1 if span else 0,
+        start,
+        end + 1 if span else 0,
+        count if span else 0,
+        *compression,
+        distribution,
+        custom,
+    )
 
 
 class RescuedFile(ABC):
@@ -129,19 +151,3 @@ class RescuedFile(ABC):
     @abstractmethod
     def _conclude(self) -> None:
         """Say what is known to be wrong once all messages were read."""
-
-
-@dataclass(frozen=True)
-class Storage:
-    """A kind of file that bags are made of.
-
-    `suffix` ends the names of its files. `writers` create a file at a path, by the name of the
-    compression, of which one is 'none'. `rescue` takes a path, whether messages with wrong
-    checksums count, and limits. `reader` is what rosbags opens an intact file with; it is told
-    the limits if it is a `LimitedReader`.
-    """
-
-    suffix: str
-    writers: Mapping[str, Callable[[Path], FileWriter]]
-    rescue: Callable[[Path, bool, BagLimits], RescuedFile]
-    reader: type[ReaderProtocol]

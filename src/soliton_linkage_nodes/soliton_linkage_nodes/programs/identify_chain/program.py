@@ -25,7 +25,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file

@@ -12,14 +12,28 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from soliton_linkage_nodes.bags.guards.files import open_file, regular_file
-from soliton_linkage_nodes.bags.guards.limits import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.guards.texts import count_in
-from soliton_linkage_nodes.bags.guards.unpacking import unpacked_message
-from soliton_linkage_nodes.bags.metadata import METADATA_FILE, custom_data_in, load_metadata
-from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.rescue.packed_files import PACKED, unpack_file
-from soliton_linkage_nodes.bags.storages.registry import STORAGES, storage_of, suffixes
+from soliton_linkage_nodes.bags.guards import (
+    DEFAULT_LIMITS,
+    PACKED,
+    BagLimits,
+    count_in,
+    open_file,
+    regular_file,
+    unpack_file,
+    unpacked_message,
+)
+from soliton_linkage_nodes.bags.metadata import (
+    MCAP,
+    METADATA_FILE,
+    SUFFIXES,
+    StoredFile,
+    custom_data_in,
+    load_metadata,
+    storage_of,
+)
+from soliton_linkage_nodes.bags.record.bag_writer import BagBegun, BagWriter
+from soliton_linkage_nodes.bags.storages.mcap_rescue import RescuedMcap
+from soliton_linkage_nodes.bags.storages.sqlite_files import RescuedSqlite
 from soliton_linkage_nodes.bags.storages.storage import RescuedFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
@@ -27,6 +41,12 @@ _SHOW_EVERY = 1000
 """Messages from one call of `show` to the next, which costs as much as reading a few."""
 
 Show = Callable[[int], None]
+
+
+def rescued_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RescuedFile:
+    """Read as much as possible of a file; `doubtful` keeps messages with a wrong checksum."""
+    kind = RescuedMcap if storage == MCAP else RescuedSqlite
+    return kind(path, doubtful, limits)
 
 
 @dataclass
@@ -126,7 +146,7 @@ class _Reading:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
             self.report.counts[self._topics[key]] = 0
             if self._output is not None:
-                self.writer = self.writer or BagWriter(self._output, self.report.storage)
+                self.writer = self.writer or BagWriter(self._output)
                 self.writer.add_stored_topic(self._topics[key])
         return self._topics.get(key)
 
@@ -220,7 +240,7 @@ def _files_of(path: Path) -> tuple[list[Path], list[str]]:
             except (OSError, ValueError) as error:
                 refused.append(f'{file.name}: {error}')
     if not files:
-        why = '; '.join(refused) or f'has no {suffixes()} file'
+        why = '; '.join(refused) or f'has no {" or ".join(SUFFIXES.values())} file'
         raise ValueError(f'bag {str(path)!r} {why}; give a bag directory')
     return sorted(files, key=_place), refused
 
@@ -241,14 +261,47 @@ def _storage_of(file: Path) -> str:
 
 @contextmanager
 def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[RescuedFile]:
-    storage = STORAGES[_storage_of(file)]
+    storage = _storage_of(file)
     if file.suffix != PACKED:
-        yield storage.rescue(file, doubtful, limits)
+        yield rescued_file(file, storage, doubtful, limits)
         return
     with TemporaryDirectory(prefix='recover_bag_') as folder:
         plain = Path(folder, file.stem)
         with open_file(file) as packed:
             damage = unpack_file(packed, plain, limits)
-        rescued = storage.rescue(plain, doubtful, limits)
+        rescued = rescued_file(plain, storage, doubtful, limits)
         rescued.damage[:0] = [damage] if damage else []
         yield rescued
+
+
+def unfinished_bag(name: Path) -> Path | None:
+    """The last of the bags `<name>_0`, `<name>_1`, ..., where its recorder has not finished it."""
+    number = 0
+    while (name.parent / f'{name.name}_{number}').exists():
+        number += 1
+    last = name.parent / f'{name.name}_{number - 1}'
+    finished = not number or not last.is_dir() or (last / METADATA_FILE).exists()
+    return None if finished else last
+
+
+def take_over(bag: Path) -> BagBegun | None:
+    """Put what is intact of a bag into its first file; None where nothing is, or it is no MCAP.
+
+    Raises OSError where that cannot be written; the bag is then as it was.
+    """
+    try:
+        with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
+            report, whole = recover_bag(bag, Path(folder, 'whole'))
+            if report.storage != MCAP:
+                return None
+            (recovered,) = whole.glob(f'*{SUFFIXES[MCAP]}')
+            first = bag / f'{bag.name}_0{SUFFIXES[MCAP]}'
+            recovered.replace(first)
+    except ValueError:
+        return None
+    for file in report.files:
+        if file != first:
+            file.unlink()
+    begun = report.end if report.start is None else report.start
+    stored = StoredFile(first.name, report.messages, begun, report.end)
+    return BagBegun(bag, stored, report.counts, report.custom_data)
