@@ -103,24 +103,21 @@ class EncoderWatch:
         if stamp == 0:
             self._say('joint_states have no stamps; stamp each frame with when it was measured')
         elif self._last is not None and 0 <= self._last - stamp <= _LONGEST_LATENESS:
-            self._say_late(self._last - stamp)
+            before = self._last - stamp
+            how = f'{before / SECOND:g} s before' if before else 'the same as'
+            self._say(
+                f'joint_states come late: the stamp of one is {how} that of the one before; '
+                'publish each frame once, in the order of their stamps',
+                'late',
+            )
         self._last = stamp
         if self._frames % _FRAMES_BETWEEN_LOOKS == 0 and in_degrees(angles):
             self._say('the angles in joint_states look like degrees; publish radians')
         self._frames += 1
 
-    def _say_late(self, lateness: int) -> None:
-        how = f'{lateness / SECOND:g} s before' if lateness else 'the same as'
-        if 'late' not in self._said:
-            self._said.add('late')
-            self._warn(
-                f'joint_states come late: the stamp of one is {how} that of the one before; '
-                'publish each frame once, in the order of their stamps'
-            )
-
-    def _say(self, what: str) -> None:
-        if what not in self._said:
-            self._said.add(what)
+    def _say(self, what: str, kind: str = '') -> None:
+        if (kind or what) not in self._said:
+            self._said.add(kind or what)
             self._warn(what)
 
 

@@ -157,12 +157,11 @@ class Diagnostics:
             name=f'{self._node.get_name()}: {self._task}',
             message=message,
             hardware_id=self._node.get_fully_qualified_name(),
-            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
+            values=[
+                KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else str(v))
+                for key, v in values.items()
+            ],
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-
-
-def _text(value: Any) -> str:
-    return f'{value:.6g}' if isinstance(value, float) else str(value)

@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-import yaml
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.programs.command_line import reason
 from soliton_linkage_nodes.programs.experiment.experiment import Experiment, Observer
 from soliton_linkage_nodes.runtime.child_processes import has_display, private_domain
+from soliton_linkage_nodes.runtime.parameter_files import read_sections
 from soliton_linkage_nodes.runtime.process import (
     initialise,
     interrupt_on_signals,
@@ -41,7 +41,7 @@ _FILMED = 'filmed_experiment'
 def main() -> None:
     """Run the experiment of a configuration file."""
     options = _options()
-    filmed = _named(parameters_of(options.configuration), _FILMED)
+    filmed = _named(options.configuration, _FILMED)
     if filmed:
         interrupt_on_signals()
         with _plain_end():
@@ -170,7 +170,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Configurations beside one that are called after their scenario, another one."""
+    """Return the configurations beside one that are named after their scenario, another one."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
@@ -180,27 +180,16 @@ def other_scenarios(configuration: Path) -> list[Path]:
 
 def _scenario(configuration: Path) -> object:
     try:
-        nodes = parameters_of(configuration)
-    except ValueError:
+        given = _named(configuration, 'experiment') or _named(configuration, _FILMED)
+    except (OSError, ValueError):
         return None
-    return (_named(nodes, 'experiment') or _named(nodes, _FILMED)).get('scenario')
+    return given.get('scenario')
 
 
-def _named(nodes: dict[str, dict[str, Any]], node: str) -> dict[str, Any]:
-    """Parameters of a node, none where a file has none."""
-    return next((nodes[name] for name in nodes if name.split('/')[-1] == node), {})
-
-
-def parameters_of(path: Path) -> dict[str, dict[str, Any]]:
-    """Parameters of a file by the names of their nodes; raises ValueError where it has none."""
-    try:
-        nodes = yaml.safe_load(path.read_text(encoding='utf-8'))
-        return {name: dict(node['ros__parameters']) for name, node in nodes.items()}
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, yaml.YAMLError) as error:
-        why = ' '.join(str(error).split())
-        raise ValueError(
-            f'{path} is no parameter file ({why}); give one such as config/flipper.yaml'
-        ) from error
+def _named(configuration: Path, node: str) -> dict[str, Any]:
+    """Return the parameters of a node in a file; ValueError or OSError if it has none at all."""
+    sections = read_sections(configuration)
+    return next((sections[name] for name in sections if name.split('/')[-1] == node), {})
 
 
 def _options() -> argparse.Namespace:
@@ -217,7 +206,7 @@ def _options() -> argparse.Namespace:
     )
     options = parser.parse()
     try:
-        parameters_of(options.configuration)
-    except ValueError as error:
-        parser.error(str(error))
+        read_sections(options.configuration)
+    except (OSError, ValueError) as error:
+        parser.error(f'{reason(error)}; give a parameter file such as config/flipper.yaml')
     return options
