@@ -10,26 +10,17 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
-from soliton_linkage.estimation.measurement import FrameLikelihood
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import (
     DEFAULTS,
     EstimationSettings,
     FilterSettings,
-    LikelihoodSettings,
     MotionSettings,
-    OffsetSettings,
-    ReportSettings,
     TrackingSettings,
-    WobbleSettings,
 )
-from soliton_linkage.estimation.state_report import StateReporter
-from soliton_linkage.estimation.wobble import RestingWall, WobbleReporter
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import described_fields
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import static_wall
 
 ROTORS = 40
@@ -69,17 +60,6 @@ def test_evidence_of_motion_follows_its_settings() -> None:
     assert observer.evidence.flipping == pytest.approx(3.0)
 
 
-def test_offsets_are_believed_by_their_settings() -> None:
-    offsets = [
-        EncoderOffsets(1, OffsetSettings(significance=limit, fewest_means=fewest))
-        for limit, fewest in ((5.5, 5), (1e3, 5), (5.5, 50))
-    ]
-    for number in range(40):
-        for each in offsets:
-            each.update(np.array([0.5]), np.array([1.0 if number % 2 else -1.0]), 1e-4)
-    assert [each.corrections[0] != 0 for each in offsets] == [True, False, False]
-
-
 @pytest.mark.parametrize(
     ('settings', 'kicks'),
     [(FilterSettings(), 1), (FilterSettings(kick_beyond_chance=1e9), 0)],
@@ -90,49 +70,6 @@ def test_kicks_are_believed_by_their_settings(settings: FilterSettings, kicks: i
         tracker.predict(1e-3, False)
         tracker.update(9.6e-3 * number + 9.6e-3 * max(number - 400, 0), 1e-4)
     assert tracker.kicks == kicks
-
-
-def test_the_weight_of_a_kick_follows_its_settings() -> None:
-    weights = []
-    for rarity in (9.0, 3.0):
-        tracker = MultipleModelFilter(
-            0.0, 1e-4, 50.0, 0.99, FilterSettings(kick_rarity=rarity, kick_beyond_chance=1e9)
-        )
-        for number in range(1, 405):
-            tracker.predict(1e-3, False)
-            tracker.update(9.6e-3 * number + 9.6e-3 * max(number - 400, 0), 1e-4)
-        weights.append(float(tracker.filters['weight'][-8:].sum()))
-    assert 0 < weights[0] < weights[1]
-
-
-def test_the_weights_of_a_frame_follow_their_settings() -> None:
-    differences = np.array([0.3, 0.0, 0.0, 0.0, 0.0])
-    tangent = np.array([0.5, 0.5, 0.5])
-    views = [
-        FrameLikelihood(2.0, LikelihoodSettings(bound=bound)).view(
-            0.0, 0, tangent, differences.copy(), 0.1**2
-        )
-        for bound in (1.5, 9.0)
-    ]
-    assert views[0].weights[0] == pytest.approx(1.5**2 / 3**2, rel=0.02)
-    assert views[1].weights[0] == 1.0
-
-
-def test_the_reach_of_a_wall_and_its_tails_follow_their_settings() -> None:
-    angles = noisy_wall()
-    wakes = [
-        StateReporter(CHAIN, settings).report(angles, [19.3]).energies.elastic_wake
-        for settings in (ReportSettings(), ReportSettings(reach_in_depths=0, reach_beside=0))
-    ]
-    assert wakes[0] < wakes[1]
-    orbit = UniformOrbit(CHAIN)
-    about = orbit.stretch(orbit.arc_at(19.3, 0))
-    wall = RestingWall(about.first, about.angles, 19.3)
-    found = [
-        WobbleReporter(CHAIN, WobbleSettings(above_noise=limit)).wobble(angles, wall, 0.003)
-        for limit in (4.0, 40.0)
-    ]
-    assert found[0].tail_ratio_deviation < found[1].tail_ratio_deviation
 
 
 def test_the_analyser_hands_its_settings_on() -> None:
