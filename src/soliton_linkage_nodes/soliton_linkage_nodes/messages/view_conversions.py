@@ -25,10 +25,13 @@ _BEYOND_INTEGERS = 2**63
 OUTCOMES = {
     getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')
     for name in (
-        *('REACHED', 'CANCELLED', 'OUT_OF_CHAIN', 'OUT_OF_REACH', 'NO_SOLITON'),
+        *('REACHED', 'CANCELLED', 'OUT_OF_REACH', 'NO_SOLITON'),
         *('SOLITON_LOST', 'NOT_HELD', 'INVALID_SPEED'),
     )
-} | {MoveSoliton.Result.PREEMPTED: 'another goal took its place'}
+} | {
+    MoveSoliton.Result.OUT_OF_CHAIN: 'out of the chain',
+    MoveSoliton.Result.PREEMPTED: 'another goal took its place',
+}
 """Outcomes of a move, in words."""
 STATES = {
     name: getattr(Reset.Request, name.upper().replace('-', '_'))
