@@ -20,7 +20,7 @@ from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.dynamics.work import TorqueLedger, work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage_studies.energy_balance import EnergyBalance
+from soliton_linkage_studies.driving.runs import EnergyBalance
 
 PERIOD = 0.01
 PNEUMATICS = PneumaticActuator()

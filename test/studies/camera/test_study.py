@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from soliton_linkage_studies.camera.program import FilmStudy, read_film_study, table_of
 from soliton_linkage_studies.camera.renderer import FilmSettings
 from soliton_linkage_studies.camera.runs import FIGURES, FilmedRun
-from soliton_linkage_studies.camera.study import FilmStudy, read_film_study, table_of
 from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import Table, read_rows

@@ -44,11 +44,11 @@ from soliton_linkage_studies.settings import load_settings
 _RATE = 250.0
 """Frames of a recording [Hz], some 1500 of a wall."""
 _SECONDS = 6.0
-"""How long a wall is recorded [s]."""
+"""Duration of a recording [s]."""
 _WAY = 0.8
-"""Part of the study's time for a wall that the recording takes: it ends before the far edge."""
+"""Duration over that of the study's simulation: a recording ends before the far edge [1]."""
 _POLL_INTERVAL = 0.1
-"""How soon it stops where it is told to [s]."""
+"""Poll interval while the nudge is sent [s]."""
 _UNLIMITED = 1e6
 """Limit of kicks [rad/s] and impulses [N m s] for walls faster than a real actuator makes."""
 
@@ -59,35 +59,31 @@ def record(
     """Record a wall, chain and kick by number, in a bag; return its path.
 
     The chain's unit of time is such that the wall is past the middle after six seconds. Raises
-    RuntimeError where a node fails.
+    RuntimeError if a node fails.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
     chain = replace(chain, stiffness=chain.mass / unit**2)
     name = folder / f'{study.walls[walls].name}_{kick}'
     shutil.rmtree(f'{name}_0', ignore_errors=True)
-    processes = ChildProcesses(folder / 'log')
-    environment = dict(os.environ)
+    simulated = {
+        **{f'chain.{field}': getattr(chain, field) for field in described_fields(Chain)},
+        'publish_rate': _RATE,
+        'initial_state': 'right_leaning',
+        'sensors.noise': study.noise,
+        'sensors.seed': study.seed + 100 * walls + kick,
+        'impulse_limit': _UNLIMITED,
+        'subscribers': 2,
+    }
+    nudge = repr(speed * chain.spacing / (chain.rotor_length * chain.time_unit))
+    options = [nudge, '--subscribers=2', f'--timeout={LONGEST_START}']
+    processes, environment = ChildProcesses(folder / 'log'), dict(os.environ)
     try:
         processes.start('bag_recorder', ['-p', f'output:={name}'], environment)
-        processes.start('edge_actuator', _given(speed_limit=_UNLIMITED), environment)
-        simulated = {
-            **{f'chain.{field}': getattr(chain, field) for field in described_fields(Chain)},
-            'publish_rate': _RATE,
-            'initial_state': 'right_leaning',
-            'sensors.noise': study.noise,
-            'sensors.seed': study.seed + 100 * walls + kick,
-            'impulse_limit': _UNLIMITED,
-            'subscribers': 2,
-        }
-        processes.start('simulator', _given(**simulated), environment)
-        nudge = speed * chain.spacing / (chain.rotor_length * chain.time_unit)
-        processes.start(
-            'nudge',
-            [],
-            environment,
-            [repr(nudge), '--subscribers=2', f'--timeout={LONGEST_START}'],
-        )
+        processes.start('edge_actuator', ['-p', f'speed_limit:={_UNLIMITED}'], environment)
+        given = [each for key, value in simulated.items() for each in ('-p', f'{key}:={value}')]
+        processes.start('simulator', given, environment)
+        processes.start('nudge', [], environment, options)
         while not processes.wait('nudge', _POLL_INTERVAL):
             if stopping.is_set():
                 raise KeyboardInterrupt
@@ -101,7 +97,7 @@ def record(
 
 
 def measure(bag: Path) -> ContractedWall:
-    """Speed and width of the wall of a bag; raises ValueError where it does not show one."""
+    """Measure speed and width of the wall of a bag; raises ValueError if it shows none."""
     with open_bag(bag) as reader:
         found = [each for each in analysed(reader) if each[1] is not None]
         chain = read_chain(reader).chain
@@ -112,54 +108,24 @@ def measure(bag: Path) -> ContractedWall:
         raise ValueError(f'bag {str(bag)!r}: {error}') from error
 
 
-def measured(
-    study: ContractionStudy, folder: Path, stopping: threading.Event
-) -> list[ContractedWall]:
-    """Record and measure all walls of a study."""
-    runs = [
-        (walls, kick)
-        for walls in range(len(study.walls))
-        for kick in range(len(study.walls[walls].kicks))
-    ]
-    progress, passages = ProgressLine('contraction', len(runs)), []
-    for number, (walls, kick) in enumerate(runs):
-        each = study.walls[walls]
-        progress.show(number, f'{each.name}, kick {each.kicks[kick]:g}')
-        passages.append(_passage(study, walls, kick, folder, stopping))
-    progress.end(f'{len(runs)} walls recorded and measured')
-    return passages
-
-
-def _passage(
-    study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
-) -> ContractedWall:
-    """Record and measure a wall, once more where that fails, as it may on a busy machine."""
-
-    def attempt() -> ContractedWall:
-        bag = record(study, walls, kick, folder, stopping)
-        with interruptible(stopping):
-            return measure(bag)
-
-    try:
-        return attempt()
-    except (RuntimeError, ValueError) as error:
-        wall = study.walls[walls]
-        which = f'{wall.name}, kick {wall.kicks[kick]:g}'
-        print(f'\ncontraction: {which}, is recorded once more, for {error}', file=sys.stderr)
-    return attempt()
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Record, measure and draw; exit with 1 where that fails, 130 on Ctrl-C."""
-    options = _parser().parse(arguments)
+    """Record, measure and draw; exit with 1 if that fails, 130 on Ctrl-C."""
+    parser = PlainParser(prog='contraction', description=__doc__)
+    settings = 'settings, as config/studies/accuracy.yaml [those that came with the suite]'
+    default = installed_settings('accuracy')
+    parser.add_argument('config', type=Path, nargs='?', default=default, help=settings)
+    output = 'folder for the bags, the table and the picture (%(default)s)'
+    parser.add_argument('--output', type=Path, default=Path('out/contraction'), help=output)
+    parser.add_argument('--quick', action='store_true', help='every fourth wall, to try it out')
+    options = parser.parse(arguments)
     stopping = stop_on_signals()
     with plain_failures('contraction'):
-        settings = load_settings(options.config).section('contraction')
-        study = read_contraction_study(settings, options.quick)
+        section = load_settings(options.config).section('contraction')
+        study = read_contraction_study(section, options.quick)
         options.output.mkdir(parents=True, exist_ok=True)
         try:
             with private_domain():
-                passages = measured(study, options.output, stopping)
+                passages = _measured(study, options.output, stopping)
         except KeyboardInterrupt:
             print('\ncontraction: stopped; the bags so far are kept', file=sys.stderr)
             raise
@@ -169,28 +135,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f'bags, {RECORDED}.md and {RECORDED}.png are in {options.output}')
 
 
-def _given(**parameters: object) -> list[str]:
-    """ROS arguments that give parameters; a number stays of its kind."""
-    given = []
-    for name, value in parameters.items():
-        given += ['-p', f'{name}:={value!r}' if isinstance(value, float) else f'{name}:={value}']
-    return given
+def _measured(
+    study: ContractionStudy, folder: Path, stopping: threading.Event
+) -> list[ContractedWall]:
+    """Record and measure all walls; once more if that fails, as it may on a busy machine."""
 
+    def measured(walls: int, kick: int) -> ContractedWall:
+        bag = record(study, walls, kick, folder, stopping)
+        with interruptible(stopping):
+            return measure(bag)
 
-def _parser() -> PlainParser:
-    parser = PlainParser(prog='contraction', description=__doc__)
-    parser.add_argument(
-        'config',
-        type=Path,
-        nargs='?',
-        default=installed_settings('accuracy'),
-        help='settings, as config/studies/accuracy.yaml [those that came with the suite]',
-    )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('out/contraction'),
-        help='folder for the bags, the table and the picture (%(default)s)',
-    )
-    parser.add_argument('--quick', action='store_true', help='every fourth wall, to try it out')
-    return parser
+    runs = [
+        (number, walls, kick)
+        for number, walls in enumerate(study.walls)
+        for kick in range(len(walls.kicks))
+    ]
+    progress, passages = ProgressLine('contraction', len(runs)), []
+    for number, walls, kick in runs:
+        which = f'{walls.name}, kick {walls.kicks[kick]:g}'
+        progress.show(len(passages), which)
+        try:
+            passages.append(measured(number, kick))
+        except (RuntimeError, ValueError) as error:
+            print(f'\ncontraction: {which}, is recorded once more, for {error}', file=sys.stderr)
+            passages.append(measured(number, kick))
+    progress.end(f'{len(runs)} walls recorded and measured')
+    return passages

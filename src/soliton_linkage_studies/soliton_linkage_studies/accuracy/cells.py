@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,24 +42,6 @@ _APART = 1.6
 """Rotors for each of several walls, over those that it needs alone [1]: they have a way to go."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls, as likely as each other."""
-
-
-GIVEN = (
-    'class',
-    'rotors',
-    'rotor_length_ratio',
-    'rest_angle',
-    'd',
-    'd_over_critical',
-    'noise',
-    'speed_wanted',
-    'period',
-    'run',
-    'phonons',
-    'walls',
-)
-"""Of a cell: noise [rad], speed over that of sound, period [time units], frames of a record,
-phonons [rad / time unit]."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +126,9 @@ def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
             Motion.SPINNER: ((1 + _NEAREST) * critical, _WIDEST * critical),
         }[motion]
         chain = chain_of(rotors, rest_angle, float(random.uniform(low, high)))
-        wanted = room(chain) * (1 if walls == 1 else _APART * walls)
+        wanted = 2 * reach(chain) * (1 if walls == 1 else _APART * walls)
         if chain.rotor_length <= _LONGEST * chain.spacing and rotors >= wanted:
             return chain
-
-
-def room(chain: Chain) -> float:
-    """Rotors that a wall needs for itself [1]."""
-    return 2 * reach(chain)
 
 
 def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
@@ -181,25 +160,23 @@ def hard_cells() -> list[AccuracyCell]:
 def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
     plain = AccuracyCell(name, chain, 0.01, 0.15, 0.2, 150)
     other = chain_of(chain.number_of_rotors, chain.rest_angle, _OTHER * chain.lean_ratio)
-    known = [
-        replace(plain, name=f'{name}'),
-        replace(plain, name=f'nudged_{name}', nudged=True, run=2000),
-        replace(plain, name=f'outliers_1_{name}', outliers=0.01),
-        replace(plain, name=f'outliers_5_{name}', outliers=0.05),
-        replace(plain, name=f'wrong_reading_{name}', wrong=3.0, run=15),
-        replace(plain, name=f'edges_unseen_{name}', unseen='edges'),
-        replace(plain, name=f'three_seen_{name}', unseen='all but three'),
-        replace(plain, name=f'one_seen_{name}', unseen='all but one'),
-        replace(plain, name=f'noise_alone_{name}', nothing=True),
-        replace(plain, name=f'degrees_{name}', degrees=True),
-        replace(plain, name=f'other_chain_{name}', told_chain=other),
-        replace(plain, name=f'pushed_{name}', pushes=50, run=600),
-        replace(plain, name=f'pushes_told_{name}', pushes=50, run=600, told=True),
-    ]
-    return known + [
-        replace(plain, name=f'disorder_{100 * share:g}_{name}', disorder=share)
-        for share in _DISORDERS
-    ]
+    cases: dict[str, dict[str, Any]] = {
+        'nudged': {'nudged': True, 'run': 2000},
+        'outliers_1': {'outliers': 0.01},
+        'outliers_5': {'outliers': 0.05},
+        'wrong_reading': {'wrong': 3.0, 'run': 15},
+        'edges_unseen': {'unseen': 'edges'},
+        'three_seen': {'unseen': 'all but three'},
+        'one_seen': {'unseen': 'all but one'},
+        'noise_alone': {'nothing': True},
+        'degrees': {'degrees': True},
+        'other_chain': {'told_chain': other},
+        'pushed': {'pushes': 50, 'run': 600},
+        'pushes_told': {'pushes': 50, 'run': 600, 'told': True},
+        **{f'disorder_{100 * share:g}': {'disorder': share} for share in _DISORDERS},
+    }
+    cells = [replace(plain, name=f'{case}_{name}', **given) for case, given in cases.items()]
+    return [plain, *cells]
 
 
 def _of_few() -> list[AccuracyCell]:
@@ -232,23 +209,26 @@ def _of_few() -> list[AccuracyCell]:
     return cells
 
 
+_GIVEN: dict[str, Callable[[AccuracyCell], object]] = {
+    'class': lambda cell: cell.chain.motion.value,
+    'rotors': lambda cell: cell.chain.number_of_rotors,
+    'rotor_length_ratio': lambda cell: cell.chain.rotor_length / cell.chain.spacing,
+    'rest_angle': lambda cell: cell.chain.rest_angle,
+    'd': lambda cell: cell.chain.lean_ratio,
+    'd_over_critical': lambda cell: cell.chain.lean_ratio / cell.chain.critical_lean_ratio,
+    'noise': lambda cell: cell.noise,
+    'speed_wanted': lambda cell: cell.speed,
+    'period': lambda cell: cell.period,
+    'run': lambda cell: cell.run,
+    'phonons': lambda cell: cell.phonons,
+    'walls': lambda cell: cell.walls,
+}
+GIVEN = tuple(_GIVEN)
+"""Columns of a cell: noise [rad], speed over that of sound, period [time units], frames of a
+record, phonons [rad / time unit]."""
+
+
 def given_of(cell: AccuracyCell) -> list[str]:
     """Return the columns `GIVEN` of a cell, as text."""
-    chain = cell.chain
-    numbers = (
-        chain.rotor_length / chain.spacing,
-        chain.rest_angle,
-        chain.lean_ratio,
-        chain.lean_ratio / chain.critical_lean_ratio,
-        cell.noise,
-        cell.speed,
-        cell.period,
-    )
-    return [
-        chain.motion.value,
-        str(chain.number_of_rotors),
-        *(f'{number:.6g}' for number in numbers),
-        str(cell.run),
-        f'{cell.phonons:.6g}',
-        str(cell.walls),
-    ]
+    values = (of(cell) for of in _GIVEN.values())
+    return [f'{each:.6g}' if isinstance(each, float) else str(each) for each in values]

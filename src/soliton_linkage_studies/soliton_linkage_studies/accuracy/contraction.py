@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -63,25 +63,15 @@ class ContractedWall:
 
 
 @dataclass(frozen=True)
-class Reference:
-    """Noiseless walls of the same chain by other means, each of shape (K,)."""
-
-    kicks: tuple[float, ...]
-    """In a sqrt(k_e / M)."""
-    speeds: tuple[float, ...]
-    """In a sqrt(k_e / M)."""
-    widths: tuple[float, ...]
-    """Of a tanh, over that of a slow wall in the continuum [1]."""
-
-
-@dataclass(frozen=True)
 class Walls:
     """One chain and the kicks that it gets [a sqrt(k_e / M)]."""
 
     name: str
     chain: Chain
     kicks: tuple[float, ...]
-    reference: Reference
+    reference: Mapping[float, tuple[float, float]]
+    """Speed [a sqrt(k_e / M)] and width of a tanh, over that of a slow wall in the continuum [1],
+    of noiseless walls by an independent integrator, by their kicks."""
 
 
 @dataclass(frozen=True)
@@ -215,16 +205,15 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
     kicks = section.numbers('kicks', 1e-6, 100.0)
     known = section.section('reference')
     known.allow('kicks', 'speeds', 'widths')
-    reference = Reference(
-        known.numbers('kicks', 1e-6, 100.0),
-        known.numbers('speeds', 0.0, 100.0),
-        known.numbers('widths', 0.0, 100.0),
-    )
-    for key, values in (('speeds', reference.speeds), ('widths', reference.widths)):
-        if len(values) != len(reference.kicks):
+    known_kicks = known.numbers('kicks', 1e-6, 100.0)
+    found = {key: known.numbers(key, 0.0, 100.0) for key in ('speeds', 'widths')}
+    for key, values in found.items():
+        if len(values) != len(known_kicks):
             raise known.complaint(
-                key, f'must be as many as its kicks, {len(reference.kicks)}; give one a kick'
+                key, f'must be as many as its kicks, {len(known_kicks)}; give one a kick'
             )
+    pairs = zip(found['speeds'], found['widths'], strict=True)
+    reference = dict(zip(known_kicks, pairs, strict=True))
     chain = chain_from(section.section('chain'))
     return Walls(name, chain, kicks[::_QUICK_EVERY] if quick else kicks, reference)
 
@@ -245,9 +234,10 @@ def _draw(
     law = np.sqrt(1 - fine**2)
     axes.plot(fine, law, color=PAPER, label='√(1 − v²/c²) (paper)')
     sound = speed_of_sound(walls.chain) / walls.chain.spacing * walls.chain.time_unit
+    known = np.array(list(walls.reference.values()))
     axes.plot(
-        np.array(walls.reference.speeds) / sound,
-        np.array(walls.reference.widths) / rest,
+        known[:, 0] / sound,
+        known[:, 1] / rest,
         'D',
         color=BLACK,
         markerfacecolor='none',
@@ -278,13 +268,11 @@ def _comparisons(
     walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> list[Comparison]:
     """Lines of the table: speed and width of each passage, beside the reference, if any."""
-    chain, reference = walls.chain, walls.reference
+    chain = walls.chain
     sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
     lines = []
     for kick, passage in zip(walls.kicks, passages, strict=True):
-        known = kick in reference.kicks
-        number = reference.kicks.index(kick) if known else 0
-        speed, width = reference.speeds[number], reference.widths[number] / rest
+        speed, width = walls.reference.get(kick, (math.nan, math.nan))
         law = Formula('√(1 − (v/c)²)', {'v/c': min(passage.speed, 1.0)})
         where = f'{class_and_shape(chain)}, v₀ = {kick:g}'
         for quantity, deviation, paper, measured, expected in (
@@ -294,16 +282,10 @@ def _comparisons(
                 passage.width_deviation,
                 law,
                 passage.width,
-                width,
+                width / rest,
             ),
         ):
-            lines.append(
-                Comparison(
-                    f'{quantity} ± {deviation:.5f}, {where}',
-                    paper,
-                    'independent integrator' if known else '',
-                    measured,
-                    expected if known else math.nan,
-                )
-            )
+            source = 'independent integrator' if kick in walls.reference else ''
+            name = f'{quantity} ± {deviation:.5f}, {where}'
+            lines.append(Comparison(name, paper, source, measured, expected))
     return lines

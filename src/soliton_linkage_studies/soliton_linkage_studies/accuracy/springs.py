@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains of springs on their way, by an integrator that shares nothing with the simulator.
+"""Motion of chains of springs, by an integrator that is independent of the simulator.
 
-Springs pull along the line between their masses, as geometry has it, and Suzuki's composition of
-five leapfrogs, of fourth order and symplectic, moves the rotors:
+It shares the geometry of a spring. Suzuki's composition of five leapfrogs, symplectic and of
+fourth order, moves the rotors:
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
@@ -15,9 +15,12 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, READ, READ_TABLE, ROW, compiled
+from soliton_linkage.compiling import COUNT, READ, READ_TABLE, ROW, compile_loop, compiled
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
+from soliton_linkage.linkage.springs import spring_between
+
+_spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
 """Longest step in time units [1]: a wall of v = 0.9 c then keeps its energy to 1e-6."""
@@ -36,7 +39,7 @@ class Springs:
         self.angles, self.rates = angles.copy(), rates.copy()
         self._steps = math.ceil(period / (_STEP * chain.time_unit))
         self._bonds = np.ascontiguousarray(
-            np.stack([chain.spacings, chain.rest_lengths, chain.stiffnesses])
+            np.stack([chain.spacings, chain.offsets, chain.rest_lengths, chain.stiffnesses])
         )
         self._lengths, self._inertias = chain.rotor_lengths, chain.moments_of_inertia
 
@@ -63,16 +66,15 @@ class Springs:
 def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
     """Torques of springs [N m]: k (l - lbar) along the line between the masses."""
     torques[:] = 0.0
-    right = lengths[0] * math.sin(angles[0])
-    up = lengths[0] * math.cos(angles[0])
+    right, up = lengths[0] * math.sin(angles[0]), lengths[0] * math.cos(angles[0])
     for n in range(len(angles) - 1):
         right_next = lengths[n + 1] * math.sin(angles[n + 1])
         up_next = lengths[n + 1] * math.cos(angles[n + 1])
-        across, above = bonds[0, n] + right_next - right, up_next - up
-        length = math.sqrt(across * across + above * above)
-        tension = bonds[2, n] * (length - bonds[1, n]) / length
-        torques[n] += tension * (across * up - above * right)
-        torques[n + 1] -= tension * (across * up_next - above * right_next)
+        extension, left_lever, right_lever = _spring(
+            right, up, right_next, up_next, bonds[0, n], bonds[1, n], bonds[2, n]
+        )
+        torques[n] -= bonds[3, n] * extension * left_lever
+        torques[n + 1] -= bonds[3, n] * extension * right_lever
         right, up = right_next, up_next
 
 

@@ -9,12 +9,122 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-from soliton_linkage_studies.camera.study import read_film_study, table_of
+import numpy as np
+
+from soliton_linkage import vision
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_studies.camera.renderer import FilmSettings
+from soliton_linkage_studies.camera.runs import FIGURES, FilmedTask
 from soliton_linkage_studies.program import run_study, study_parser
-from soliton_linkage_studies.settings import load_settings
-from soliton_linkage_studies.sweep.table import RESUMES, filled_table
+from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.sweep.table import RESUMES, filled_table, fingerprint, markdown_table
+
+_QUICK_FRAMES = 120
+"""Pictures of a quick film, two seconds."""
+_KICKS = 0.7, 1.3
+"""Of each clip, over that of its chain, at random between [1]: no clip is like another."""
+COLUMNS = (
+    'pictures',
+    'hidden',
+    'swapped',
+    'turns lost',
+    'bound of the pixels [mrad]',
+    'noise [mrad]',
+    'stated [mrad]',
+    'noise over stated',
+    'bias over noise',
+    'a picture [ms]',
+)
+"""Of the table of films."""
+
+
+@dataclass(frozen=True)
+class FilmStudy:
+    """Films by their names, each cut into as many clips, of which each begins with a kick."""
+
+    films: Mapping[str, FilmedTask]
+    """The first clip of each."""
+    clips: int
+    name: str = 'films'
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of the table of clips."""
+        return ('row', 'film', 'clip', *FIGURES)
+
+    @property
+    def rows(self) -> int:
+        """Number of clips."""
+        return len(self.films) * self.clips
+
+    def cells(self, row: int) -> list[str]:
+        """Make a clip and look at it; the first clips of all films come first."""
+        clip, film = divmod(row, len(self.films))
+        name, task = list(self.films.items())[film]
+        stretch = float(np.random.default_rng(row).uniform(*_KICKS))
+        light = replace(task.settings, seed=row)
+        run = replace(task, kick=stretch * task.kick, settings=light)()
+        return [str(row), name, str(clip), *(f'{figure:.9g}' for figure in run.figures)]
+
+    def described(self) -> dict[str, Any]:
+        """All that the rows depend on, what sees the angles among it."""
+        return {
+            'films': {name: str(task) for name, task in self.films.items()},
+            'clips': self.clips,
+            'vision': fingerprint(vision),
+        }
+
+
+def read_film_study(settings: Section, quick: bool) -> FilmStudy:
+    """Read the settings; raises ValueError for what cannot be filmed."""
+    settings.allow('frames', 'clip', 'kicks', 'films', 'chains')
+    frames = settings.whole_number('frames', 20, 1_000_000)
+    clip = min(settings.whole_number('clip', 20, 100_000), frames)
+    clips = 1 if quick else -(-frames // clip)
+    of_clip = min(clip, _QUICK_FRAMES) if quick else clip
+    kicks = settings.section('kicks')
+    films = {}
+    for title, film in settings.section('films').sections().items():
+        film.allow('noise', 'quality', 'h264')
+        light = FilmSettings(
+            noise=film.number('noise', 0.0, 50.0), quality=film.whole_number('quality', 0, 100)
+        )
+        for name, section in settings.section('chains').sections().items():
+            kick, h264 = kicks.number(name, 1e-6, 10.0), film.whole_number('h264', 0, 51)
+            films[f'{name}, {title}'] = FilmedTask(chain_from(section), kick, of_clip, light, h264)
+    return FilmStudy(films, clips, 'films_quick' if quick else 'films')
+
+
+def table_of(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return a Markdown table of films from the rows of their clips."""
+    lines = []
+    for name in dict.fromkeys(row['film'] for row in rows):
+        clips = [row for row in rows if row['film'] == name]
+        figures = {key: np.array([float(clip[key]) for clip in clips]) for key in FIGURES}
+        lines.append([name, *_row(figures)])
+    return markdown_table(['film', *COLUMNS], lines)
+
+
+def _row(figures: Mapping[str, Array]) -> list[str]:
+    noise, stated, normalised = (
+        float(np.sqrt(np.mean(figures[key] ** 2))) for key in ('noise', 'stated', 'normalised')
+    )
+    return [
+        f'{figures["pictures"].sum():.0f}',
+        f'{figures["hidden"].sum() / figures["angles"].sum():.2%}',
+        f'{figures["swapped"].sum():.0f}',
+        f'{figures["turns_lost"].sum():.0f}',
+        f'{1e3 * figures["bound"].mean():.3f}',
+        f'{1e3 * noise:.3f}',
+        f'{1e3 * stated:.3f}',
+        f'{normalised:.2f}',
+        f'{figures["bias"].mean() / noise:+.3f}',
+        f'{1e3 * figures["busy"].mean():.1f}',
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,9 +14,8 @@ from pathlib import Path
 
 from soliton_linkage_studies.plates import save_caption, save_figure
 from soliton_linkage_studies.program import run_study, study_parser
-from soliton_linkage_studies.sweep.captions import sweep_caption
 from soliton_linkage_studies.sweep.config import read_sweep_study
-from soliton_linkage_studies.sweep.pictures import sweep_figure
+from soliton_linkage_studies.sweep.pictures import sweep_caption, sweep_figure
 from soliton_linkage_studies.sweep.table import RESUMES, filled_table
 
 

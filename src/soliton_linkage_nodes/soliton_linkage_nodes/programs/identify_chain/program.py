@@ -40,7 +40,7 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.programs.identify_chain.recorded import read_joints
 from soliton_linkage_nodes.programs.identify_chain.summary import summary, write_lengths
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
-from soliton_linkage_studies.identification.report_page import save_report
+from soliton_linkage_studies.identification_report import save_report
 
 
 @dataclass(frozen=True)
