@@ -101,15 +101,6 @@ def test_settings_that_did_not_come_with_it_have_to_be_named(
     assert 'the following arguments are required: config' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('count', ['0', '-1', '1.5', '1001', 'two'])
-def test_a_number_of_processes_that_cannot_be_is_refused(
-    count: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        study_parser('any', '', 'less').parse_args(['any.yaml', f'--workers={count}'])
-    assert f'{count!r} must be a whole number from 1 to 1000' in capsys.readouterr().err
-
-
 def test_names_are_chosen_whole_or_by_their_beginning() -> None:
     known = ['S1_one', 'S2_two', 'S22_more', 'plain']
     assert chosen(known, []) == known

@@ -14,22 +14,14 @@ from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.solitons.passage import find_obstacles
 
-
-@dataclass(frozen=True)
-class TraversalSettings:
-    """Tuning of `follow_wall`."""
-
-    tolerance: float = 1e-8
-    """Of the motion of the bars, in an angle and step [rad]."""
-    frames_a_spacing: float = 4.0
-    """While a wall goes by a rotor spacing, or by its width."""
-    frames_a_swing: float = 40.0
-    """While an edge rotor swings by a / r, or a radian."""
-    departed: float = 1.5
-    """How far from a spinner's edge its wall has left it [rotor spacings]."""
-
-
-DEFAULTS = TraversalSettings()
+_TOLERANCE = 1e-8
+"""Error of an angle of the bars in a step [rad]."""
+_FRAMES_A_SPACING = 4.0
+"""Frames while a wall moves by a rotor spacing, or by its width [1]."""
+_FRAMES_A_SWING = 40.0
+"""Frames while an edge rotor swings by a / r, or a radian [1]."""
+_DEPARTED = 1.5
+"""Distance from a spinner's edge at which its wall has left it [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +38,7 @@ class Leg:
     """Arc length of the motion [rad], the norm over all rotors."""
 
 
-def follow_wall(
-    chain: Chain,
-    edge: Edge = Edge.FIRST,
-    legs: int = 2,
-    settings: TraversalSettings = DEFAULTS,
-) -> tuple[Leg, ...]:
+def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
     """Move the chain of rigid bars until its wall has crossed it a number of times.
 
     It starts from the first edge, in the state at rest that leans left, or from the last, in
@@ -70,10 +57,9 @@ def follow_wall(
     mode = edge_mode(chain, angles, edge, anywhere=True)
     spinner = chain.motion is Motion.SPINNER
     rates = mode if spinner else -mode
-    period = _frame_arc(chain, settings)
-    simulation = RigidSimulation(chain, angles, rates, period, settings.tolerance)
+    simulation = RigidSimulation(chain, angles, rates, _frame_arc(chain), _TOLERANCE)
     start = chain.number_of_rotors - 1 if edge is Edge.LAST else 0
-    walker = _Walker(simulation, start, settings.departed)
+    walker = _Walker(simulation, start)
     if not spinner:
         walker.leg()
     ways: list[Leg] = []
@@ -107,9 +93,8 @@ def check_passable(chain: Chain) -> None:
 class _Walker:
     """Moves a chain of rigid bars and watches its wall come to the edges."""
 
-    def __init__(self, simulation: RigidSimulation, edge: int, departed: float) -> None:
+    def __init__(self, simulation: RigidSimulation, edge: int) -> None:
         self._simulation = simulation
-        self._departed = departed
         self._last = simulation.chain.number_of_rotors - 1
         self._longest = 4 * math.pi * simulation.chain.number_of_rotors
         self._edge = edge
@@ -126,7 +111,7 @@ class _Walker:
             self._simulation.advance()
             self._look()
             furthest = direction * max(direction * furthest, direction * self._centre)
-            departed = direction * (furthest - departure) > self._departed
+            departed = direction * (furthest - departure) > _DEPARTED
             arrived = self._arrived(edges, left, departed)
             arc = (self._simulation.frame - start) * self._simulation.period
         if arrived is not None:
@@ -151,16 +136,16 @@ class _Walker:
         return self._peak if at_edge else None
 
 
-def _frame_arc(chain: Chain, settings: TraversalSettings) -> float:
+def _frame_arc(chain: Chain) -> float:
     """Arc [rad] in which a wall goes a fraction of a spacing, at a speed of 1 rad/s its time.
 
     A flipper's rotors turn by 2 theta_bar while the wall goes by its width. However little that
     is, an edge rotor swings by about a / r, or a radian, before the wall comes back.
     """
     spacings = 1 + chain.wall_width / chain.spacing
-    of_wall = chain.rest_angle / (settings.frames_a_spacing * math.sqrt(spacings))
+    of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
     swing = min(1.0, chain.spacing / chain.rotor_length)
-    return max(of_wall, swing / settings.frames_a_swing)
+    return max(of_wall, swing / _FRAMES_A_SWING)
 
 
 def _check_ends(chain: Chain) -> None:
