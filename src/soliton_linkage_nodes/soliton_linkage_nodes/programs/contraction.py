@@ -150,7 +150,8 @@ def _measured(
         for number, walls in enumerate(study.walls)
         for kick in range(len(walls.kicks))
     ]
-    progress, passages = ProgressLine('contraction', len(runs)), []
+    progress = ProgressLine('contraction', len(runs))
+    passages: list[ContractedWall] = []
     for number, walls, kick in runs:
         which = f'{walls.name}, kick {walls.kicks[kick]:g}'
         progress.show(len(passages), which)
