@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument('--rounds', type=int, default=1)
     parser.add_argument('--nodes', nargs='*', choices=NODES, default=NODES)
     parser.add_argument('--listeners', type=int, nargs='*', default=[0, 1, 6])
-    parser.add_argument('--integrator', default='multistep', help='of the simulator')
+    parser.add_argument('--integrator', default='symplectic', help='of the simulator')
     arguments = parser.parse_args()
     chain = Chain(number_of_rotors=arguments.rotors)
     rest = chain.uniform_state(-1)

@@ -11,12 +11,9 @@ import numpy as np
 from integrate_peers import Problem
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators import SymmetricMultistep, multistep_loops, nystrom_loops
-from soliton_linkage.dynamics.integrators.forces import VECTOR, Spring
-from soliton_linkage.dynamics.integrators.multistep_steps import MultistepSteps
-from soliton_linkage.dynamics.integrators.nystrom_coefficients import KICKS
-from soliton_linkage.dynamics.integrators.nystrom_steps import NystromSteps
-from soliton_linkage.dynamics.integrators.rotor_loops import Before, Span, zeros_in_line
+from soliton_linkage.dynamics.integrators import nystrom_loops
+from soliton_linkage.dynamics.integrators.nystrom_steps import KICKS, NystromSteps, zeros_in_line
+from soliton_linkage.dynamics.integrators.rotor_loops import VECTOR, Before, Span, Spring
 from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
@@ -29,25 +26,7 @@ STEP = 0.1
 
 def account(sizes: list[int]) -> dict[str, dict[str, list[float]]]:
     """Nanoseconds of a rotor and force in long runs, and of its loops called on their own."""
-    return {
-        str(size): {WHOLE: multistep(size), 'SymplecticNystrom': symplectic(size), **loops(size)}
-        for size in sizes
-    }
-
-
-def multistep(size: int) -> list[float]:
-    motion, state = moving(size)
-    together = SymmetricMultistep(motion, 0.0, state, 1.0).together
-    steps = MultistepSteps(motion, together)
-    given = np.full(len(state), 1.0), 0.0
-    steps.begin(state, STEP, *given)
-    calls = max(2, math.ceil(BUDGET / size / together))
-
-    def run() -> None:
-        for _ in range(calls):
-            steps.advance(together, *given)
-
-    return nanoseconds(run, calls * together * size)
+    return {str(size): {WHOLE: symplectic(size), **loops(size)} for size in sizes}
 
 
 def symplectic(size: int) -> list[float]:
@@ -67,7 +46,6 @@ def loops(size: int) -> dict[str, list[float]]:
     longer = max(size, 8000)
     work = zeros_in_line(4, longer + VECTOR)
     work[:] = np.random.default_rng(1).uniform(-0.1, 0.1, work.shape)
-    rings = multistep_loops.Rings(*(zeros_in_line(16, longer) for _ in range(3)))
     spring, every, none = (
         Spring(1.1, 0.2, 0.3, 0.4, 0.5),
         Span(0, longer, longer),
@@ -75,11 +53,7 @@ def loops(size: int) -> dict[str, list[float]]:
     )
     rotors, times = nystrom_loops.Rotors(*work), nystrom_loops.Times(1e-9, 1e-9)
     calls: dict[str, Callable[[], object]] = {
-        'springs': lambda: multistep_loops.pull_even(work, every, spring, none, rings.kicks, 10),
-        'turns from kicks, and turning': lambda: multistep_loops.turn(
-            work, rings, rings.memory, 9, 0, longer
-        ),
-        'spring, kick and turn of SymplecticNystrom': lambda: nystrom_loops.kick_and_turn(
+        'spring, kick and turn': lambda: nystrom_loops.kick_and_turn(
             rotors, every, spring, times, none
         ),
     }

@@ -19,11 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators import (
-    ChainSolver,
-    SymmetricMultistep,
-    SymplecticNystrom,
-)
+from soliton_linkage.dynamics.integrators import SymplecticNystrom
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -69,21 +65,13 @@ class Peer:
     """Whether a part of the duration takes that part of the time."""
 
 
-def multistep(problem: Problem, tolerance: float) -> Ready:
-    return chain_solver(SymmetricMultistep, problem, tolerance)
-
-
 def symplectic(problem: Problem, tolerance: float) -> Ready:
-    return chain_solver(SymplecticNystrom, problem, tolerance)
-
-
-def chain_solver(method: type[ChainSolver], problem: Problem, tolerance: float) -> Ready:
     motion = EquationOfMotion(problem.chain)
     state = motion.state(problem.angles, problem.rates)
     absolute = tolerance / math.sqrt(len(state))
 
     def ready() -> Run:
-        solver = method(motion, 0.0, state, problem.duration, rtol=0.0, atol=absolute)
+        solver = SymplecticNystrom(motion, 0.0, state, problem.duration, rtol=0.0, atol=absolute)
 
         def run() -> Array:
             while solver.status == 'running':
@@ -208,11 +196,10 @@ def mujoco_model(chain: Chain, integrator: str) -> mujoco.MjModel:
     )
 
 
-OURS = Peer('ours', multistep, tuple(10.0**-n for n in range(4, 13)))
+OURS = Peer('ours', symplectic, tuple(10.0**-n for n in range(4, 12)))
 PEERS = (
     Peer('heyoka', heyoka_taylor, (1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
     Peer('MuJoCo RK4', mujoco_rk4, (0.2, 0.1, 0.05, 0.025, 0.0125), constant_step=True),
     Peer('MuJoCo implicitfast', mujoco_implicit, (0.1, 0.02, 0.005), constant_step=True),
     Peer('scipy DOP853', plain_scipy, tuple(10.0**-n for n in range(4, 13))),
-    Peer('our SymplecticNystrom', symplectic, tuple(10.0**-n for n in range(4, 12))),
 )

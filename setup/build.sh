@@ -44,10 +44,10 @@ compile_loops() {
         src/soliton_linkage/soliton_linkage src/soliton_linkage_studies/soliton_linkage_studies |
         sed 's,^src/[^/]*/,,; s/\.py$//; s,/,.,g' | python3 -c '
 import importlib, sys
-from soliton_linkage.dynamics.integrators import INTEGRATORS, ChainSolver
+from soliton_linkage.dynamics.integrators import SymplecticNystrom
 for name in sys.stdin.read().split():
     importlib.import_module(name)
-[solver.load() for solver in INTEGRATORS.values() if issubclass(solver, ChainSolver)]'
+SymplecticNystrom.load()'
 }
 
 # The physics first: its loops are compiled beside the messages.

@@ -10,10 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import OdeSolver
 
-from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators import INTEGRATORS
-from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
-from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import SymplecticNystrom
+from soliton_linkage.dynamics.simulation import (
+    SMALLEST_RELATIVE_TOLERANCE,
+    Simulation,
+    SimulationSettings,
+    scipy_solver,
+)
+from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
@@ -30,7 +35,7 @@ class ElasticSettings(SimulationSettings):
     of it: 1.6 times the work for a soliton, twice for a chain at rest; twice: none and half.
     """
     rotors_together: int = 400
-    """Rotors times steps in one step of a `ChainSolver`, after each of which others may act.
+    """Rotors times steps in one step of a `SymplecticNystrom`, after each of which others may act.
 
     One takes 0.05 to 0.07 ms. Half as many: frames of 40 rotors take 20 to 60 % longer; twice:
     10 to 30 % less, and symplectic steps 0.12 ms.
@@ -44,7 +49,7 @@ class ElasticSimulation(Simulation):
     """A chain of springs, integrated along its `EquationOfMotion`.
 
     The integrator is one of INTEGRATORS; all else is as in `Simulation`. Raises ValueError for
-    an integrator that there is not, and for damping where it takes none.
+    an unknown integrator, and for `forces` that it does not integrate.
     """
 
     def __init__(
@@ -56,7 +61,9 @@ class ElasticSimulation(Simulation):
         tolerance: float = 1e-11,
         gravity: Gravity = NO_GRAVITY,
         fixed: Sequence[int] = (),
-        integrator: str = 'DOP853',
+        *,
+        forces: Sequence[Term | TorqueFunction] = (),
+        integrator: str = 'symplectic',
         settings: ElasticSettings = DEFAULTS,
     ) -> None:
         if integrator not in INTEGRATORS:
@@ -64,14 +71,10 @@ class ElasticSimulation(Simulation):
         self.integrator = integrator
         self._settings = settings
         self._method = INTEGRATORS[integrator]
-        self._length: float | None = None
-        super().__init__(chain, angles, rates, period, tolerance, gravity, fixed, settings)
-        if issubclass(self._method, ChainSolver):
-            if self._damped and not self._method.takes_damping:
-                raise ValueError(
-                    f'integrator = {integrator!r} takes no damping, and the chain has '
-                    f"{chain.damping:g} kg m^2/s; take 'symplectic' or 'DOP853'"
-                )
+        start = chain, angles, rates, period, tolerance
+        super().__init__(*start, gravity, fixed, forces=forces, settings=settings)
+        if issubclass(self._method, SymplecticNystrom):
+            self._method.check(self.motion)
             self._method.load()
 
     @property
@@ -93,10 +96,10 @@ class ElasticSimulation(Simulation):
         return state[:rotors], state[rotors : 2 * rotors], dissipated
 
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
-        motion = EquationOfMotion(self.chain, self.torques, self.gravity, self.fixed)
+        motion = self.motion
         fastest_rate = max(motion.fastest_vibration, motion.fastest_decay)
         longest_step, tolerances = self._settings.longest_step / fastest_rate, self._tolerances()
-        if not issubclass(self._method, ChainSolver):
+        if not issubclass(self._method, SymplecticNystrom):
             solver = scipy_solver(self._method, motion, state, tolerances, longest_step)
             return solver, longest_step
         solver = self._method(
@@ -104,9 +107,8 @@ class ElasticSimulation(Simulation):
             0.0,
             state,
             np.inf,
-            rtol=0.0,
+            rtol=SMALLEST_RELATIVE_TOLERANCE,
             atol=tolerances,
-            first_step=self._length,
             together=1,
         )
         return solver, longest_step
@@ -123,14 +125,13 @@ class ElasticSimulation(Simulation):
 
     def _after_step(self) -> None:
         """Let the longer steps together the longer nothing happens; the state stays as it is."""
-        if isinstance(self._solver, ChainSolver):
+        if isinstance(self._solver, SymplecticNystrom):
             most = max(1, self._settings.rotors_together // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
-            self._length = self._solver.length
 
     @property
     def _damped(self) -> bool:
-        return self.chain.damping > 0
+        return self.motion.damped
 
 
 def simulate(

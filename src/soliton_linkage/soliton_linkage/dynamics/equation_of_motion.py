@@ -10,17 +10,14 @@ from functools import cached_property
 
 import numpy as np
 
-from soliton_linkage.dynamics.derivative_loop import (
-    BY_COSINE,
-    BY_SINE,
-    DAMPINGS,
-    HELD,
-    INERTIAS,
-    LENGTHS,
-    REST_LENGTHS,
-    ROWS,
-    STIFFNESSES,
-    derivative,
+from soliton_linkage.dynamics.terms import (
+    AppliedFunction,
+    HeldTorques,
+    LinearDamping,
+    Springs,
+    Term,
+    TorqueFunction,
+    Weights,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
@@ -30,11 +27,12 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 class EquationOfMotion:
     """Right-hand side for `scipy.integrate.solve_ivp`, of state (angles, rates, dissipated).
 
-    M r^2 phi_ddot = -dV/dphi - c phi_dot + g M r sin(phi + tilt) + torque,
-    W_dot = sum_n c_n phi_dot_n^2,
+    M r^2 phi_ddot = sum of the torques of all terms,
+    W_dot = sum of the powers that they take out,
 
-    where W, the energy that the damping has taken out [J], belongs to the state of damped chains
-    only. Raises ValueError where there is not one torque a rotor or no rotor of a fixed number.
+    where W, the energy that damping and `forces` have taken out [J], belongs only to the state of
+    a motion with such terms. The terms are held torques, gravity, linear damping, `forces` and
+    springs. Raises ValueError for torques or fixed rotors that do not fit the chain.
     """
 
     chain: Chain
@@ -43,6 +41,10 @@ class EquationOfMotion:
     gravity: Gravity = NO_GRAVITY
     fixed: tuple[int, ...] = ()
     """Numbers of the rotors that do not turn, whatever acts on them."""
+    forces: tuple[Term | TorqueFunction, ...] = ()
+    """Terms beyond those of the chain."""
+    start: float = 0.0
+    """Time of `forces` at time 0 of the solver [s]."""
 
     def __post_init__(self) -> None:
         """Refuse torques and rotors that do not fit the chain."""
@@ -58,7 +60,30 @@ class EquationOfMotion:
     @property
     def damped(self) -> bool:
         """Whether the state has the dissipated energy behind the rates."""
-        return self.chain.damping > 0
+        return any(term.dissipative for term in self.loads)
+
+    @cached_property
+    def weights(self) -> Weights:
+        """Term of gravity."""
+        return Weights(self.chain, self.gravity)
+
+    @cached_property
+    def loads(self) -> tuple[Term, ...]:
+        """Terms other than those of springs."""
+        loads: list[Term] = []
+        if self.held_torques.any():
+            loads.append(HeldTorques(self.held_torques))
+        if self.gravity.acceleration:
+            loads.append(self.weights)
+        if self.chain.damping > 0:
+            loads.append(LinearDamping(self.chain.dampings))
+        loads += [f if isinstance(f, Term) else AppliedFunction(f) for f in self.forces]
+        return tuple(loads)
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """All terms."""
+        return (*self.loads, Springs(self.chain))
 
     @cached_property
     def held_torques(self) -> Array:
@@ -115,33 +140,28 @@ class EquationOfMotion:
         at_rest = self.state(angles, np.zeros(self.rotors))
         return self(0.0, at_rest)[self.rotors : 2 * self.rotors]
 
-    def __call__(self, _time: float, state: Array) -> Array:
+    def __call__(self, time: float, state: Array) -> Array:
         """Time derivative of a state, of its shape."""
-        return derivative(np.ascontiguousarray(state), self.rows, self.chain.periodic)
+        state = np.ascontiguousarray(state)
+        number = state.size // 2
+        angles, rates = state[:number], state[number : 2 * number]
+        changes = np.zeros(state.size)
+        changes[:number] = rates
+        torques = changes[number : 2 * number]
+        dissipated = self.add(self.terms, torques, time, angles, rates)
+        torques /= self.inertias
+        if state.size > 2 * number:
+            changes[-1] = dissipated
+        return changes
 
-    @cached_property
-    def rows(self) -> Array:
-        """What is the same in every state, as `derivative_loop` takes it, shape (ROWS, N)."""
-        chain = self.chain
-        rows = np.zeros((ROWS, self.rotors))
-        rows[LENGTHS : REST_LENGTHS + 1] = chain.spring_parameters
-        rows[STIFFNESSES, : chain.number_of_springs] = chain.stiffnesses
-        weights = self.gravity.acceleration * chain.masses * chain.rotor_lengths
-        rows[INERTIAS], rows[DAMPINGS], rows[HELD] = (
-            self.inertias,
-            chain.dampings,
-            self.held_torques,
-        )
-        rows[BY_SINE] = weights * math.cos(self.gravity.tilt)
-        rows[BY_COSINE] = weights * math.sin(self.gravity.tilt)
-        return rows
-
-
-def applied_torques(chain: Chain, angles: Array, torques: Array, gravity: Gravity) -> Array:
-    """Torques that are held and those of gravity on each rotor [N m], shape (N,)."""
-    if gravity.acceleration == 0:
-        return torques
-    return torques + gravity.torques(chain, angles)
+    def add(
+        self, terms: Sequence[Term], torques: Array, time: float, angles: Array, rates: Array
+    ) -> float:
+        """Add the torques of terms [N m], shape (N,); return the power they take out [W]."""
+        dissipated = 0.0
+        for term in terms:
+            dissipated += term.add(torques, self.start + time, angles, rates)
+        return dissipated
 
 
 def checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:

@@ -20,14 +20,17 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
-from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion, applied_torques
-from soliton_linkage.dynamics.rigid_loop import derivative_of_bars
+from soliton_linkage.compiling import READ, compiled
 from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
+from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.dynamics.work import work_of_torques
-from soliton_linkage.linear.rigidity import rigidity_bands, zero_mode
+from soliton_linkage.linear.rigidity import VANISHING, rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import banded_products, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
+
+_FLUSHED = -1100
+"""Power of 2 below which nothing is left of a component [1]."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +72,13 @@ class RigidSimulation(Simulation):
         tolerance: float = 1e-11,
         gravity: Gravity = NO_GRAVITY,
         fixed: Sequence[int] = (),
+        *,
+        forces: Sequence[Term | TorqueFunction] = (),
         settings: RigidSettings = DEFAULTS,
     ) -> None:
         self._settings = settings
-        super().__init__(chain, angles, rates, period, tolerance, gravity, fixed, settings)
+        start = chain, angles, rates, period, tolerance
+        super().__init__(*start, gravity, fixed, forces=forces, settings=settings)
 
     @property
     def link_torques(self) -> Array:
@@ -84,7 +90,9 @@ class RigidSimulation(Simulation):
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
-        free = (self._applied_torques(angles) - chain.dampings * rates) / chain.moments_of_inertia
+        torques, elapsed = np.zeros(len(angles)), self.time - self.motion.start
+        self.motion.add(self.motion.loads, torques, elapsed, angles, rates)
+        free = torques / chain.moments_of_inertia
         shrinking = _centripetal(chain, angles, rates) - first * free[:-1] - second * free[1:]
         weights = 1 / np.sqrt(chain.moments_of_inertia)
         products = banded_products(first * weights[:-1], second * weights[1:])
@@ -124,14 +132,18 @@ class RigidSimulation(Simulation):
         return angles, speed * self._mode(angles), dissipated
 
     def _applied_torques(self, angles: Array) -> Array:
-        return applied_torques(self.chain, angles, self.torques, self.gravity)
+        return self.torques + self.gravity.torques(self.chain, angles)
 
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         longest_step = self._settings.longest_step * self.period
-        rows = EquationOfMotion(self.chain, self.torques, self.gravity).rows
+        motion, rotors, chain = self.motion, self.chain.number_of_rotors, self.chain
+        parameters = chain.rotor_lengths, chain.spacings, chain.moments_of_inertia
 
-        def derivative(_time: float, state: Array) -> Array:
-            return derivative_of_bars(state, rows)
+        def derivative(time: float, state: Array) -> Array:
+            mode = mode_of_bars(state[:rotors], *parameters)
+            rates, torques = state[rotors] * mode, np.zeros(rotors)
+            dissipated = motion.add(motion.loads, torques, time, state[:rotors], rates)
+            return np.concatenate([rates, [mode @ torques, dissipated]])
 
         solver = scipy_solver(DOP853, derivative, state, self._tolerances(), longest_step)
         return solver, longest_step
@@ -213,3 +225,34 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
     squares = np.diff(vertical * rates) ** 2 + np.diff(horizontal * rates) ** 2
     inward = x * np.diff(horizontal * rates**2) + y * np.diff(vertical * rates**2)
     return np.asarray((inward - squares) / np.hypot(x, y))
+
+
+@compiled(READ, READ, READ, READ)
+def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
+    """Zero mode of unit length in the metric of the inertia [kg^(-1/2) m^(-1)], shape (N,).
+
+    It is that of `linear.rigidity.zero_mode`; each number has an exponent of its own, because the
+    mode may vary by more than the range of floating-point numbers.
+    """
+    rotors = angles.size
+    mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)
+    mode[0], exponents[0], largest, sign = 1.0, 0, 0, 1.0
+    h_left = lengths[0] * math.sin(angles[0])
+    v_left = lengths[0] * math.cos(angles[0])
+    for n in range(1, rotors):
+        h = lengths[n] * math.sin(angles[n])
+        v = lengths[n] * math.cos(angles[n])
+        across, up = spacings[n - 1] + (h - h_left), v - v_left
+        first, second = h_left * up - v_left * across, v * across - h * up
+        first = VANISHING if abs(first) < VANISHING else first
+        second = VANISHING if abs(second) < VANISHING else second
+        sign = -sign if second < 0 else sign
+        mode[n], shift = math.frexp(-mode[n - 1] * first / second)
+        exponents[n] = exponents[n - 1] + shift
+        largest = max(largest, exponents[n])
+        h_left, v_left = h, v
+    mass = 0.0
+    for n in range(rotors):
+        mode[n] = math.ldexp(mode[n], max(exponents[n] - largest, _FLUSHED))
+        mass += inertias[n] * mode[n] ** 2
+    return mode * (sign / math.sqrt(mass))

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import OdeSolver
 
-from soliton_linkage.dynamics.equation_of_motion import checked_rotors
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion, checked_rotors
+from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.dynamics.work import work_of_kick, work_of_torques
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
@@ -47,8 +48,9 @@ class Simulation(ABC):
 
     It starts from `angles` [rad] and `rates` [rad/s], shape (N,), or from rest; `period` is in
     [s]. The rotors numbered in `fixed` stay at the angle that they start from; their mounts bear
-    whatever acts on them. Raises ValueError for what is out of its range or does not fit the
-    chain.
+    whatever acts on them. `forces` are further terms of the equation of motion, or functions
+    f(time, angles, rates) -> torques [N m]. Raises ValueError for what is out of its range or
+    does not fit the chain.
     """
 
     def __init__(
@@ -60,6 +62,8 @@ class Simulation(ABC):
         tolerance: float = 1e-11,
         gravity: Gravity = NO_GRAVITY,
         fixed: Sequence[int] = (),
+        *,
+        forces: Sequence[Term | TorqueFunction] = (),
         settings: SimulationSettings = DEFAULTS,
     ) -> None:
         if not (math.isfinite(period) and period > 0):
@@ -71,6 +75,8 @@ class Simulation(ABC):
         self.tolerance = tolerance
         self.gravity = gravity
         self.fixed = checked_rotors(chain, fixed)
+        self.forces = tuple(forces)
+        self._equation: EquationOfMotion | None = None
         self._most_steps = settings.most_steps
         self.frame = 0
         given = chain.check_angles(angles).copy()
@@ -106,8 +112,17 @@ class Simulation(ABC):
         """Torque of the springs or bars on each rotor in the current frame [N m], shape (N,)."""
 
     @property
+    def motion(self) -> EquationOfMotion:
+        """Equation of motion from the last kick, change of torques or of gravity on."""
+        if self._equation is None:
+            self._equation = EquationOfMotion(
+                self.chain, self.torques, self.gravity, self.fixed, self.forces, self.time
+            )
+        return self._equation
+
+    @property
     def dissipated(self) -> float:
-        """Energy that the damping has taken out since the start [J]."""
+        """Energy that damping and `forces` have taken out since the start [J]."""
         return self._dissipated_before + self._dissipated
 
     @property
@@ -280,6 +295,7 @@ class Simulation(ABC):
 
     def _restart(self) -> None:
         """Let the solver start anew at the current frame, where the state or forces jump."""
+        self._equation = None
         self._first_frame = self.frame
         self._steps = 0
         self._ahead = 0

@@ -29,8 +29,8 @@ class WorldParameters:
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS
     )
     integrator: str = quantity(
-        'DOP853',
-        "solver of springs in motion: scipy's, or compiled ones; multistep for no damping",
+        'symplectic',
+        "solver of springs in motion: symplectic, or one of scipy's",
         choices=tuple(INTEGRATORS),
     )
     tolerance: float = quantity(

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.initial_states import State
-from soliton_linkage.dynamics.integrators import INTEGRATORS
-from soliton_linkage.dynamics.integrators.chain_solver import ChainSolver
+from soliton_linkage.dynamics.integrators import INTEGRATORS, SymplecticNystrom
 from soliton_linkage.linear.bands import band_edges, penetration_depth, speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.continuum import wall_theory
@@ -183,7 +182,7 @@ def frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
     start = started(task)
     motion = EquationOfMotion(task.ring)
     method = INTEGRATORS[task.integrator]
-    constant = issubclass(method, ChainSolver)
+    constant = issubclass(method, SymplecticNystrom)
     solver = method(
         motion,
         0.0,

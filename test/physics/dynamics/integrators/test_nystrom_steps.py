@@ -9,8 +9,13 @@ from naive_nystrom import NaiveNystrom
 from scipy.linalg import expm
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators.nystrom_coefficients import DRIFTS, KICKS, STABLE_STEP
-from soliton_linkage.dynamics.integrators.nystrom_steps import NystromSteps, steps_to_measure
+from soliton_linkage.dynamics.integrators.nystrom_steps import (
+    DRIFTS,
+    KICKS,
+    STABLE_STEP,
+    NystromSteps,
+    steps_to_measure,
+)
 from soliton_linkage.dynamics.integrators.rotor_loops import (
     LARGEST_TURN,
     ROTORS_IN_CACHE,

@@ -13,7 +13,6 @@ from soliton_linkage.compiling import (
     take_widest_vectors,
     unsigned,
 )
-from soliton_linkage.dynamics.integrators.forces import VECTOR, Forces, PlainForces, Spring
 from soliton_linkage.dynamics.integrators.rotor_loops import (
     ANGLES,
     COSINES,
@@ -26,10 +25,14 @@ from soliton_linkage.dynamics.integrators.rotor_loops import (
     ROTORS_IN_CACHE,
     SINES,
     TURNS,
+    VECTOR,
     Before,
     Checks,
+    Forces,
     PlainChecks,
+    PlainForces,
     Span,
+    Spring,
     copy,
     difference,
     faster,

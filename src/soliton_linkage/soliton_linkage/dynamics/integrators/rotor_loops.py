@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops over rotors that the solvers share: turning them, and what turns them.
+"""Compiled loops over rotors: turning them, and what turns them.
 
 Every rotor is carried as its angle, cosine and sine, and turned by the small angle of a drift
 with polynomials, so that no loop calls a function and all are vectorised. Arrays are padded from
 N to P places, whole vectors, with rotors that do not move.
 
 Chains whose springs are all alike and on which nothing else acts go through one loop, which does
-all that a rotor needs; for others there is a loop for each thing that acts. They index one array,
-`work`, rather than take rows of it, because every array made in a stage counts its references,
-which takes longer than twenty rotors do.
+all that a rotor needs; for others there is a loop for each term. They index one array, `work`,
+rather than take rows of it, because every array made in a stage counts its references, which
+takes longer than twenty rotors do.
 """
 
 from __future__ import annotations
@@ -17,16 +17,21 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from soliton_linkage.compiling import FREEDOMS, Kernel, compile_loop, take_widest_vectors, unsigned
-from soliton_linkage.dynamics.integrators.forces import (
-    VECTOR,
-    Forces,
-    Numbers,
-    PlainForces,
-    Spring,
+from soliton_linkage.compiling import (
+    FREEDOMS,
+    Kernel,
+    compile_loop,
+    take_widest_vectors,
+    unsigned,
 )
 from soliton_linkage.linkage.chain import Array
+
+Numbers = NDArray[np.int64]
+
+VECTOR = 8
+"""Largest number of values that a processor takes at once; rows of arrays are multiples of it."""
 
 ANGLES, RATES, COSINES, SINES, ON_LEFT, ON_RIGHT, TURNS, KEPT = range(8)
 """Rows of work, shape (11, P + VECTOR); the last four are to come back to.
@@ -46,6 +51,36 @@ LARGEST_TURN = 0.5
 
 ONE = unsigned(1)
 """Numbers that could be below 0 would count from the end, and no loop over them is vectorised."""
+
+
+PlainForces = tuple[tuple[float, float, float, float, float], Array, Array, bool]
+"""The fields of `Forces`; from Python a plain tuple is handed over in a third of the time."""
+
+
+class Spring(NamedTuple):
+    """Coefficients of springs that are all alike; see `pull_and_cross`."""
+
+    offset: float
+    """c / lbar^2 + 1, where c is one of `Chain.offsets`."""
+    slope: float
+    """2 a r / lbar^2."""
+    product: float
+    """2 r^2 / lbar^2."""
+    lever: float
+    """k a r / I."""
+    cross: float
+    """k r^2 / I."""
+
+
+class Forces(NamedTuple):
+    """Accelerations by springs, by torques and by gravity."""
+
+    spring: Spring
+    springs: Array
+    """Rows of `pull`, shape (8, P); (8, 0) where `spring` is all that acts."""
+    field: Array
+    """Rows of `add_field`, shape (3, P), or (3, 0) where there is none."""
+    periodic: bool
 
 
 class Span(NamedTuple):
@@ -220,28 +255,3 @@ def difference(
         tolerated = absolute[n] + relative * max(abs(before[n]), abs(halves[n]))
         squares += ((whole[n] - halves[n]) / tolerated) ** 2
     return math.sqrt(squares / whole.size)
-
-
-def work_for(places: int) -> Array:
-    """Rows for rotors at so many places."""
-    return zeros_in_line(WORK_ROWS, places + VECTOR)
-
-
-def zeros_in_line(rows: int, places: int) -> Array:
-    """Zeros of shape (rows, places), at an address where a line of the cache begins.
-
-    Vectors that lie across two lines take longer. They are filled now, so that the system does
-    not have to find the room later, page by page.
-    """
-    size, line = rows * places, 64
-    room = np.full(size + VECTOR, 0.0)
-    first = -room.ctypes.data % line // room.itemsize
-    return room[first : first + size].reshape(rows, places)
-
-
-def load_angles(work: Array, angles: Array) -> None:
-    """Put angles, cosines and sines into the first rows of work."""
-    rows = work[:, : len(angles)]
-    rows[ANGLES] = angles
-    np.cos(angles, out=rows[COSINES])
-    np.sin(angles, out=rows[SINES])

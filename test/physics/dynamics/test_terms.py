@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from chain_motions import MOTIONS, lively_state
+from chains import FLIPPER, chain_of
+
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.initial_states import with_soliton
+from soliton_linkage.dynamics.rigid import RigidSimulation
+from soliton_linkage.dynamics.terms import DryFriction, HeldTorques, LinearDamping, TorqueFunction
+from soliton_linkage.linkage.chain import Array, Chain
+
+DRAG = 2e-6
+
+
+def drag(_time: float, _angles: Array, rates: Array) -> Array:
+    return -DRAG * rates
+
+
+def by(chain: Chain, *forces: object, integrator: str = 'DOP853') -> ElasticSimulation:
+    simulation = ElasticSimulation(
+        chain, chain.uniform_state(-1), forces=forces, integrator=integrator
+    )
+    simulation.kick(2e-4 * np.eye(chain.number_of_rotors)[0])
+    simulation.record(0.5)
+    return simulation
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_the_derivative_is_the_sum_of_the_terms(name: str) -> None:
+    motion = MOTIONS[name]
+    state, number, chain = lively_state(motion), motion.rotors, motion.chain
+    angles, rates = state[:number], state[number : 2 * number]
+    torques = chain.spring_torques(angles) + motion.gravity.torques(chain, angles)
+    torques += motion.held_torques - chain.dampings * rates
+    expected = [rates, torques * motion.inverse_inertias]
+    if motion.damped:
+        expected.append([float(chain.dampings @ rates**2)])
+    np.testing.assert_allclose(motion(0.0, state), np.concatenate(expected), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize('name', MOTIONS)
+def test_torques_of_terms_with_an_energy_are_its_gradient(name: str) -> None:
+    motion = MOTIONS[name]
+    state, number, width = lively_state(motion), motion.rotors, 1e-6
+    angles, rates = state[:number], state[number : 2 * number]
+    for term in motion.terms:
+        if isinstance(term, HeldTorques | LinearDamping):
+            continue
+        torques = np.zeros(number)
+        assert term.add(torques, 0.0, angles, rates) == 0
+        steps = width * np.eye(number)
+        slopes = [term.energy(angles + step) - term.energy(angles - step) for step in steps]
+        np.testing.assert_allclose(torques, -np.array(slopes) / (2 * width), rtol=0, atol=1e-8)
+
+
+def test_a_plain_function_moves_a_chain_as_the_same_law_inside_does() -> None:
+    chain = chain_of(FLIPPER, 8)
+    damped = Chain(8, chain.spacing, chain.rotor_length, chain.rest_angle, damping=DRAG)
+    inside, term = by(damped), by(chain, LinearDamping(np.full(8, DRAG)))
+    outside = by(chain, drag)
+    for other in (term, outside):
+        np.testing.assert_allclose(other.angles, inside.angles, rtol=0, atol=1e-9)
+        assert other.dissipated == pytest.approx(inside.dissipated, rel=1e-8)
+    assert inside.dissipated > 1e-3 * inside.energy
+    assert abs(outside.energy_drift) < 1e-8
+
+
+@pytest.mark.parametrize('law', [DryFriction(2e-6, 0.5), lambda _t, _a, r: -1e-7 * r * abs(r)])
+def test_nonlinear_laws_keep_the_balance_of_energy(law: DryFriction | TorqueFunction) -> None:
+    simulation = by(chain_of(FLIPPER, 8), law)
+    assert simulation.dissipated > 1e-3 * simulation.energy
+    assert abs(simulation.energy_drift) < 1e-7
+
+
+def test_forces_see_the_time_since_the_start_after_a_kick_too() -> None:
+    times = []
+    simulation = by(chain_of(FLIPPER, 4), lambda t, _a, r: times.append(t) or 0 * r)
+    simulation.kick(np.zeros(4))
+    times.clear()
+    simulation.advance()
+    assert min(times) >= simulation.time - simulation.period - 1e-12
+
+
+def test_rigid_bars_take_forces_as_they_take_damping() -> None:
+    chain = chain_of(FLIPPER, 12)
+    damped = Chain(12, chain.spacing, chain.rotor_length, chain.rest_angle, damping=DRAG)
+    start = with_soliton(chain, 4.0, 0.1)
+    inside = RigidSimulation(damped, start.angles, start.rates)
+    outside = RigidSimulation(chain, start.angles, start.rates, forces=[drag])
+    for simulation in (inside, outside):
+        simulation.record(0.3)
+    np.testing.assert_allclose(outside.angles, inside.angles, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(outside.link_torques, inside.link_torques, rtol=0, atol=1e-9)
+    assert outside.dissipated == pytest.approx(inside.dissipated, rel=1e-9)
+
+
+def test_what_the_compiled_steps_do_not_have_is_rejected() -> None:
+    with pytest.raises(ValueError, match=r"'symplectic' does not integrate forces .*'DOP853'"):
+        by(chain_of(FLIPPER, 4), drag, integrator='symplectic')
+    with pytest.raises(ValueError, match='regularisation = 0 rad/s'):
+        DryFriction(1e-3, 0)
