@@ -365,7 +365,9 @@ def test_a_state_from_which_no_frame_can_be_computed_is_refused_at_the_door(
     # On a slow machine the steps take longer than a caller waits for a state.
     monkeypatch.setattr(simulation_control, '_LONGEST_TRIAL', 60.0)
     control = SimulationControl(
-        lambda state, _: ElasticSimulation(CHAIN, state.angles, state.rates, 0.002),
+        lambda state, _: ElasticSimulation(
+            CHAIN, state.angles, state.rates, 0.002, integrator='DOP853'
+        ),
         State(CHAIN.uniform_state(-1), np.zeros(CHAIN.number_of_rotors)),
         NO_GRAVITY,
         0.0,
