@@ -14,7 +14,7 @@ from soliton_linkage.dynamics.terms import (
     AppliedFunction,
     HeldTorques,
     LinearDamping,
-    Springs,
+    SpringTorques,
     Term,
     TorqueFunction,
     Weights,
@@ -83,7 +83,7 @@ class EquationOfMotion:
     @cached_property
     def terms(self) -> tuple[Term, ...]:
         """All terms."""
-        return (*self.loads, Springs(self.chain))
+        return (*self.loads, SpringTorques(self.chain))
 
     @cached_property
     def held_torques(self) -> Array:

@@ -42,7 +42,7 @@ class Term(ABC):
         return 0.0
 
 
-class Springs(Term):
+class SpringTorques(Term):
     """Torques of the springs, -dV/dphi; see `Chain.spring_torques`."""
 
     def __init__(self, chain: Chain) -> None:
