@@ -16,9 +16,7 @@ from soliton_linkage.actuation.kick_record import Delivered, Kick
 from soliton_linkage.actuation.torque_drive import Rotors
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.steering.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs import msg
-from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, check_names
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 
@@ -204,25 +202,6 @@ def last_kick_to_msg(named: NamedChain, kick: Kick) -> msg.LastKick:
         cut_short=kick.cut_short,
         measured=kick.measured,
     )
-
-
-_OUTCOMES = {
-    outcome: getattr(MoveSoliton.Result, outcome.name)
-    for outcome in Outcome
-    if outcome is not Outcome.STOPPED
-} | {Outcome.STOPPED: MoveSoliton.Result.CANCELLED}
-
-
-def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
-    """How a move of the soliton ended, as the result of the action."""
-    return MoveSoliton.Result(
-        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
-    )
-
-
-def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
-    """Where the soliton is on its way, with the energy of the phonons [J]."""
-    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
 
 
 @dataclass(frozen=True)

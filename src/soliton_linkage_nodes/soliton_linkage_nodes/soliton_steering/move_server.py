@@ -13,10 +13,6 @@ from rclpy.action.server import ServerGoalHandle
 
 from soliton_linkage.steering.steering import Ended, Outcome, WallState
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.messages.command_conversions import (
-    move_feedback_to_msg,
-    move_result_to_msg,
-)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION, GuardedNode
 
@@ -96,3 +92,22 @@ class MoveServer(ActionServer):
             handle.abort()
         if self._of.executor is not None:
             super().notify_execute(handle, lambda _: move_result_to_msg(ended))
+
+
+_OUTCOMES = {
+    outcome: getattr(MoveSoliton.Result, outcome.name)
+    for outcome in Outcome
+    if outcome is not Outcome.STOPPED
+} | {Outcome.STOPPED: MoveSoliton.Result.CANCELLED}
+
+
+def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
+    """How a move of the soliton ended, as the result of the action."""
+    return MoveSoliton.Result(
+        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
+    )
+
+
+def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
+    """Where the soliton is on its way, with the energy of the phonons [J]."""
+    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
