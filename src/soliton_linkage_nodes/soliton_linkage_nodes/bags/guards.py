@@ -11,7 +11,7 @@ import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, cast
+from typing import Any, BinaryIO
 
 import lz4.frame
 import yaml
@@ -83,17 +83,6 @@ _PIECE_OUT = 2**20
 """Size of what it may answer at one go [B]."""
 
 
-class _Unpacker(Protocol):
-    """What both libraries offer."""
-
-    eof: bool
-    needs_input: bool
-    unused_data: bytes | None
-
-    def decompress(self, data: bytes | memoryview, max_length: int = -1) -> bytes:
-        """What comes out of the next of the data."""
-
-
 def pieces(
     packed: bytes | bytearray | memoryview, codec: str, whole: bool = False
 ) -> Iterator[bytes]:
@@ -149,11 +138,8 @@ def unpacked_message(data: bytes, most: int) -> bytes:
     return bytes(out)
 
 
-def _unpacker(codec: str) -> _Unpacker:
-    unpacker: Any = (
-        zstd.ZstdDecompressor() if codec == 'zstd' else lz4.frame.LZ4FrameDecompressor()
-    )
-    return cast('_Unpacker', unpacker)
+def _unpacker(codec: str) -> Any:
+    return zstd.ZstdDecompressor() if codec == 'zstd' else lz4.frame.LZ4FrameDecompressor()
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:

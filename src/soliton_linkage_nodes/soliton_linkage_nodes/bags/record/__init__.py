@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the recorder is made of: inlets, the writing thread, writers of each storage."""
+"""Parts of the recorder: subscriptions, the taking and writing threads, the bag writer."""

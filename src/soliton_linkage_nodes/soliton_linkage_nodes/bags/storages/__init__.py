@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of files that bags are made of: a new one is a file here and a line in the registry."""
+"""Files of bags: MCAP, read and written, and the sqlite3 files of rosbag2, read only."""
