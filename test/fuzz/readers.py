@@ -48,7 +48,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 sys.path.append(str(Path(__file__).parents[1] / 'nodes'))
 
-from recordings import as_sqlite3
+from recordings import as_sqlite3, data_file
 
 LIMITS = BagLimits(most_unpacked=2**20, most_unpacked_file=2**22)
 START = 1_700_000_000 * 10**9
@@ -151,7 +151,7 @@ def _bag(storage: str, compression: str = 'none') -> tuple[bytes, bytes]:
         writer.close({'lost_messages': '{"/nudge": 1}'})
         if storage == 'sqlite3':
             as_sqlite3(writer.path)
-        (file,) = writer.path.glob('x_0_0.*')
+        file = data_file(writer.path)
         return file.read_bytes(), (writer.path / METADATA_FILE).read_bytes()
 
 
