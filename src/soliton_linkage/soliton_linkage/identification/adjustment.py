@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from soliton_linkage.identification.bundle import Bundle, NormalEquations
+from soliton_linkage.identification.bundle import Bundle
+from soliton_linkage.identification.least_squares import damped_change, minimised
 from soliton_linkage.identification.lengths import (
     OF_A_ROTOR,
     Lengths,
@@ -34,15 +35,9 @@ _MOST_STEPS = 30
 _BEGINNINGS = 3
 """Times that steps are gone from where they led to [1]: 2 but for chains with several bonds that
 nearly stop walls."""
-_HALVINGS = 8
-"""Parts of a step that are tried [1], the last a hundredth."""
 _UPHILL = 1.0
 """By how much twice a logarithm of the likelihood may be less after a step [1], as it is by
 chance: slopes are those to first order."""
-_CLOSINGS = 8
-"""Times that angles are moved after a step [1]: 2 or 3 but where bonds are in line with rotors."""
-_CLOSED = 1e-4
-"""Largest change of an angle with which they are closed [rad], far below the noise."""
 _SETTLED = 0.05
 """Length of a step over the uncertainty of all unknowns together that ends them [1]."""
 _LEARNT = 0.05
@@ -102,76 +97,62 @@ def _adjusted(
 ) -> Adjustment:
     """The same in one go, which need not settle."""
     given = readings, spreads, repeats(readings)
-    bundle = Bundle(start, *given)
+    bundle = Bundle(start, *given).closed(start)
     tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
     basis = measurable(start)
-    _close(bundle)
     settled = False
-    normal = bundle.normal_equations()
     for _ in range(_MOST_STEPS):
-        noise, covariance = _covariance(bundle, normal, basis, tolerances)
+        noise, covariance = _covariance(bundle, basis, tolerances)
         prior = tolerances.information(start.rotors)
-        gradient = normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
-        change = covariance @ gradient
-        normal, helped = _stepped(bundle, normal, change, prior, noise)
-        if not helped:
+        stepped, promised = _stepped(bundle, basis, prior, noise)
+        if stepped is bundle:
             break
-        before = tolerances
+        bundle, before = stepped, tolerances
         tolerances = tolerances.relearnt(bundle.lengths, covariance)
         if tolerance is not None:
             tolerances = Tolerances(tolerance, tolerances.of_offsets)
-        if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
-            begun = Bundle(passable(bundle.lengths, covariance), *given)
-            _close(begun)
-            anew = begun.normal_equations()
-            least = _cost(bundle, normal, prior, noise) - _UPHILL
-            settled = not _cost(begun, anew, prior, noise) < least
+        if promised < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
+            lengths = passable(bundle.lengths, covariance)
+            anew = Bundle(lengths, *given).closed(lengths)
+            settled = _cost(anew, prior, noise) >= _cost(bundle, prior, noise) - _UPHILL
             if settled:
                 break
-            bundle, normal = begun, anew
-    noise, covariance = _covariance(bundle, normal, basis, tolerances)
-    information = normal.matrix / noise**2
+            bundle = anew
+    noise, covariance = _covariance(bundle, basis, tolerances)
+    information = bundle.normal.matrix / noise**2
     freedom = bundle.conditions - float(np.sum(covariance * information))
-    bond_noise = np.sqrt(normal.squares * len(normal.squares) / freedom)
+    squares = bundle.normal.squares
     return Adjustment(
         passable(bundle.lengths, covariance),
         covariance,
         information,
         tolerances,
         noise,
-        bond_noise,
+        np.sqrt(squares * len(squares) / freedom),
         bundle.left(),
         settled,
     )
 
 
-def _stepped(
-    bundle: Bundle, normal: NormalEquations, change: Array, prior: Array, noise: float
-) -> tuple[NormalEquations, bool]:
-    """Go a step, or a part of it where all of it would lead uphill; False where none helps."""
-    lengths, angles = bundle.lengths, bundle.angles.copy()
-    before = _cost(bundle, normal, prior, noise)
-    for halvings in range(_HALVINGS):
-        bundle.lengths = lengths.changed(change / 2**halvings)
-        bundle.angles = angles.copy()
-        _close(bundle)
-        normal = bundle.normal_equations()
-        after = _cost(bundle, normal, prior, noise)
-        if after < before + _UPHILL:
-            break
-    return normal, halvings == 0 or after < before
+def _stepped(bundle: Bundle, basis: Array, prior: Array, noise: float) -> tuple[Bundle, float]:
+    """Return the bundle after a step, itself where none helps, and the gain that is promised."""
+    matrix = bundle.normal.matrix / noise**2 + prior
+    gradient = bundle.normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
+
+    def step(damping: float) -> tuple[Bundle, float]:
+        change = damped_change(matrix, gradient, basis, damping)
+        return bundle.closed(bundle.lengths.changed(change)), float(change @ gradient)
+
+    stepped = minimised(
+        bundle, lambda _: step, lambda about: _cost(about, prior, noise), 1, 0.0, _UPHILL
+    )
+    return stepped, float(gradient @ damped_change(matrix, gradient, basis))
 
 
-def _close(bundle: Bundle) -> None:
-    for _ in range(_CLOSINGS):
-        if bundle.close() < _CLOSED:
-            break
-
-
-def _cost(bundle: Bundle, normal: NormalEquations, prior: Array, noise: float) -> float:
-    """Twice the negative logarithm of the likelihood."""
+def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
+    """Return twice the negative logarithm of the likelihood."""
     unknowns = unknowns_of(bundle.lengths)
-    return float(normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
+    return float(bundle.normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
 
 
 def measurable(lengths: Lengths) -> Array:
@@ -200,10 +181,9 @@ def bound(
     return _inverse(information, measurable(bundle.lengths))
 
 
-def _covariance(
-    bundle: Bundle, normal: NormalEquations, basis: Array, tolerances: Tolerances
-) -> tuple[float, Array]:
-    """Noise [rad] and covariance of the unknowns."""
+def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[float, Array]:
+    """Return the noise [rad] and the covariance of the unknowns."""
+    normal = bundle.normal
     noise = math.sqrt(float(normal.squares.sum()) / max(bundle.conditions - len(basis.T), 1))
     prior = tolerances.information(bundle.lengths.rotors)
     return noise, _inverse(normal.matrix / noise**2 + prior, basis)

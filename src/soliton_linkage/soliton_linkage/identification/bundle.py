@@ -25,6 +25,7 @@ diagonals, makes independent numbers of unit variance of them.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,10 @@ _TOGETHER = 256
 """Frames that are worked on at once: their arrays stay in the cache."""
 _UNSEEN = 1e4
 """Variance of a reading that is missing, over that of most [1]: 100 times as unsure."""
+_CLOSINGS = 8
+"""Times that angles are moved after a step [1]: 2 or 3 but where bonds are in line with rotors."""
+_CLOSED = 1e-4
+"""Largest change of an angle with which they are closed [rad], far below the noise."""
 _FARTHEST = 0.3
 """That angles may be from readings [rad]: Newton's steps between lengths that are far off, where
 bonds are nearly in line with rotors, lead anywhere."""
@@ -160,6 +165,8 @@ class Bundle:
         self.lengths = lengths
         self.angles = self._filled() - lengths.offsets[:, None]
         """True angles [rad], shape (N, T)."""
+        self.normal: NormalEquations
+        """Of a bundle that was closed."""
 
     def _filled(self) -> Array:
         """Readings, on straight lines between others where they are missing [rad], (N, T)."""
@@ -170,6 +177,16 @@ class Bundle:
                 for values, seen in zip(self._readings, self._seen, strict=True)
             ]
         )
+
+    def closed(self, lengths: Lengths) -> Bundle:
+        """Return the bundle about other lengths, with angles at which all bonds close."""
+        made = copy(self)
+        made.lengths, made.angles = lengths, self.angles.copy()
+        for _ in range(_CLOSINGS):
+            if made.close() < _CLOSED:
+                break
+        made.normal = made.normal_equations()
+        return made
 
     @property
     def conditions(self) -> float:

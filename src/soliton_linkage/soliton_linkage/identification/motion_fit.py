@@ -11,12 +11,13 @@ windows grow as the chain becomes known, and end where the chain is pushed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from soliton_linkage.identification.free_motion import FreeMotion, Parts, frames
+from soliton_linkage.identification.least_squares import damped_change, minimised
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.readings import repeats
 from soliton_linkage.identification.windows import (
@@ -49,13 +50,8 @@ _COARSE = 3.0
 _STIFFER = (1, 1 / 5, 5)
 """Stiffnesses over the given one to begin with [1]; steps go a factor of 2 or 3 by themselves.
 Springs that vibrate faster than frames come are none that frames show."""
-_DAMPINGS = 12
-"""Dampings that are tried for one step [1], the last 100: six stop short of the least in bent
-valleys."""
 _LEARNT = 0.05
 """Relative change of the tolerances that ends learning them [1]."""
-_DAMPED = 1e-3
-"""Damping beyond which a small promise is that of a short step [1], not of the end."""
 _SAMPLES = 4
 """Of what readings leave open [1]: half of them tell deviations 1.4 times as badly, in half the
 time."""
@@ -255,55 +251,37 @@ class MotionFitting:
     def _seen(self, window: FreeWindow) -> Array:
         return np.isfinite(self._readings[window.frames])
 
-    def _equations(self) -> list[WindowEquations]:
+    def _equations(self, windows: Sequence[FreeWindow]) -> list[WindowEquations]:
         given = self._times, self._readings, self._spreads
-        return [window_equations(window, *given) for window in self._windows]
+        return [window_equations(window, *given) for window in windows]
 
     def _improve(self, steps: int, settled: float) -> None:
-        """Go some steps, until one gains little."""
-        damping = 0.0
-        for _ in range(steps):
-            equations = self._equations()
-            information, values = self._prior.about(self._motion)
-            squares = sum(each.squares for each in equations)
-            before = squares / self._noise**2 + float(values @ information @ values)
-            for _ in range(_DAMPINGS):
-                changed, promised = self._changed(equations, information, values, damping)
-                with np.errstate(all='ignore'):
-                    gain = before - self._cost(changed)
-                if gain > 0:
-                    break
-                damping = max(4 * damping, 1e-4)
-            else:
-                return
-            self._windows = changed
-            if promised < settled and damping < _DAMPED:
-                return
-            damping /= 8
+        """Take some steps of least squares, until one gains little."""
+        self._windows = minimised(self._windows, self._linearised, self._cost, steps, settled)
 
-    def _changed(
-        self,
-        equations: Sequence[WindowEquations],
-        information: Array,
-        values: Array,
-        damping: float,
-    ) -> tuple[tuple[FreeWindow, ...], float]:
-        """Windows after a damped step of least squares, and the gain that it promises."""
-        told = [each.eliminated(self._rotors, self._noise, damping) for each in equations]
-        matrix = information + np.sum([each.matrix for each in told], axis=0)
-        vector = np.sum([each.vector for each in told], axis=0) - information @ values
-        full = self._basis.T @ matrix @ self._basis
-        full += damping * np.diag(np.diag(full))
-        change = self._basis @ np.linalg.solve(full, self._basis.T @ vector)
-        changed = tuple(
-            FreeWindow(window.frames, window.motion.changed(each.change(change)))
-            for window, each in zip(self._windows, told, strict=True)
-        )
-        return changed, float(change @ vector) + sum(each.gain for each in told)
+    def _linearised(
+        self, windows: tuple[FreeWindow, ...]
+    ) -> Callable[[float], tuple[tuple[FreeWindow, ...], float]]:
+        """Return a function from a damping to the windows after a step and the promised gain."""
+        equations = self._equations(windows)
+        information, values = self._prior.about(windows[0].motion)
+
+        def step(damping: float) -> tuple[tuple[FreeWindow, ...], float]:
+            told = [each.eliminated(self._rotors, self._noise, damping) for each in equations]
+            matrix = information + np.sum([each.matrix for each in told], axis=0)
+            vector = np.sum([each.vector for each in told], axis=0) - information @ values
+            change = damped_change(matrix, vector, self._basis, damping)
+            changed = tuple(
+                FreeWindow(window.frames, window.motion.changed(each.change(change)))
+                for window, each in zip(windows, told, strict=True)
+            )
+            return changed, float(change @ vector) + sum(each.gain for each in told)
+
+        return step
 
     def _learn(self) -> tuple[Array, Array]:
         """Learn noise and tolerances from all frames; covariance of the chain, information."""
-        equations, motion = self._equations(), self._motion
+        equations, motion = self._equations(self._windows), self._motion
         told = [each.eliminated(self._rotors, self._noise, 0.0) for each in equations]
         information = np.sum([each.matrix for each in told], axis=0)
         whole = information + self._prior.about(motion)[0]

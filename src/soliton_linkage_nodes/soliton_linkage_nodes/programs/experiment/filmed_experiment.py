@@ -28,8 +28,7 @@ from soliton_linkage_nodes.messages.sight import Sight, SightParameters
 from soliton_linkage_nodes.programs.analyse_bag import analyse
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.programs.film_encoders import Account, film_to_bag
-from soliton_linkage_nodes.programs.identify_chain.program import identify_bags
-from soliton_linkage_nodes.programs.identify_chain.summary import summary
+from soliton_linkage_nodes.programs.identify_chain import identify_bags, summary
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.camera.filmed_bench import BenchParameters, FilmedBench

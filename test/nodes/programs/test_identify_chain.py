@@ -15,12 +15,12 @@ from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
-from soliton_linkage_nodes.programs.identify_chain import recorded
-from soliton_linkage_nodes.programs.identify_chain.program import main
+from soliton_linkage_nodes.programs import identify_chain
+from soliton_linkage_nodes.programs.identify_chain import main
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
-sys.path.append(str(Path(__file__).parents[3] / 'physics'))
+sys.path.append(str(Path(__file__).parents[2] / 'physics'))
 
 from passages import SPINNER, passage, read, unequal
 
@@ -63,9 +63,9 @@ def test_a_bag_becomes_a_file_that_nodes_take(
 def test_of_a_long_bag_all_frames_of_the_time_that_is_chosen_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorded, '_MOST_FRAMES', 80)
+    monkeypatch.setattr(identify_chain, '_MOST_FRAMES', 80)
     with open_bag(bag_of(tmp_path, passage(MADE, 200)), DEFAULT_LIMITS) as reader:
-        readings = recorded.read_joints(reader, None, (0.1, 0.35)).readings()
+        readings = identify_chain.read_joints(reader, None, (0.1, 0.35)).readings()
     np.testing.assert_allclose(readings.times, 0.004 * np.arange(len(readings.times)), atol=1e-9)
     assert readings.times[-1] == pytest.approx(0.248)
 

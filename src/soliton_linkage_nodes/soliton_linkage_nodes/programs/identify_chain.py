@@ -8,6 +8,7 @@ each bond.
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import math
 import sys
@@ -15,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.command_line import PlainParser
@@ -26,10 +28,12 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.read.reading import open_bag
+from soliton_linkage_nodes.bags.read.reading import decoder, find_topic, open_bag, read_messages
+from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
-from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
+from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
@@ -37,10 +41,10 @@ from soliton_linkage_nodes.programs.command_line import (
     number,
     plain_failures,
 )
-from soliton_linkage_nodes.programs.identify_chain.recorded import read_joints
-from soliton_linkage_nodes.programs.identify_chain.summary import summary, write_lengths
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_studies.identification_report import save_report
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
 @dataclass(frozen=True)
@@ -213,3 +217,148 @@ def _add_span(parser: PlainParser) -> None:
         metavar='SECONDS',
         help='time until which frames count [s] (%(default)s)',
     )
+
+
+_FEWEST_FRAMES = 50
+"""That are looked at [1]: a wall passes a rotor or two in them."""
+_MOST_FRAMES = 8000
+"""Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
+
+
+def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, float]) -> JointRecord:
+    """Angles, their standard deviations, pushes and tilts, in the order of a chain's joints.
+
+    Frames count in a span of times from the first on [s].
+    """
+    joints = find_topic(reader, 'joint_states')
+    others = {
+        topic.name
+        for topic in (
+            interfaces.JOINT_STATE_DEVIATIONS,
+            interfaces.DELIVERED_IMPULSES,
+            interfaces.DELIVERY,
+            interfaces.ROTOR_IMPULSES,
+            interfaces.ROTOR_TORQUES,
+            interfaces.TILT,
+        )
+    }
+    wanted = [
+        joints,
+        *(each for each in reader.connections if each.topic.rpartition('/')[2] in others),
+    ]
+    decoders = {connection.topic: decoder(connection) for connection in wanted}
+    progress = ProgressLine('reading', joints.msgcount)
+    watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
+    record = JointRecord(told.joint_names if told else (), _MOST_FRAMES)
+    first = None
+    for connection, received, serialized in read_messages(reader, wanted):
+        message = decoders[connection.topic](serialized)
+        if connection is joints:
+            states = joint_states_from_msg(message)
+            first = states.stamp if first is None else first
+            if span[0] <= (states.stamp - first) / SECOND <= span[1]:
+                record.add(states)
+            watch.look(states.stamp, states.position)
+            progress.show(record.frames, f'{record.frames} frames')
+        elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
+            record.add_deviations(joint_states_from_msg(message))
+        elif connection.topic.endswith(interfaces.TILT.name):
+            record.add_tilt(message.data, received)
+        elif connection.topic.endswith(interfaces.DELIVERED_IMPULSES.name):
+            record.add_delivered(message)
+        elif connection.topic.endswith(interfaces.DELIVERY.name):
+            record.add_delivery(message)
+        else:
+            record.add_push(message, received)
+    progress.clear()
+    if len(record) < _FEWEST_FRAMES:
+        raise ValueError(
+            f'{len(record)} of {joints.msgcount} frames lie between --begin {span[0]:g} s and '
+            f'--end {span[1]:g} s, which is too few to identify a chain; leave them out'
+        )
+    if left_out := record.frames - len(record):
+        print(
+            f'identify_chain: of {record.frames} frames {left_out} are left out, rather of rotors '
+            'at rest, and none near pushes; --begin and --end choose a time of which more stay',
+            file=sys.stderr,
+        )
+    return record
+
+
+_WORST = 3
+"""Bonds that are named [1]."""
+
+
+def write_lengths(found: Identification, path: Path) -> None:
+    """Write each length [m] and offset [rad] with its standard deviation."""
+    chain = found.chain
+    lengths = {
+        'rotor_length': chain.rotor_lengths,
+        'spacing': chain.spacings,
+        'rest_length': chain.rest_lengths,
+    }
+    with path.open('w', newline='', encoding='utf-8') as file:
+        table = csv.writer(file)
+        table.writerow(['quantity', 'number', 'value', 'standard_deviation', 'unit'])
+        for name, values in lengths.items():
+            spreads = values * found.deviations[name]
+            for n, (value, spread) in enumerate(zip(values, spreads, strict=True)):
+                table.writerow([name, n, f'{value:.9g}', f'{spread:.3g}', 'm'])
+        pairs = zip(found.offsets, found.offset_deviations, strict=True)
+        for n, (value, spread) in enumerate(pairs):
+            table.writerow(['offset', n, f'{value:.6g}', f'{spread:.3g}', 'rad'])
+
+
+def summary(found: Identification) -> str:
+    """What was found, in a few lines."""
+    spreads = ', '.join(
+        f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
+    )
+    bonds = ', '.join(f'{n} ({found.bond_noise[n]:.2g} rad)' for n in found.worst_bonds[:_WORST])
+    lines = [
+        f'lengths of one kind differ by {found.tolerance:.2%}; known to (median) {spreads}',
+        f'noise {found.noise:.3g} rad, from frame to frame {found.reading_noise:.3g} rad; '
+        f'worst bonds: {bonds}',
+        '; '.join(_of_forces(found)),
+    ]
+    if found.left_out:
+        lines.append(
+            f'masses, springs and drag without {found.left_out} of the frames, rather of rotors '
+            'at rest'
+        )
+    if found.open_combinations:
+        lines.append(
+            f'told by angles to no better than 10 % without the {found.tolerance:.2%}: '
+            f'{"; ".join(found.open_combinations)}'
+        )
+    return '\n'.join([*lines, *(f'warning: {line}' for line in found.warnings)])
+
+
+def _of_forces(found: Identification) -> Iterator[str]:
+    """What is known of masses, springs and drag, and what is not."""
+    chain = found.chain
+    springs, masses = ('stiffness' in found.deviations, 'mass' in found.deviations)
+    if springs:
+        yield 'springs give way'
+    elif found.rigid:
+        yield 'bonds close as those of rigid bars do'
+    else:
+        yield 'bonds do not close'
+    if masses:
+        yield f'damping {chain.damping:.2g} +- {found.damping_deviation:.1g} N m s/rad'
+        yield f'dry friction {found.friction:.2g} +- {found.friction_deviation:.1g} N m'
+    missing = []
+    if math.isnan(found.spacing_deviation):
+        missing.append('the scale of all lengths')
+    else:
+        yield f'mean spacing {chain.spacing:.4g} m to {found.spacing_deviation:.1%} by gravity'
+    if not masses:
+        missing.append('masses')
+    elif math.isnan(found.mass_deviation):
+        missing.append('the scale of all masses')
+    else:
+        yield f'mean mass {chain.mass:.4g} kg to {found.mass_deviation:.1%} by pushes'
+    if not springs:
+        missing.append('stiffnesses')
+    if missing:
+        yield f'not told: {", ".join(missing)}'
