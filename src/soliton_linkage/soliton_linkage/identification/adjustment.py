@@ -98,7 +98,7 @@ def _adjusted(
     """The same in one go, which need not settle."""
     given = readings, spreads, repeats(readings)
     bundle = Bundle(start, *given).closed(start)
-    tolerances = Tolerances() if tolerance is None else Tolerances(tolerance)
+    tolerances = Tolerances(tolerance or Tolerances.of_lengths)
     basis = measurable(start)
     settled = False
     for _ in range(_MOST_STEPS):
@@ -108,9 +108,7 @@ def _adjusted(
         if stepped is bundle:
             break
         bundle, before = stepped, tolerances
-        tolerances = tolerances.relearnt(bundle.lengths, covariance)
-        if tolerance is not None:
-            tolerances = Tolerances(tolerance, tolerances.of_offsets)
+        tolerances = tolerances.relearnt(bundle.lengths, covariance, tolerance)
         if promised < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
             lengths = passable(bundle.lengths, covariance)
             anew = Bundle(lengths, *given).closed(lengths)

@@ -50,24 +50,8 @@ R, A, L, K, INERTIA = range(5)
 """Rows of the table, and but for the last of the columns, in which log m takes its place."""
 M = INERTIA
 """Row of the columns of log m."""
-(
-    BELOW,
-    MAIN,
-    ABOVE,
-    PULL,
-    FIRST,
-    SECOND,
-    BY_R,
-    BY_NEXT_R,
-    BY_A,
-    NEXT_BY_R,
-    NEXT_BY_NEXT_R,
-    NEXT_BY_A,
-    RUBBING,
-    DRAG,
-    FALL,
-    ACCELERATION,
-) = range(16)
+BELOW, MAIN, ABOVE, PULL, FIRST, SECOND, BY_R, BY_NEXT_R = range(8)
+BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, RUBBING, DRAG, FALL, ACCELERATION = range(8, 16)
 """Rows of the work of springs and rotors, (16, N): diagonals, tension, levers, and second
 derivatives; then the share of the friction that acts, the change of all drag with the rate, the
 acceleration by gravity and that by all torques."""

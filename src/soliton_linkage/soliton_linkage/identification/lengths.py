@@ -120,8 +120,14 @@ _PASSING = 0.2
 
 
 def equal_rotors(angles: Array) -> Lengths:
-    """Lengths of equal rotors on pivots a distance of 1 apart, for angles [rad] (T, N).
+    """Return lengths of equal rotors on pivots a distance of 1 apart, for angles [rad] (T, N).
 
+    The bond of equal rotors closes where
+
+        cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
+        K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r,
+
+    which is linear in K_0 and K_1 (after Freudenstein's equation of four-bar linkages).
     Raises ValueError where no chain has these angles.
     """
     inner = angles[:, 1:-1] if angles.shape[1] > 4 else angles
@@ -188,17 +194,22 @@ class Tolerances:
             and abs(self.of_offsets - other.of_offsets) <= share * other.of_offsets
         )
 
-    def relearnt(self, lengths: Lengths, covariance: Array) -> Tolerances:
-        """Tolerances that lengths and offsets have, given what is known of these (P, P)."""
+    def relearnt(
+        self, lengths: Lengths, covariance: Array, of_lengths: float | None = None
+    ) -> Tolerances:
+        """Return the tolerances of lengths, of a given covariance (P, P), and offsets.
+
+        A tolerance of lengths [1] is learnt unless it is given.
+        """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
             _squares(np.log(lengths.rotor_lengths), rotor),
             _squares(np.log(lengths.spacings), spacing),
             _squares(np.log(lengths.rest_lengths), rest),
         ]
-        of_lengths = math.sqrt(sum(squares) / (3 * lengths.rotors - 5))
+        learnt = math.sqrt(sum(squares) / (3 * lengths.rotors - 5))
         of_offsets = math.sqrt(float(np.mean(lengths.offsets**2 + offset)))
-        return Tolerances(_within(of_lengths), _within(of_offsets))
+        return Tolerances(of_lengths or _within(learnt), _within(of_offsets))
 
 
 def unknowns_of(lengths: Lengths) -> Array:

@@ -119,7 +119,7 @@ class MotionFitting:
         motion = self._motion
         self._prior = MotionPrior(
             motion.gravity,
-            Tolerances() if tolerance is None else Tolerances(tolerance),
+            Tolerances(tolerance or Tolerances.of_lengths),
             _ALIKE,
         )
         self._rotors = len(motion.masses)
@@ -183,7 +183,11 @@ class MotionFitting:
         given, found = self._windows, []
         stiffest = float(np.median(np.diff(self._times))) ** -2
         for factor in _STIFFER:
-            self._windows = _stiffened(given, factor)
+            stiffened = factor * given[0].motion.stiffnesses
+            self._windows = tuple(
+                window._replace(motion=replace(window.motion, stiffnesses=stiffened))
+                for window in given
+            )
             if factor > 1 and self._motion.stiffnesses.max() > stiffest:
                 continue
             self._improve(_STEPS, _COARSE)
@@ -272,7 +276,7 @@ class MotionFitting:
             vector = np.sum([each.vector for each in told], axis=0) - information @ values
             change = damped_change(matrix, vector, self._basis, damping)
             changed = tuple(
-                FreeWindow(window.frames, window.motion.changed(each.change(change)))
+                window._replace(motion=window.motion.changed(each.change(change)))
                 for window, each in zip(windows, told, strict=True)
             )
             return changed, float(change @ vector) + sum(each.gain for each in told)
@@ -294,22 +298,13 @@ class MotionFitting:
         return covariance, information
 
 
-def _stiffened(windows: Sequence[FreeWindow], factor: float) -> tuple[FreeWindow, ...]:
-    """Windows of springs that are so many times as stiff."""
-    return tuple(
-        FreeWindow(
-            window.frames,
-            replace(window.motion, stiffnesses=factor * window.motion.stiffnesses),
-        )
-        for window in windows
-    )
-
-
 def inflated_covariance(covariance: Array, samples: Array, at: Parts) -> Array:
-    """Covariance of a chain, (P, P), as wide as samples of its changes, (S, P).
+    """Return the covariance of a chain, (P, P), as wide as samples of its changes, (S, P).
 
-    By one factor for lengths and offsets, one for stiffnesses and one for masses, as samples are
-    few, and none below 1: to first order they are the least that there is.
+    Lengths, stiffnesses and masses compensate each other along curved valleys, and samples spread
+    further than to first order: by one factor for lengths and offsets, one for stiffnesses and one
+    for masses, as samples are few, and none below 1: to first order they are the least that there
+    is.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

@@ -232,9 +232,11 @@ _FILLINGS = 5
 def informative_frames(
     times: Array, angles: Array, pushes: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Numbers of the frames that stay, no more than most, shape (K,), in order.
+    """Return the numbers of the frames that stay, no more than most, shape (K,), in order.
 
-    Of angles [rad], NaN where missing, (T, N), at times [s], (T,), with pushes at instants [s].
+    All frames near pushes stay, which show the rates before and after them, and of the others more
+    in a second where a wall passes than where all rotors are at rest. Of angles [rad], NaN where
+    missing, (T, N), at times [s], (T,), with pushes at instants [s].
     """
     if len(times) <= most:
         return np.arange(len(times))

@@ -192,9 +192,8 @@ class MotionPrior:
         A tolerance of lengths [1] is kept where it is given.
         """
         at = motion.parts
-        tolerances = self.tolerances.relearnt(motion.lengths, covariance[at.lengths, at.lengths])
-        if tolerance is not None:
-            tolerances = Tolerances(tolerance, tolerances.of_offsets)
+        of_lengths = covariance[at.lengths, at.lengths]
+        tolerances = self.tolerances.relearnt(motion.lengths, of_lengths, tolerance)
         springs, masses = np.log(motion.stiffnesses), np.log(motion.masses)
         squares = np.sum((springs - springs.mean()) ** 2) + np.sum(masses**2)
         squares += np.diag(covariance)[at.stiffnesses.start : at.masses.stop].sum()
