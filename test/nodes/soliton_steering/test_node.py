@@ -32,8 +32,10 @@ from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
-from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
-from soliton_linkage_nodes.soliton_steering.steered_chain import SteeredChain
+from soliton_linkage_nodes.soliton_steering.steered_chain import (
+    SolitonSteeringParameters,
+    SteeredChain,
+)
 
 pytestmark = pytest.mark.usefixtures('often')
 

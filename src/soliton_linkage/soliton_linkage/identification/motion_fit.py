@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.identification.free_motion import FreeMotion, Parts, frames
-from soliton_linkage.identification.least_squares import damped_change, minimised
+from soliton_linkage.identification.least_squares import covariance_in, damped_change, minimised
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.readings import repeats
 from soliton_linkage.identification.windows import (
@@ -289,8 +289,7 @@ class MotionFitting:
         told = [each.eliminated(self._rotors, self._noise, 0.0) for each in equations]
         information = np.sum([each.matrix for each in told], axis=0)
         whole = information + self._prior.about(motion)[0]
-        inverse = np.linalg.inv(self._basis.T @ whole @ self._basis)
-        covariance = np.asarray(self._basis @ inverse @ self._basis.T)
+        covariance = covariance_in(self._basis, whole)
         known = float(np.sum(covariance * information))
         squares = sum(each.squares for each in equations)
         self._noise = math.sqrt(squares / max(self._freedom() - known, 1.0))

@@ -32,9 +32,11 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import Freshness
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
-from soliton_linkage_nodes.soliton_steering.parameters import PARAMETERS, SolitonSteeringParameters
-from soliton_linkage_nodes.soliton_steering.report import report
-from soliton_linkage_nodes.soliton_steering.steered_chain import SteeredChain
+from soliton_linkage_nodes.soliton_steering.steered_chain import (
+    PARAMETERS,
+    SolitonSteeringParameters,
+    SteeredChain,
+)
 
 _WATCH_PERIOD = 0.02
 """Between two looks at the age of the joint states [s]: short beside the usual state_timeout."""
@@ -255,3 +257,35 @@ class SolitonSteering(ManagedNode):
 def main() -> None:
     """Run the steering until it is told to stop."""
     run(SolitonSteering)
+
+
+def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
+    """Report of a chain that may be `silent`, and of the moves of its soliton."""
+    goal, ended = server.goal, server.ended
+    wall = None if chain is None or silent else chain.wall
+    message = (
+        'waiting for the topic chain'
+        if chain is None
+        else 'waiting for joint_states'
+        if silent
+        else 'no soliton'
+        if wall is None
+        else f'moving the soliton, at rotor {wall.place:.2f}'
+        if goal is not None
+        else f'holding the soliton at rotor {wall.place:.2f}'
+        if chain.steering.holding
+        else 'ready'
+    )
+    values = {
+        'rotor': math.nan if chain is None else chain.place,
+        'phonon energy [J]': math.nan if chain is None else chain.phonon_energy,
+        'moves begun': server.begun,
+        'move from rotor': math.nan if goal is None else server.start,
+        'move to rotor': math.nan if goal is None else goal.request.rotor,
+        'deviations left out': '' if chain is None else chain.limitation,
+        'last move': '' if ended is None else f'{ended.outcome.value}: {ended.message}',
+        'gentle speed [rotor spacings/s]': (
+            math.nan if chain is None else chain.steering.gentle_speed
+        ),
+    }
+    return Report(message, values, warning=wall is None)

@@ -4,18 +4,52 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.steering.phonon_watch import PhononWatch
 from soliton_linkage.steering.settings import SteeringSettings
 from soliton_linkage.steering.steering import Ended, Steering, WallState
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
+from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.stamps import SECOND
-from soliton_linkage_nodes.soliton_steering.parameters import SolitonSteeringParameters
+
+
+@dataclass(frozen=True)
+class SolitonSteeringParameters:
+    """Parameters of the steering."""
+
+    actuated_joints: tuple[str, ...] = quantity(
+        (), 'joints that carry an actuator; empty for all of them'
+    )
+    torque_limit: float = quantity(0.1, 'largest torque of an actuator', 'N m', 1e-9, 1e6)
+    strain_limit: float = quantity(
+        0.1,
+        'angle by which springs may give way, where not all joints carry actuators',
+        'rad',
+        1e-6,
+        1.0,
+    )
+    tolerance: float = quantity(
+        0.1, 'distance from its goal at which a soliton has arrived', 'rotor spacings', 1e-3, 1.0
+    )
+    state_timeout: float = quantity(
+        0.5, 'time without joint_states after which a soliton is lost', 's', 1e-2, 60.0
+    )
+
+
+PARAMETERS: dict[type, str] = {
+    SolitonSteeringParameters: '',
+    ManagedParameters: '',
+    ChainSourceParameters: '',
+    **CHAIN_PARAMETERS,
+}
+"""The prefix of all parameters of the node, by their dataclasses."""
 
 
 class SteeredChain:
