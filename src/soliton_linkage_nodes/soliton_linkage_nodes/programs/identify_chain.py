@@ -43,8 +43,8 @@ from soliton_linkage_nodes.programs.command_line import (
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
-from soliton_linkage_studies.identification_report import save_report
 from soliton_linkage_nodes.runtime.stamps import SECOND
+from soliton_linkage_studies.identification_report import save_report
 
 
 @dataclass(frozen=True)
