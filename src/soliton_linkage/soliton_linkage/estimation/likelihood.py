@@ -32,11 +32,13 @@ from soliton_linkage.compiling import (
     YES,
     compiled,
     named_tuple,
+    records,
 )
 from soliton_linkage.estimation.frames import Flags, wrapped
 from soliton_linkage.linkage.chain import Array
 
 Counts = NDArray[np.int64]
+Records = NDArray[np.void]
 
 
 @compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
@@ -96,24 +98,19 @@ def _weight(square: float, bound: float, floor: float) -> float:
     return inner / square / (1 + math.exp(min(floor - _core(square, inner), 700.0)))
 
 
-class Density(NamedTuple):
-    """Density of the difference of a rotor from the orbit."""
+DENSITY = np.dtype(
+    [
+        (name, np.float64)
+        for name in ('variance', 'spread', 'bound', 'floor', 'gross', 'least_share')
+    ]
+)
+"""Density of the difference of a rotor from the orbit, one record.
 
-    variance: float
-    """Variance V of a rotor [rad^2]."""
-    spread: float
-    """Variance of the arc that differences are taken from [rad^2]."""
-    bound: float
-    """Bound k, in deviations [1]."""
-    floor: float
-    """Logarithm of the density of readings that carry no information, over the core's top [1]."""
-    gross: float
-    """Difference that springs cannot make [rad]."""
-    least_share: float
-    """Share of the information below which doubtful rotors count as well [1]."""
-
-
-_DENSITY = named_tuple(Density, NUMBER)
+Variance V of a rotor and that of the arc [rad^2], bound k [1], logarithm of the density of
+readings that carry no information, over the core's top [1], difference that springs cannot make
+[rad], and the share of the information below which doubtful rotors count as well [1].
+"""
+_DENSITY = records(DENSITY)
 
 
 @compiled(READ, COUNT, READ, _DENSITY, READ_FLAGS, ROW)
@@ -121,7 +118,7 @@ def _weigh(
     differences: Array,
     first: int,
     tangent: Array,
-    density: Density,
+    density: Records,
     doubtful: Flags,
     weights: Array,
 ) -> tuple[float, float, float, float]:
@@ -142,8 +139,8 @@ def _weigh(
         if doubtful.size > 0 and doubtful[n]:
             continue
         whole += moves * moves
-        square = apart * apart / (density.variance + density.spread * moves * moves)
-        weights[n] = _weight(square, density.bound, density.floor)
+        square = apart * apart / (density[0]['variance'] + density[0]['spread'] * moves * moves)
+        weights[n] = _weight(square, density[0]['bound'], density[0]['floor'])
         information += weights[n] * moves * moves
         ahead += weights[n] * moves * apart
     ahead = ahead / information if information > 0 else 0.0
@@ -155,7 +152,7 @@ def weigh_frame(
     differences: Array,
     first: int,
     tangent: Array,
-    density: Density,
+    density: Records,
     doubtful: Flags,
     rows: Array,
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
@@ -175,11 +172,11 @@ def weigh_frame(
     information, ahead, whole, known = _weigh(
         differences, first, tangent, density, doubtful, weights
     )
-    if whole < density.least_share * known:
+    if whole < density[0]['least_share'] * known:
         information, ahead, whole, _ = _weigh(
             differences, first, tangent, density, doubtful[:0], weights
         )
-    variance, bound, floor = density.variance, density.bound, density.floor
+    variance, bound, floor = density[0]['variance'], density[0]['bound'], density[0]['floor']
     end = first + tangent.size
     used, read, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
     squares, likelihood, largest = 0.0, 0.0, 0.0
@@ -197,7 +194,7 @@ def weigh_frame(
         likelihood += _log_likelihood(apart * apart / variance, bound, floor)
         believed = weights[n] >= 0.5
         unbelieved += not believed
-        if believed or abs(apart) < density.gross:
+        if believed or abs(apart) < density[0]['gross']:
             running = 0
         else:
             off += 1

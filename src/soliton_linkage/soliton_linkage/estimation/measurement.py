@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.estimation.frames import Flags
-from soliton_linkage.estimation.likelihood import Density, frame_likelihood, weigh_frame
+from soliton_linkage.estimation.likelihood import DENSITY, frame_likelihood, weigh_frame
 from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSettings
 from soliton_linkage.linkage.chain import Array
 
@@ -102,6 +102,7 @@ class FrameLikelihood:
         self._settings = settings
         self.gross = settings.gross_share * swing
         """Difference that no springs make [rad]."""
+        self._density = np.zeros(1, DENSITY)
         self._limits = self.gross, settings.least_share
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -138,7 +139,7 @@ class FrameLikelihood:
         The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
         """
         rows = np.empty((2, len(differences)))
-        density = Density(
+        self._density[0] = (
             variance,
             spread,
             self._settings.bound,
@@ -150,7 +151,7 @@ class FrameLikelihood:
             tangent = tangent / self.scales[first : first + len(tangent)]
             differences /= self.scales
         (information, ahead, whole), counts, sums = weigh_frame(
-            differences, first, tangent, density, doubtful, rows
+            differences, first, tangent, self._density, doubtful, rows
         )
         used, known, off, run, unbelieved = counts
         squares, likelihood, largest = sums

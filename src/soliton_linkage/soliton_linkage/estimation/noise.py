@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, compiled, named_tuple, records
+from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, compiled, records
 from soliton_linkage.estimation.measurement import FrameView
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import (
@@ -57,28 +56,10 @@ _READ_SUMS = records(NOISE)
 _NUMBERS = records(record_dtype(NoiseSettings))
 
 
-class Products(NamedTuple):
-    """Sums of products p of three frames in a row, over the rotors about the wall."""
-
-    whole: float
-    """Sum of p [rad^2]."""
-    wall: float
-    """Sum of t^2 p [rad^2]."""
-    free: float
-    """Sum of f = t^2 - t^4 [1]."""
-    chance: float
-    """Sum of f^2 [1]."""
-
-
-_NO_PRODUCTS = Products(0.0, 0.0, 0.0, 0.0)
-"""Products of fewer than three frames."""
-_PRODUCTS = named_tuple(Products, NUMBER)
-
-
-@compiled(READ, READ, READ, READ, COUNT)
+@compiled(READ, READ, READ, READ, COUNT, ROW)
 def products_in_time(
-    oldest: Array, older: Array, left: Array, tangent: Array, first: int
-) -> Products:
+    oldest: Array, older: Array, left: Array, tangent: Array, first: int, found: Array
+) -> None:
     """Sums of p = x (4 x' - x'') / 3 of what three frames running left of rotors [rad], (N,).
 
     They are over those about the wall, from a first one on: sum p, sum t^2 p, sum f and sum
@@ -94,7 +75,7 @@ def products_in_time(
         wall += share * product
         free += alone
         chance += alone * alone
-    return Products(whole, wall, free, chance)
+    found[0], found[1], found[2], found[3] = whole, wall, free, chance
 
 
 @compiled(NUMBER, NUMBER, NUMBER, NUMBER)
@@ -130,7 +111,7 @@ def estimate(noise: Records, settings: Records, given: float) -> Estimate:
     return variance, least, scatter, lasting, excess, freedoms
 
 
-@compiled(_SUMS, _NUMBERS, NUMBER, NUMBER, COUNT, NUMBER, COUNT, _PRODUCTS)
+@compiled(_SUMS, _NUMBERS, NUMBER, NUMBER, COUNT, NUMBER, COUNT, READ)
 def learn(
     noise: Records,
     settings: Records,
@@ -139,7 +120,7 @@ def learn(
     freedoms: int,
     squares: float,
     pairs: int,
-    products: Products,
+    products: Array,
 ) -> Estimate:
     """Add the residuals of a frame, a time [s] after the last; return the `estimate`.
 
@@ -154,7 +135,7 @@ def learn(
     sums['recent_squares'] = recent * sums['recent_squares'] + squares
     sums['recent_freedoms'] = recent * sums['recent_freedoms'] + freedoms
     if pairs:
-        whole, wall, free, chance = products
+        whole, wall, free, chance = products[0], products[1], products[2], products[3]
         sums['products'] = fade * sums['products'] + whole
         sums['pairs'] = fade * sums['pairs'] + pairs
         sums['wall'] = fade * sums['wall'] + wall
@@ -176,7 +157,7 @@ class FrameNoise:
         """Begin without frames, with the standard deviation that is given [rad]."""
         self._settings = settings.record
         self._given = 0.0 if given is None else given**2
-        self._sums = np.zeros(1, NOISE)
+        self._sums, self._products = np.zeros(1, NOISE), np.zeros(4)
         self._freedoms = 0.0
         self.variance = self._given
         self.least = 0.0
@@ -196,12 +177,12 @@ class FrameNoise:
 
     def update(self, view: FrameView, elapsed: float) -> None:
         """Take in what is left of a frame, a time [s] after the last."""
-        pairs, products = 0, _NO_PRODUCTS
+        pairs = 0
         if len(self._earlier) == 2:
             oldest, older = self._earlier
             pairs = min(each.degrees_of_freedom for each in (oldest, older, view))
-            products = products_in_time(
-                oldest.left, older.left, view.left, view.tangent, view.first
+            products_in_time(
+                oldest.left, older.left, view.left, view.tangent, view.first, self._products
             )
         self._earlier = *self._earlier[-1:], view
         self._take(
@@ -213,7 +194,7 @@ class FrameNoise:
                 view.degrees_of_freedom,
                 view.squares,
                 pairs,
-                products,
+                self._products,
             )
         )
 

@@ -7,9 +7,9 @@ Rows of springs are extensions [m] and levers A and B [m/rad], shape (3, springs
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
     COUNT,
@@ -20,11 +20,12 @@ from soliton_linkage.compiling import (
     YES,
     compile_loop,
     compiled,
-    named_tuple,
+    records,
 )
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import TINY, spring_between
 
+Records = NDArray[np.void]
 Energy = tuple[float, float, float]
 """An energy, its part in the wake, and the deviation of the whole [J]."""
 Shape = tuple[float, float, float, float]
@@ -189,24 +190,16 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     return left, right, first, last, moments / squares
 
 
-class Scope(NamedTuple):
-    """Errors of a state, and which springs count to which part of it."""
+SCOPE = np.dtype(
+    [(name, np.float64) for name in ('noise', 'rate_noise', 'reach', 'before', 'beyond', 'domain')]
+)
+"""Errors of a state, and which springs count to which part of it, one record.
 
-    noise: float
-    """Standard deviation of the angles [rad]."""
-    rate_noise: float
-    """Standard deviation of the rates [rad/s]."""
-    reach: float
-    """Distance from a wall that holds its energy [rotor spacings]."""
-    before: int
-    """Number of bonds before the first wall."""
-    beyond: int
-    """First bond beyond the last wall."""
-    domain: float
-    """Least polarisation of a bond in a domain [1]."""
-
-
-_SCOPE = named_tuple(Scope, NUMBER, NUMBER, NUMBER, COUNT, COUNT, NUMBER)
+Standard deviations of the angles [rad] and of the rates [rad/s], distance from a wall that holds
+its energy [rotor spacings], number of bonds before the first wall, first bond beyond the last, and
+least polarisation of a bond in a domain [1].
+"""
+_SCOPE = records(SCOPE)
 
 
 @compiled(READ, READ_TABLE, YES, READ_TABLE, READ_TABLE, READ, _SCOPE)
@@ -217,7 +210,7 @@ def report(
     springs: Array,
     rotors: Array,
     walls: Array,
-    scope: Scope,
+    scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
     """Return shape, topology, elastic and kinetic energy in one call.
 
@@ -227,10 +220,12 @@ def report(
     half = springs[0]
     rows = np.empty((3, half.size))
     twists, upright = of_angles(angles, parameters, periodic, rows)
-    noise, reach = scope.noise, scope.reach
+    given = scope[0]
+    noise, reach = given['noise'], given['reach']
+    before, beyond = int(given['before']), int(given['beyond'])
     return (
         (twists, upright, rows[1, 0], rows[2, half.size - 1]),
-        topology(rows, scope.before, scope.beyond, scope.domain),
+        topology(rows, before, beyond, given['domain']),
         elastic(rows, half, springs[1], springs[2], periodic, noise, walls, reach),
-        kinetic(rotors[0], rotors[1], rotors[2], scope.rate_noise, walls, reach),
+        kinetic(rotors[0], rotors[1], rotors[2], given['rate_noise'], walls, reach),
     )

@@ -180,6 +180,7 @@ class StateReporter:
         self._springs = np.tile(0.5 * chain.stiffnesses, (3, 1))
         self._rotors = np.tile(0.5 * chain.moments_of_inertia, (3, 1))
         self._rotors[2] = 0.0
+        self._scope = np.zeros(1, state_loops.SCOPE)
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
@@ -213,13 +214,18 @@ class StateReporter:
             seen = ~unseen
             half, count = springs[0], chain.number_of_springs
             springs = np.array([half, half * seen[:count], half * np.roll(seen, -1)[:count]])
-        rotors = self._rotors.copy()
+        rotors = self._rotors
         if unseen is not None:
+            rotors = rotors.copy()
             rotors[1, unseen] = 0.0
-        if not (rates is None or isinstance(rates, ArcRate)):
+        if rates is None or isinstance(rates, ArcRate):
+            rotors[2] = 0.0
+        else:
             check_shape(rates, chain.number_of_rotors, 'rate')
             rotors[2] = rates
         before, beyond = self._bonds_beside(walls)
+        domain = self._domain * self._uniform
+        self._scope[0] = errors.noise, noise, self._reach, before, beyond, domain
         shape, sides, elastic, kinetic = state_loops.report(
             state,
             chain.spring_parameters,
@@ -227,9 +233,7 @@ class StateReporter:
             springs,
             rotors,
             self._between(walls),
-            state_loops.Scope(
-                errors.noise, noise, self._reach, before, beyond, self._domain * self._uniform
-            ),
+            self._scope,
         )
         if not math.isfinite(shape[0]):
             chain.check_angles(state)
