@@ -13,6 +13,7 @@ from pathlib import Path
 SOURCES = Path(__file__).parents[1] / 'src'
 TESTS = Path(__file__).parent
 MOST_LINES = 450
+MOST_ARGUMENTS = 8
 
 _FLOORS = (
     'exports compiling colours command_line progress linkage linear solitons orbit '
@@ -155,6 +156,18 @@ def test_no_module_is_longer_than_450_lines() -> None:
         if (count := len(path.read_text(encoding='utf-8').splitlines())) > MOST_LINES
     ]
     assert not offenders, f'more than {MOST_LINES} lines in a module:{listed(offenders)}'
+
+
+def test_no_function_takes_more_than_8_positional_arguments() -> None:
+    offenders = []
+    for module, syntax in modules().items():
+        for function in ast.walk(syntax):
+            if isinstance(function, ast.FunctionDef):
+                names = [each.arg for each in (*function.args.posonlyargs, *function.args.args)]
+                count = len(names) - (names[:1] in (['self'], ['cls']))
+                if count > MOST_ARGUMENTS:
+                    offenders.append(f'{module}:{function.lineno} {function.name}: {count}')
+    assert not offenders, f'more than {MOST_ARGUMENTS} positional arguments:{listed(offenders)}'
 
 
 def test_each_package_says_what_lives_there() -> None:

@@ -36,7 +36,7 @@ KEYS = {
 """Key of rosdep by what is imported; ROS packages have their own name."""
 PROJECTS = {'backports': 'backports.zstd', 'mpl_toolkits': 'matplotlib', 'yaml': 'pyyaml'}
 """Name on PyPI where it is another than what is imported."""
-OF_THE_PAGE = {'fastapi', 'nicegui', 'uvicorn'}
+OF_THE_PAGE = {'fastapi', 'nicegui', 'starlette', 'uvicorn'}
 """Imported by the live page alone, which is an extra: rosdep has no key for nicegui."""
 WHEN_NEEDED = {
     'soliton_linkage': {'python3-opencv'},

@@ -148,9 +148,9 @@ class IndexedMcap(LimitedReader):
                     schema.name if schema else '',
                     (schema.encoding, schema.data.decode()) if schema else ('', ''),
                     channel.metadata.get('topic_type_hash', ''),
-                    counts[channel.id],
-                    channel.encoding,
-                    channel.metadata.get('offered_qos_profiles', ''),
+                    count=counts[channel.id],
+                    serialization=channel.encoding,
+                    profiles=channel.metadata.get('offered_qos_profiles', ''),
                 )
             )
         if self._span and max(self._span) > LAST_STAMP:

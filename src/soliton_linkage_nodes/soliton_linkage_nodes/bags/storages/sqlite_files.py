@@ -221,9 +221,9 @@ class StoredSqlite(LimitedReader):
                     type_name,
                     definition,
                     digest,
-                    counts.get(number, 0),
-                    serialization,
-                    profiles,
+                    count=counts.get(number, 0),
+                    serialization=serialization,
+                    profiles=profiles,
                 )
             )
         first, last = tables.extremes('messages', 'timestamp')

@@ -49,11 +49,12 @@ def connection(
     type_name: str,
     definition: tuple[str, str],
     digest: str,
+    *,
     count: int,
     serialization: str,
     profiles: str | Sequence[Any],
 ) -> Connection:
-    """A topic; its definition is the encoding and the text, of which no other kind is told."""
+    """Return a topic of a file; its definition is the encoding and the text."""
     encoding, text = definition
     kind = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
     told = MessageDefinition(kind, text if kind is not MessageDefinitionFormat.NONE else '')
