@@ -78,7 +78,7 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
     assert {entry.series for entry in quick.entries} == {entry.series for entry in study.entries}
     assert quick.pictures == study.pictures
     changed = {entry.series: entry.task for entry in study.entries if entry.part == 'variations'}
-    assert len(changed) == 5
+    assert len(changed) == 4
     assert study.described() != quick.described()
 
 
