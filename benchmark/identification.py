@@ -76,7 +76,8 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
 def main() -> None:
     """Measure the chains that are asked for."""
     options = parser(__doc__)
-    options.add_argument('names', nargs='*', choices=list(CHAINS), help='classes (all)')
+    # With `choices` Python 3.11 rejects the empty list that stands for all.
+    options.add_argument('names', nargs='*', help=f'of {", ".join(CHAINS)} (all)')
     for name, meaning in (
         ('--draws', f'of each class, 0 for none ({DRAWS}, {QUICK} of --quick)'),
         ('--springs', 'of springs, too (0)'),
@@ -84,6 +85,8 @@ def main() -> None:
     ):
         options.add_argument(name, type=_count, metavar='CHAINS', help=meaning)
     chosen = options.parse_args()
+    if unknown := set(chosen.names) - set(CHAINS):
+        options.error(f'{sorted(unknown)[0]} is not one of {", ".join(CHAINS)}')
     usual = QUICK if chosen.quick else DRAWS
     count = usual if chosen.draws is None else chosen.draws
     folder = chosen.output.parent / 'identification_draws'
