@@ -152,8 +152,8 @@ def _cycle(chain: Chain) -> tuple[float, float]:
         mode_towards_last(chain, angles) @ rates > 0
         for angles, rates in zip(cycle.angles, cycle.rates, strict=True)
     ]
-    turns = np.abs(cycle.angles[-1] - cycle.angles[0]).mean() / (2 * math.pi)
-    return np.count_nonzero(np.diff(ahead)) / 2, float(turns)
+    turns = np.round((cycle.angles[-1] - cycle.angles[0]) / (2 * math.pi))
+    return np.count_nonzero(np.diff(ahead)) / 2, float(np.abs(turns).mean())
 
 
 def _energy(chain: Chain, recording: Recording, frame: int) -> float:
