@@ -54,7 +54,8 @@ def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
     """Type of a named tuple with fields of these types, or all of one type."""
     untyped = cast(Any, types)
-    fields = fields * len(row._fields) if len(fields) == 1 else fields  # type: ignore[attr-defined]
+    if len(fields) == 1:
+        fields *= len(cast(Any, row)._fields)
     if len(set(fields)) == 1:
         return untyped.NamedUniTuple(fields[0], len(fields), row)
     return untyped.NamedTuple(fields, row)
