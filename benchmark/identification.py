@@ -76,7 +76,7 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
 def main() -> None:
     """Measure the chains that are asked for."""
     options = parser(__doc__)
-    # With `choices` Python 3.11 rejects the empty list that stands for all.
+    # Python 3.11 rejects an empty list of names if `choices` are given.
     options.add_argument('names', nargs='*', help=f'of {", ".join(CHAINS)} (all)')
     for name, meaning in (
         ('--draws', f'of each class, 0 for none ({DRAWS}, {QUICK} of --quick)'),
